@@ -1,0 +1,38 @@
+# Two commands, each enough on a fresh machine with Python 3.11–3.13, git and make.
+SHELL := /bin/bash
+PYTHON ?= python3
+BIN := .venv/bin
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+export DVC_NO_ANALYTICS := 1
+
+.PHONY: demo test dashboard benchmarks clean
+
+demo: .venv/ready
+	@yearloc repair
+	@yearloc use campus world=demo --keep
+	dvc repro
+	@yearloc results
+
+test: .venv/ready
+	ruff check .
+	ruff format --check .
+	mypy
+	lint-imports
+	pytest
+
+dashboard: .venv/ready
+	@python -m stages.publish dataset=$$(python -c "import yaml; print(yaml.safe_load(open('conf/benchmark.yaml'))['benchmark']['dataset'])")
+	@python -m stages.dashboard
+
+benchmarks: .venv/ready
+	python -m benchmarks
+
+.venv/ready: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+clean:
+	rm -rf .venv artifacts .checkpoints mlflow.db* mlruns

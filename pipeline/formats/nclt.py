@@ -1,0 +1,57 @@
+"""NCLT's byte layouts, shared by the reader and the simulated world's writer (METHODS 7.1).
+
+Scans are in the body frame x forward, y right, z down, ground near z = 0; poses are north-east-down.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+GRAIN_M = 0.005
+OFFSET_M = -100.0
+RECORD_BYTES = 8
+PACKET_MAGIC = 44444
+PACKET_HEADER_BYTES = 24
+BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
+"""x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
+
+
+SCANS, TRUTH, ODOMETRY = "velodyne_sync", "groundtruth_{sequence}.csv", "odometry_mu_100hz.csv"
+"""The files of a sequence in its folder, as a writer lays them."""
+TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
+ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
+"""Where a reader looks for them below the data set's root."""
+
+
+def pose_rows(path: Path) -> NDArray[np.float64]:
+    """Rows (n, 7) of a pose file: utime, x, y, z, roll, pitch, heading; NaN where the file says so."""
+    return np.loadtxt(path, delimiter=",", ndmin=2)
+
+
+def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
+    """Write `utimes` (n,) and `ned_xyzrph` (n, 6) as the data set does: no header, comma separated."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as file:
+        for utime, row in zip(utimes.tolist(), ned_xyzrph.tolist(), strict=True):
+            file.write(f"{utime}, " + ", ".join(f"{value:.9g}" for value in row) + "\n")
+
+
+def encode(points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: NDArray[np.uint8]) -> bytes:
+    """A velodyne_sync file's bytes from z-up vehicle points (n, 3); the caller keeps them within ±100 m."""
+    record = np.zeros(len(points_m), [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
+    ned = points_m.astype(np.float64) * (1.0, -1.0, -1.0)
+    record["xyz"] = np.rint((ned - OFFSET_M) / GRAIN_M)
+    record["intensity"], record["laser"] = intensity, laser
+    return record.tobytes()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def decode(records: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """Records (n, 4) of 16-bit words as metres (n, 3), in the file's own frame."""
+    points = np.empty((records.shape[0], 3), np.float64)
+    for i in range(records.shape[0]):
+        for axis in range(3):
+            points[i, axis] = records[i, axis] * 0.005 - 100.0
+    return points

@@ -1,0 +1,75 @@
+"""The arrays of an artifact: their ranges, read block by block, so that memory stays bounded."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.schemas import Column
+
+BLOCK = 1 << 22
+"""Elements read at once."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The numbers an array holds."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    low: float
+    high: float
+    nans: int
+    infinite: int
+
+    def text(self) -> str:
+        """Lowest … highest, and the share of NaN."""
+        count = int(np.prod(self.shape))
+        if not count:
+            return "no rows"
+        if self.dtype.kind == "b":
+            return f"{'false' if not self.low else 'true'} … {'true' if self.high else 'false'}"
+        span = "all NaN" if np.isnan(self.low) else f"{_number(self.low)} … {_number(self.high)}"
+        return span + (f", {100 * self.nans / count:.3g} % NaN" if self.nans and span != "all NaN" else "")
+
+
+def extent(array: Any) -> Extent:
+    """Lowest and highest of a zarr or numpy array with at least one dimension."""
+    low, high, nans, infinite = np.inf, -np.inf, 0, 0
+    row = max(1, int(np.prod(array.shape[1:])))
+    chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
+    step = max(1, BLOCK // row // chunk) * chunk
+    for start in range(0, array.shape[0], step):
+        block: NDArray[Any] = np.asarray(array[start : start + step])
+        if block.dtype.kind == "f":
+            nan = np.isnan(block)
+            nans += int(nan.sum())
+            infinite += int(np.isinf(block).sum())
+            block = block[~nan]
+        if block.size:
+            low, high = min(low, block.min().item()), max(high, block.max().item())
+    known = low <= high
+    return Extent(
+        tuple(array.shape), np.dtype(array.dtype), low if known else float("nan"), high if known else float("nan"), nans, infinite
+    )
+
+
+def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ...]:
+    """Name, type, dimensions with their lengths, range and what the data dictionary says."""
+    dims = column.dims if column is not None and len(column.dims) == len(found.shape) else ("",) * len(found.shape)
+    sides = " × ".join(f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True))
+    return (name, str(found.dtype), sides or "one number", found.text(), *((column.doc,) if column is not None else ()))
+
+
+def _number(value: float) -> str:
+    if isinstance(value, bool | np.bool_):
+        return str(value).lower()
+    text = (
+        f"{value:,}"
+        if isinstance(value, int) and abs(value) < 10**12
+        else f"{value:.5g}"
+        if isinstance(value, float)
+        else str(value)
+    )
+    return text.replace("-", "−") if "e" not in text else text

@@ -1,0 +1,133 @@
+"""Folders of raw files: the scans of a log, a sequence, and a data set's root."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats import kitti, nclt
+from pipeline.inspection import tracks
+from pipeline.inspection.files import format_of
+from pipeline.inspection.inspection import Inspection, Section, duration, metres, moment, nbytes
+from pipeline.inspection.survey import spread, survey
+from pipeline.readers.kitti import Kitti, read_velodyne
+from pipeline.readers.log import Log
+from pipeline.readers.nclt import Nclt, read_velodyne_sync
+
+RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
+
+
+def scan_folder(path: Path, as_format: str | None) -> Inspection:
+    """The scans of one log: velodyne_sync/ or velodyne/."""
+    told = format_of(path, as_format)
+    files = {file: file.stat().st_size for file in sorted(path.glob("*.bin")) if file.name != "velodyne_hits.bin"}
+    named = {file: size for file, size in files.items() if file.stem.isdecimal() and len(file.stem) <= 17}
+    whole = sorted((file for file, size in named.items() if size and size % RECORD[told] == 0), key=lambda file: int(file.stem))
+    warnings = []
+    if len(named) < len(files):
+        warnings.append(f"{len(files) - len(named)} .bin files are named by no number: the reader skips them")
+    if len(whole) < len(named):
+        warnings.append(
+            f"{len(named) - len(whole)} scans are empty or cut short (no whole number of {RECORD[told]}-byte records): "
+            "the reader skips them; fetch them anew"
+        )
+    if not whole:
+        raise LogError(f"{path}: none of its {len(files)} .bin files is a whole {told.upper()} scan; is it the other format's?")
+    sizes = np.array([named[file] for file in whole])
+    rows = [
+        ("scans", f"{len(whole):,}, {nbytes(int(sizes.sum()))}"),
+        ("points a scan", "{:,} … {:,}, median {:,.0f}".format(*(np.quantile(sizes, (0, 1, 0.5)) // RECORD[told]).astype(int))),
+        ("first, last", f"{whole[0].name}, {whole[-1].name}"),
+    ]
+    numbers = np.array([int(file.stem) for file in whole], np.int64)
+    if told == "nclt":
+        rows += _rate(numbers * 1e-6, warnings)
+        clouds, found = survey(spread(len(whole)), lambda row: read_velodyne_sync(whole[row]), "body frame, z up")
+    else:
+        missing = int(numbers[-1] - numbers[0] + 1 - len(numbers))
+        if missing:
+            warnings.append(f"{missing} scans between the first and the last are not there: the path has holes; fetch them")
+        times = path.parent / "times.txt"
+        if times.is_file():
+            seconds = tracks.table(times, 1)[:, 0]
+            rows += _rate(seconds[numbers[numbers < len(seconds)]], warnings)
+        lift = np.array([0.0, 0.0, Kitti().lidar_height_m])
+        frame = f"raised by lidar_height_m = {lift[2]} m, z up"
+        clouds, found = survey(spread(len(whole)), lambda row: read_velodyne(whole[row]) + lift, frame)
+    return Inspection(f"{path} — {told.upper()} scans of one log", (Section("", tuple(rows)), clouds), (*warnings, *found))
+
+
+def sequence(path: Path) -> Inspection:
+    """A sequence's folder, opened as its reader opens it; a LogError of the reader becomes a warning."""
+    path = path.resolve()
+    told = "nclt" if (path / "velodyne_sync").is_dir() else "kitti"
+    root, scans = (path.parent, path / "velodyne_sync") if told == "nclt" else (path.parents[1], path / "velodyne")
+    inside = tuple(sorted(file.name + ("/" if file.is_dir() else "") for file in path.iterdir()))
+    listing = Section("", (("holds", ", ".join(inside)), ("root", str(root))))
+    headline = f"{path} — {told.upper()} sequence {path.name}"
+    try:
+        opened = (Nclt() if told == "nclt" else Kitti()).open(root, path.name)
+    except LogError as error:
+        part = scan_folder(scans, told)
+        return Inspection(headline, (listing, *part.sections), (f"the reader refuses the sequence: {error}", *part.warnings))
+    skipped = tuple(f"{count:,} scans are skipped: {reason}" for reason, count in sorted(opened.skipped.items()))
+    rows, warnings = _opened(opened)
+    frame = "vehicle frame: x forward, y left, z up, ground at 0"
+    clouds, found = survey(spread(len(opened.stamps_ns)), opened.points, frame)
+    return Inspection(
+        headline, (listing, Section("as its reader opens it", rows), clouds), (*skipped, *opened.notes, *warnings, *found)
+    )
+
+
+def root(path: Path) -> Inspection:
+    """A data set's root: its sequences, and what each lacks."""
+    found = {"KITTI": Kitti().sequences(path), "NCLT": Nclt().sequences(path)}
+    name, sequences = next((item for item in found.items() if item[1]), ("", {}))
+    lists = sorted(file.name for file in path.iterdir()) if not sequences else []
+    if not sequences:
+        hint = f"it holds {', '.join(lists[:5])}{' …' if len(lists) > 5 else ''}" if lists else "it is empty"
+        raise LogError(
+            f"{path}: no artifact, folder of scans, sequence or data set: {hint}; name a file in it, "
+            "or a folder with velodyne_sync/, velodyne/ or sequences/"
+        )
+    rows = tuple((sequence, "lacks " + ", ".join(lacks) if lacks else "can be read") for sequence, lacks in sequences.items())
+    lacking = sum(1 for lacks in sequences.values() if lacks)
+    warnings = (f"{lacking} of {len(sequences)} sequences cannot be read: fetch what they lack",) if lacking else ()
+    return Inspection(f"{path} — {name} root, sequences: {len(sequences)}", (Section("sequences", rows),), warnings)
+
+
+def _opened(log: Log) -> tuple[tuple[tuple[str, str], ...], list[str]]:
+    warnings: list[str] = []
+    xyz = log.world_T_scan[:, :3, 3]
+    steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
+    posed = np.isfinite(log.odom_T_scan).all(axis=(1, 2)).mean() if len(xyz) else 0.0
+    step = f", step median {metres(float(np.median(steps)))}, longest {metres(float(steps.max()))}" if len(steps) else ""
+    rows = [
+        ("scans", f"{len(log.stamps_ns):,} with a true pose"),
+        *_rate(log.stamps_ns * 1e-9, warnings),
+        ("path", f"{metres(float(steps.sum()))}{step}"),
+        ("odometry", f"at {100 * posed:.3g} % of the scans"),
+    ]
+    if not len(xyz):
+        warnings.append("no scan has a true pose: do the stamps of the scans and of the ground truth share a clock?")
+    return tuple(rows), warnings
+
+
+def _rate(times_s: NDArray[np.floating], warnings: list[str]) -> list[tuple[str, str]]:
+    """From, span and rate; remarks on gaps."""
+    if not len(times_s):
+        return []
+    rows = [("from", moment(int(times_s[0] * 1e9))), ("span", duration(float(times_s[-1] - times_s[0])))]
+    steps = np.diff(times_s)
+    if len(steps):
+        usual = float(np.median(steps))
+        rows.append(
+            ("rate", f"{1 / usual:.3g} a second, longest step {duration(float(steps.max()))}" if usual > 0 else "unknown")
+        )
+        holes = int((steps > max(1.0, 5 * usual)).sum())
+        if holes:
+            warnings.append(
+                f"{holes} holes in time, the longest {duration(float(steps.max()))}: the path jumps there; fetch what lacks"
+            )
+    return rows

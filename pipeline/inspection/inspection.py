@@ -1,0 +1,92 @@
+"""What `yearloc inspect` finds, and its text for a terminal: a headline, aligned rows, warnings."""
+
+import textwrap
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+WIDTH = 118
+"""Characters a line; the last cell of a row wraps below itself."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows that belong together; cells of one column are aligned, the last one may be long."""
+
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+
+    def lines(self) -> list[str]:
+        """The title and the rows, two spaces in."""
+        columns = max((len(row) for row in self.rows), default=0)
+        widths = [max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0) for i in range(columns)]
+        lines = [self.title] if self.title else []
+        for row in self.rows:
+            head = "  " + "".join(cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False))
+            indent = " " * min(len(head), WIDTH // 2)
+            cell = textwrap.wrap(row[-1], max(WIDTH - len(head), 30), break_on_hyphens=False, break_long_words=False) or [""]
+            lines += [(head + cell[0]).rstrip(), *(indent + more for more in cell[1:])]
+        return lines
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a file or artifact is, what it holds, and what in it would break a study."""
+
+    headline: str
+    sections: tuple[Section, ...]
+    warnings: tuple[str, ...] = ()
+
+    def text(self) -> str:
+        """For a terminal; ends without a newline."""
+        lines = [self.headline]
+        for section in self.sections:
+            lines += ["", *section.lines()]
+        lines.append("")
+        if not self.warnings:
+            return "\n".join([*lines, "no warnings"])
+        lines.append("1 warning" if len(self.warnings) == 1 else f"{len(self.warnings)} warnings")
+        for warning in self.warnings:
+            lines += textwrap.wrap(
+                warning, WIDTH, initial_indent="  ! ", subsequent_indent="    ", break_on_hyphens=False, break_long_words=False
+            )
+        return "\n".join(lines)
+
+
+def nbytes(count: int) -> str:
+    """Bytes as people read them: 12.3 MB."""
+    size, unit = float(count), "B"
+    for bigger in ("kB", "MB", "GB", "TB"):
+        if size < 999.5:
+            break
+        size, unit = size / 1000, bigger
+    return f"{size:.0f} {unit}" if unit == "B" else f"{size:.3g} {unit}"
+
+
+def metres(length_m: float) -> str:
+    """A length: 0.53 m, 12.3 m, 6.31 km."""
+    return (
+        f"{length_m / 1000:.2f} km"
+        if abs(length_m) >= 1000
+        else f"{length_m:.3g} m"
+        if abs(length_m) < 100
+        else f"{length_m:.0f} m"
+    )
+
+
+def duration(seconds: float) -> str:
+    """A time span: 1.6 s, 12 min 05 s, 1 h 33 min."""
+    if seconds < 60:
+        return f"{seconds:.3g} s"
+    if seconds < 3600:
+        return f"{int(seconds) // 60} min {int(seconds) % 60:02d} s"
+    return f"{int(seconds) // 3600} h {int(seconds) % 3600 // 60:02d} min"
+
+
+def moment(stamp_ns: int) -> str:
+    """A stamp as UTC date and time; one of a clock that starts at zero as seconds."""
+    if 0 <= stamp_ns < 10**9 * 86_400 * 365:
+        return f"{stamp_ns / 1e9:.3f} s (a clock that starts at 0, no date)"
+    try:
+        return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        return f"{stamp_ns} ns (no date)"

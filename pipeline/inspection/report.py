@@ -1,0 +1,66 @@
+"""`yearloc inspect`: what a file, folder or artifact is, its ranges, counts, frames, provenance, and what in it would hurt."""
+
+from pathlib import Path
+
+from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.inspection import artifacts, files, folders, tracks
+from pipeline.inspection.inspection import Inspection
+
+KNOWN = ".zarr, .safetensors, .bin, .csv (NCLT poses), .txt (KITTI poses, times, calib), .npy, or a folder of these"
+
+
+def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
+    """Look at `path`; `as_format` (nclt or kitti) says what a .bin is where its folder's name does not.
+
+    Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of no known kind.
+    """
+    if as_format not in (None, "nclt", "kitti"):
+        raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")
+    if not path.exists():
+        wanted = path.suffix in (".zarr", ".safetensors")
+        raise (
+            ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
+            if wanted
+            else LogError(f"{path}: no such file or folder")
+        )
+    return _folder(path, as_format, lock) if path.is_dir() else _file(path, as_format, lock)
+
+
+def _folder(path: Path, as_format: str | None, lock: Path) -> Inspection:
+    if path.suffix == ".zarr" or (path / "zarr.json").is_file():
+        return artifacts.artifact(path, lock)
+    if any((path / name).is_dir() for name in files.FORMATS):
+        found = folders.sequence(path)
+    elif path.name in files.FORMATS or any(path.glob("*.bin")):
+        found = folders.scan_folder(path, as_format)
+    else:
+        found = folders.root(path)
+    return _with_origin(found, path, lock)
+
+
+def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
+    if path.suffix == ".safetensors":
+        return artifacts.model(path, lock)
+    if path.suffix == ".bin":
+        found = files.scan_file(path, as_format)
+    elif path.suffix == ".npy":
+        found = files.array_file(path)
+    elif path.suffix == ".csv" and path.name.startswith(("groundtruth", "odometry")):
+        found = tracks.nclt_poses(path)
+    elif path.name == "times.txt":
+        found = tracks.kitti_times(path)
+    elif path.name == "calib.txt":
+        found = tracks.kitti_calib(path)
+    elif path.suffix == ".txt" and path.stem.isdecimal():
+        found = tracks.kitti_poses(path)
+    else:
+        raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {KNOWN}")
+    return _with_origin(found, path, lock)
+
+
+def _with_origin(found: Inspection, path: Path, lock: Path) -> Inspection:
+    """Raw files have a provenance only where a stage wrote them, as the simulated world's are."""
+    origin = artifacts.origin(path, lock)
+    if origin.rows[0][0] == "unknown":
+        return found
+    return Inspection(found.headline, (*found.sections, origin), found.warnings)

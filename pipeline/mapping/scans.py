@@ -1,0 +1,85 @@
+"""Taking a log in: every readable scan's points on a common grain, with its stamp and poses."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.compute import Compute
+from pipeline.errors import ConfigError, LogError
+from pipeline.mapping.submaps import sample_path
+from pipeline.readers.log import Log
+from pipeline.watch import Watch
+
+BLOCK = 32
+LARGEST = 32_767
+
+
+class Intake:
+    """One log on its way into a scans artifact: `blocks` in order, then `poses`."""
+
+    def __init__(self, log: Log, grain_m: float, every_m: float) -> None:
+        """`grain_m` is the unit of the 16-bit coordinates; `every_m` thins the scans along the path, 0 keeps all."""
+        if not grain_m > 0:
+            raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
+        self._log, self._grain_m = log, grain_m
+        thinned = sample_path(log.world_T_scan[:, :3, 3], every_m) if every_m > 0 else np.arange(len(log.stamps_ns))
+        self._rows = thinned
+        self._kept: list[int] = []
+        self._skipped = Counter(log.skipped)
+        self._clipped = 0
+        self._points = 0
+
+    def blocks(self, compute: Compute, watch: Watch) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
+        """Points (n, 3) of a block of scans in units of the grain, and the offsets where its scans end (the first: from 0)."""
+        total = -(-len(self._rows) // BLOCK)
+        first = [0]
+        for block in watch.track(compute.rows(self._read, len(self._rows), BLOCK), total, "read"):
+            lengths = []
+            for row, scan in block:
+                if isinstance(scan, LogError):
+                    self._skipped["unreadable scan"] += 1
+                    continue
+                inside = (np.abs(scan) <= LARGEST).all(axis=1)
+                self._clipped += int((~inside).sum())
+                self._kept.append(row)
+                lengths.append(scan[inside].astype(np.int16))
+            ends = self._points + np.cumsum([len(scan) for scan in lengths], dtype=np.int64)
+            self._points = int(ends[-1]) if len(ends) else self._points
+            yield np.concatenate([np.empty((0, 3), np.int16), *lengths]), np.concatenate([np.array(first, np.int64), ends])
+            first = []
+        if not self._kept:
+            raise LogError("no scan of this sequence can be read with a known pose")
+
+    def poses(self) -> dict[str, NDArray[np.generic]]:
+        """The other columns, of the scans that were readable."""
+        kept = np.array(self._kept, np.int64)
+        log = self._log
+        return {"stamps_ns": log.stamps_ns[kept], "world_T_scan": log.world_T_scan[kept], "odom_T_scan": log.odom_T_scan[kept]}
+
+    def skipped(self) -> dict[str, int]:
+        """Scans left out: reason to count."""
+        return dict(sorted(self._skipped.items()))
+
+    def clipped(self) -> int:
+        """Points beyond the 16-bit range, dropped."""
+        return self._clipped
+
+    def summary(self) -> str:
+        parts = [f"{len(self._kept)} scans", f"{self._points / 1e6:.1f} M points"]
+        parts += [f"{count} skipped ({reason})" for reason, count in self.skipped().items()]
+        if self._clipped:
+            parts.append(f"{self._clipped} points beyond {LARGEST * self._grain_m:.0f} m dropped")
+        return ", ".join(parts)
+
+    def _read(self, start: int, stop: int) -> list[tuple[int, NDArray[np.float64] | LogError]]:
+        return [(int(row), self._scan(int(row))) for row in self._rows[start:stop]]
+
+    def _scan(self, row: int) -> NDArray[np.float64] | LogError:
+        """A scan in units of the grain, or why it cannot be read."""
+        try:
+            points = self._log.points(row)
+        except LogError as error:
+            return error
+        return np.asarray(np.rint(points / self._grain_m))

@@ -1,0 +1,44 @@
+"""Places: the grid cells that the training sequence visited, and which of them a pose is in (METHODS 2.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipeline.frames import Poses, yaw
+from pipeline.grid import UNSEEN, Grid
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The places of a sequence's submaps, and what its nearest training anchors say."""
+
+    places: NDArray[np.int64]
+    """(submap,) −1 where training never went."""
+    cells: NDArray[np.int64]
+    """(place,) the grid cell of each place, ascending."""
+    oracle: NDArray[np.int64]
+    """(submap,) place of the geometrically nearest training anchor: the best that any method can answer."""
+    nearest_m: NDArray[np.float64]
+    """(submap,) distance to that anchor in the xy plane."""
+    nearest_turn_deg: NDArray[np.float64]
+    """(submap,) heading against that anchor's, in (−180, 180]."""
+
+
+def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
+    """Labels of submaps at `world_T_anchor` (n, 4, 4) from the training sequence's anchors (m, 4, 4)."""
+    xy, training_xy = world_T_anchor[:, :2, 3], world_T_training[:, :2, 3]
+    training_cells = grid.cell(training_xy)
+    cells, training_places = np.unique(training_cells, return_inverse=True)
+    own = grid.cell(xy)
+    place = np.searchsorted(cells, own).clip(0, len(cells) - 1)
+    distance_m, nearest = KDTree(training_xy).query(xy)
+    turn = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
+    return Labels(
+        np.where(cells[place] == own, place, UNSEEN).astype(np.int64),
+        cells,
+        training_places[nearest].astype(np.int64),
+        np.asarray(distance_m),
+        180 - (180 - turn) % 360,
+    )

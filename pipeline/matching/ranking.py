@@ -1,0 +1,60 @@
+"""The waist: what every method answers, whatever it looks at and however it learns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import schemas, store
+from pipeline.frames import Poses, Stamps
+from pipeline.watch import Watch
+
+Model = Mapping[str, NDArray[Any]]
+"""What a method learned: named arrays, one of them `threshold`, the novelty from which it rejects a query as unseen."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A window on a view artifact, a row a submap."""
+
+    images: Any
+    """(submap, ring, sector) heights in metres; slicing reads."""
+    stamps_ns: Stamps
+    world_T_anchor: Poses
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Open a view artifact."""
+        views = store.read(path, schemas.VIEWS)
+        return cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """A method's answer to Q queries: k places each, cheapest first, and how new each query looks."""
+
+    places: NDArray[np.int64]
+    """(query, k)."""
+    costs: NDArray[np.float32]
+    """(query, k)."""
+    xy_m: NDArray[np.float64]
+    """(query, k, 2) where each answer lies: the matched training row, or the place's mean one."""
+    novelty: NDArray[np.float32]
+    """(query,) larger: more likely unseen."""
+    heading_deg: NDArray[np.float32]
+    """(query,) how the query is turned, NaN where the method cannot tell."""
+
+
+class Method(Protocol):
+    """One file in pipeline/methods; its fields are the keys of its yaml."""
+
+    view: str
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """Learn the training sequence's views, whose places (submap,) are all known."""
+
+    def localize(self, model: Model, views: Rows, k: int) -> Ranking:
+        """Rank the k likeliest places of each view."""

@@ -1,0 +1,152 @@
+"""SCI localisation: places as classes of a small CNN over Scan Context Images (RA-L 2019; METHODS 2)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.special import entr, softmax
+from torch import Tensor, nn
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching import holdout
+from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.networks import loop
+from pipeline.networks.lenet import LeNet, device
+from pipeline.views.scan_context import colours, quantize
+from pipeline.watch import Watch
+
+
+@dataclass(frozen=True)
+class Sci:
+    """The paper's recipe; novelty is the normalised entropy of the softmax."""
+
+    view: str = "scan_context"
+    n_way: int = 2
+    """Copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed."""
+    colormap: Literal["jet", "grey"] = "jet"
+    h_min_m: float = 0.0
+    h_max_m: float = 15.0
+    """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
+    epochs: int = 200
+    batch: int = 64
+    learning_rate: float = 0.001
+    dropout: float = 0.7
+    precision: Literal["auto", "bf16", "f32"] = "auto"
+    threads: int = 2
+    """Fixed, since the order of sums follows from it and the weights from that."""
+    seed: int = 0
+    held_out_every_m: float = 40.0
+    held_out_length_m: float = 4.0
+    """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
+    wanted_precision: float = 0.95
+    unseen_share: float = 0.2
+    """Share of unseen queries to expect when choosing the threshold."""
+    neighbour_m: float = 20.0
+    """A held-out query counts as unseen once the places nearer than this are taken out of its softmax."""
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """Train on the views of the training sequence; raises ConfigError where n_way does not divide the sectors."""
+        heights = torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
+        rings, sectors = heights.shape[1:]
+        if self.n_way < 1 or sectors % self.n_way:
+            raise ConfigError(f"method.n_way={self.n_way}: must divide the {sectors} sectors of the view")
+        if len(places) != len(heights) or (places < 0).any():
+            raise InputError("every view of the training sequence needs a known place")
+        held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+        where, count = device(), int(places.max()) + 1
+        classes = torch.from_numpy(places)
+        trained = torch.from_numpy(np.flatnonzero(~held))
+        held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
+        turns = torch.arange(self.n_way) * (sectors // self.n_way)
+
+        def batches(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
+            """Every trained view at every heading, once, in a new order."""
+            for chosen in torch.split(torch.randperm(len(trained) * self.n_way, generator=order), self.batch):
+                rows = trained[chosen // self.n_way]
+                columns = (torch.arange(sectors) - turns[chosen % self.n_way, None]) % sectors
+                turned = heights[rows].gather(2, columns[:, None].expand(-1, rings, -1))
+                if len(rows) > 1:  # a batch norm needs two
+                    yield self._images(turned, where), classes[rows].to(where)
+
+        def judge(net: nn.Module) -> tuple[float, float]:
+            logits = self._logits(net, heights[held])
+            loss = nn.functional.cross_entropy(logits, classes[held])
+            return float(loss), float((logits.argmax(1) == classes[held]).float().mean())
+
+        with loop.reproducible(self.threads):
+            torch.manual_seed(self.seed)
+            net = LeNet(count, rings, sectors, len(colours(self.colormap)[0]), self.dropout).to(where)
+            result = loop.fit(
+                net, batches, judge, epochs=max(1, round(self.epochs * watch.budget)), learning_rate=self.learning_rate,
+                precision=self.precision, seed=self.seed, watch=watch,
+            )  # fmt: skip
+            net.load_state_dict(result.weights)
+            logits = self._logits(net, heights[held]).numpy().astype(np.float64)
+        xy = views.world_T_anchor[:, :2, 3]
+        place_xy = np.stack([np.bincount(places, xy[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1)
+        return {
+            **{f"net/{name}": value.cpu().contiguous().numpy() for name, value in result.weights.items()},
+            "place_xy_m": place_xy,
+            "threshold": np.array(self._threshold(logits, places[held], xy[held], place_xy)),
+            "image_shape": np.array([rings, sectors]),
+            "best_epoch": np.array(result.best_epoch),
+            **{f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)},
+        }
+
+    def localize(self, model: Model, views: Rows, k: int) -> Ranking:
+        """The k places of highest softmax; cost = 1 − probability."""
+        place_xy = model["place_xy_m"]
+        rings, sectors = (int(side) for side in model["image_shape"])
+        heights = torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
+        if heights.shape[1:] != (rings, sectors):
+            raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
+        with loop.reproducible(self.threads):
+            net = LeNet(len(place_xy), rings, sectors, len(colours(self.colormap)[0]))
+            net.load_state_dict(
+                {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
+            )
+            probability = softmax(self._logits(net.to(device()), heights).numpy().astype(np.float64), axis=1)
+        places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
+        return Ranking(
+            places.astype(np.int64),
+            (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
+            place_xy[places],
+            normalised_entropy(probability).astype(np.float32),
+            np.full(len(places), np.nan, np.float32),
+        )
+
+    def _images(self, heights: Tensor, where: torch.device) -> Tensor:
+        """Coloured images (batch, channels, rings, sectors) in [0, 1] of quantized heights (batch, rings, sectors)."""
+        table = torch.from_numpy(colours(self.colormap)).to(where).float() / 255
+        return table[heights.to(where).long()].permute(0, 3, 1, 2)
+
+    @torch.inference_mode()
+    def _logits(self, net: nn.Module, heights: Tensor) -> Tensor:
+        net.eval()
+        where = next(net.parameters()).device
+        parts = [net(self._images(part, where)).float().cpu() for part in torch.split(heights, self.batch)]
+        return torch.cat(parts) if parts else torch.empty(0, 1)
+
+    def _threshold(
+        self, logits: NDArray[np.float64], places: NDArray[np.int64], xy_m: NDArray[np.float64], place_xy_m: NDArray[np.float64]
+    ) -> float:
+        """The threshold of the wanted precision on the held-out blocks, each query once as seen and once as unseen."""
+        near = np.linalg.norm(place_xy_m - xy_m[:, None], axis=2) < self.neighbour_m
+        near[near.all(axis=1)] = False
+        probability = softmax(logits, axis=1)
+        novelty = np.concatenate(
+            [normalised_entropy(probability), normalised_entropy(softmax(np.where(near, -np.inf, logits), axis=1))]
+        )
+        right = np.concatenate([probability.argmax(axis=1) == places, np.zeros(len(places), bool)])
+        weight = np.repeat([1 - self.unseen_share, self.unseen_share], len(places))
+        return holdout.threshold_for(self.wanted_precision, novelty.astype(np.float32).astype(np.float64), right, weight)
+
+
+def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Entropy (n,) of probabilities (n, places) over log₂ places: 0 for one sure place, 1 for none (METHODS 2.6)."""
+    entropy: NDArray[np.float64] = entr(probability).sum(axis=1)
+    normalised: NDArray[np.float64] = entropy / np.log(max(probability.shape[1], 2))
+    return normalised

@@ -1,0 +1,126 @@
+"""The training loop: epochs that can be interrupted anywhere and end in the same weights."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
+
+from pipeline import store
+from pipeline.watch import Watch
+
+Batches = Callable[[torch.Generator], Iterator[tuple[Tensor, Tensor]]]
+Judge = Callable[[nn.Module], tuple[float, float]]
+CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What training ended with: the weights of the best epoch, and how every epoch went."""
+
+    weights: dict[str, Tensor]
+    curves: NDArray[np.float64]
+    """(epoch, 4): training loss in nats, training accuracy, held-out loss, held-out accuracy."""
+    best_epoch: int
+    """0-based; the lowest held-out loss."""
+
+
+@contextmanager
+def reproducible(threads: int) -> Iterator[None]:
+    """A fixed number of threads (sums depend on how work is split), with the caller's count and random state put back."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng():
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def autocast(where: torch.device, precision: Literal["auto", "bf16", "f32"]) -> torch.autocast:
+    """bfloat16 arithmetic where it is asked for, or fast: any GPU, and processors that have the instructions."""
+    fast = where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    return torch.autocast(where.type, torch.bfloat16, enabled=precision == "bf16" or (precision == "auto" and bool(fast)))
+
+
+def fit(
+    net: nn.Module,
+    batches: Batches,
+    judge: Judge,
+    *,
+    epochs: int,
+    learning_rate: float,
+    precision: Literal["auto", "bf16", "f32"],
+    seed: int,
+    watch: Watch,
+) -> Fit:
+    """Train `net` with Adam on the cross-entropy of `batches` (images, classes), judged on held-out rows after each epoch.
+
+    Every random draw of an epoch follows from the seed and the epoch's number, so a run that goes on from
+    `watch.checkpoint` gives the weights of one that was never interrupted.
+    """
+    where = next(net.parameters()).device
+    optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7)
+    curves = np.empty((0, len(CURVES)))
+    best = {name: value.clone() for name, value in net.state_dict().items()}
+    if watch.checkpoint is not None and watch.checkpoint.is_file():
+        curves, best = _resume(watch.checkpoint, net, optimizer)
+    for epoch in watch.track(range(len(curves), epochs), epochs - len(curves), "train"):
+        torch.manual_seed((seed << 20) + epoch)
+        order = torch.Generator().manual_seed((seed << 20) + epoch)
+        net.train()
+        loss_sum, right, seen = torch.zeros((), device=where), torch.zeros((), device=where), 0
+        for images, classes in batches(order):
+            with autocast(where, precision):
+                logits = net(images)
+            loss = nn.functional.cross_entropy(logits.float(), classes)
+            optimizer.zero_grad(set_to_none=True)
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            loss_sum += loss.detach() * len(classes)
+            right += (logits.argmax(1) == classes).sum()
+            seen += len(classes)
+        row = (float(loss_sum) / seen, float(right) / seen, *judge(net))
+        if not math.isfinite(row[0]):
+            raise FloatingPointError(f"the training loss of epoch {epoch} is {row[0]}")
+        if not len(curves) or row[2] < curves[:, 2].min():
+            best = {name: value.clone() for name, value in net.state_dict().items()}
+        curves = np.vstack([curves, row])
+        watch.note(epoch=epoch + 1, **dict(zip(CURVES, row, strict=True)))
+        if watch.checkpoint is not None:
+            _save(watch.checkpoint, net, optimizer, curves, best)
+    return Fit(best, curves, int(curves[:, 2].argmin()))
+
+
+def _save(
+    path: Path, net: nn.Module, optimizer: torch.optim.Optimizer, curves: NDArray[np.float64], best: dict[str, Tensor]
+) -> None:
+    tensors = {f"net/{name}": value for name, value in net.state_dict().items()}
+    tensors |= {f"best/{name}": value for name, value in best.items()}
+    for index, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"adam/{index}/{name}": value for name, value in state.items()}
+    tensors["curves"] = torch.from_numpy(curves)
+    with store.replace(path) as scratch:
+        save_file({name: value.contiguous() for name, value in tensors.items()}, scratch)
+
+
+def _resume(path: Path, net: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[NDArray[np.float64], dict[str, Tensor]]:
+    tensors = load_file(path, device=str(next(net.parameters()).device))
+    part = {
+        prefix: {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
+        for prefix in ("net/", "best/", "adam/")
+    }
+    net.load_state_dict(part["net/"])
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in part["adam/"].items():
+        index, _, field = name.partition("/")
+        state.setdefault(int(index), {})[field] = value.cpu() if field == "step" else value
+    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    return tensors["curves"].cpu().numpy(), part["best/"]

@@ -1,0 +1,130 @@
+"""KITTI odometry: Velodyne scans, times, calibration and ground-truth poses (METHODS 7.3).
+
+Each log's world is its own: there is no place that two logs share a frame for. A study therefore trains on the first part of
+one log, the sequence `00-a`, and tests on the rest, `00-b`; plain `00` is the whole log.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats import kitti
+from pipeline.readers import log
+from pipeline.readers.log import Log
+
+
+@dataclass(frozen=True)
+class Kitti:
+    """A KITTI odometry root with `sequences/` and `poses/`."""
+
+    lidar_height_m: float = 1.73
+    """Added to z: the Velodyne's height over the road."""
+    split: float = 0.5
+    """Share of a log's path that its part `-a` holds."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        name, _, part = sequence.partition("-")
+        if part not in ("", "a", "b"):
+            raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
+        poses = read_poses(kitti.poses_path(root, name), kitti.calib_path(root, name))
+        times_path = kitti.times_path(root, name)
+        times_s = log.table(times_path, 1)[:, 0]
+        log.increasing(times_path, times_s * 1e6, "µs")
+        if len(times_s) != len(poses):
+            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {kitti.poses_path(root, name)}")
+        folder, skipped = kitti.scan_folder(root, name), Counter[str]()
+        rows = _scan_rows(folder, len(poses), skipped)
+        notes = (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",) if len(rows) < len(poses) else ()
+        path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))])
+        first = path_m <= self.split * path_m[-1]
+        rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
+        raised = np.eye(4)
+        raised[2, 3] = self.lidar_height_m
+        world_T_scan = raised @ poses[rows] @ np.linalg.inv(raised)
+        lift = np.array([0.0, 0.0, self.lidar_height_m])
+        odom_T_scan = np.full_like(world_T_scan, np.nan)
+        return Log(
+            np.rint(times_s[rows] * 1e9).astype(np.int64),
+            world_T_scan,
+            odom_T_scan,
+            lambda row: read_velodyne(folder / f"{rows[row]:06d}.bin") + lift,
+            +skipped,
+            notes,
+        )
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
+        needed = {
+            name: (kitti.poses_path(root, name), kitti.calib_path(root, name), kitti.times_path(root, name)) for name in names
+        }
+        return {name: [str(path.relative_to(root)) for path in paths if not path.is_file()] for name, paths in needed.items()}
+
+
+def read_velodyne(path: str | Path) -> NDArray[np.float32]:
+    """Points (n, 3) in metres of one scan: Velodyne frame, x forward, y left, z up, origin in the sensor.
+
+    Points that are not finite are dropped. Raises LogError for a missing file or one that is no whole number of records.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file") from None
+    if len(data) % kitti.RECORD_BYTES:
+        raise LogError(
+            f"{path}: {len(data)} bytes are no whole number of {kitti.RECORD_BYTES}-byte points; the file is cut short"
+        )
+    points: NDArray[np.float32] = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :3]
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
+    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne."""
+    rows = log.table(Path(poses_path), 12)
+    if not np.isfinite(rows).all():
+        raise LogError(f"{poses_path}: row {int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]) + 1} is not finite")
+    cam_T_velo = _transform_row(Path(calib_path))
+    return np.linalg.inv(cam_T_velo) @ kitti.matrix(rows) @ cam_T_velo
+
+
+def _transform_row(path: Path) -> NDArray[np.float64]:
+    """The `Tr:` row of calib.txt as 4×4."""
+    try:
+        lines = path.read_text().splitlines()
+    except (FileNotFoundError, UnicodeDecodeError):
+        raise LogError(f"{path}: no readable calibration there") from None
+    row = next((line.partition(":")[2].split() for line in lines if line.startswith("Tr:")), [])
+    try:
+        numbers = np.array([float(number) for number in row])
+    except ValueError:
+        numbers = np.empty(0)
+    if numbers.shape != (12,) or not np.isfinite(numbers).all():
+        raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers")
+    cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
+    return cam_T_velo
+
+
+def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.int64]:
+    """Rows of the pose file whose scan is on disk; counts files that cannot be one."""
+    if not folder.is_dir():
+        raise LogError(f"{folder}: no such folder of scans")
+    rows: list[int] = []
+    for path in folder.glob("*.bin"):
+        length = path.stat().st_size
+        if not path.stem.isdecimal() or len(path.stem) != 6:
+            skipped["file name is no scan number"] += 1
+        elif length == 0:
+            skipped["empty file"] += 1
+        elif length % kitti.RECORD_BYTES:
+            skipped["truncated record"] += 1
+        elif int(path.stem) >= poses:
+            skipped["outside the poses' span"] += 1
+        else:
+            rows.append(int(path.stem))
+    if not rows:
+        raise LogError(f"{folder}: holds no readable scan (NNNNNN.bin)")
+    return np.array(sorted(rows), np.int64)

@@ -1,0 +1,87 @@
+"""What every reader opens: one drive's scans, each with its stamp and poses, and how many had to be left out."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.frames import Poses, Stamps, Trajectory
+
+
+@dataclass(frozen=True)
+class Log:
+    """An opened log. Frames: vehicle and world are x forward, y left, z up, ground at z = 0."""
+
+    stamps_ns: Stamps
+    """(scan,) strictly increasing."""
+    world_T_scan: Poses
+    """(scan, 4, 4) ground truth at the stamps."""
+    odom_T_scan: Poses
+    """(scan, 4, 4) the log's odometry at the stamps, NaN where it has none."""
+    points: Callable[[int], NDArray[np.floating]]
+    """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is broken."""
+    skipped: Counter[str]
+    """Scans that the log has and this does not: reason to count."""
+    notes: tuple[str, ...] = ()
+    """What else a person should know of the log's completeness."""
+
+
+class Reader(Protocol):
+    """A data set's reader: its fields are the keys of its yaml, which declares frames and heights."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below the data set's root; raises LogError for what cannot be read."""
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences found below `root`, each with what it lacks (nothing: it can be read)."""
+
+
+def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
+    """The first of `places` (patterns with {sequence}) that is a file below `root`."""
+    paths = (root / place.format(sequence=sequence) for place in places)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
+    """A text file's numbers (rows, columns); raises LogError naming the row that does not fit."""
+    try:
+        with path.open() as file:
+            rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file") from None
+    except (ValueError, UnicodeDecodeError, UserWarning) as error:
+        raise LogError(f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}") from None
+    if rows.size and rows.shape[1] != columns:
+        raise LogError(f"{path}: expected {columns} numbers a row, found {rows.shape[1]}")
+    if not rows.size:
+        raise LogError(f"{path}: holds no rows")
+    return rows
+
+
+def increasing(path: Path, stamps: NDArray[np.float64], unit: str) -> None:
+    """Refuse stamps that do not increase, naming the first row."""
+    back = np.flatnonzero(~(np.diff(stamps) > 0))
+    if len(back):
+        row = int(back[0])
+        raise LogError(
+            f"{path}: row {row + 2} is stamped {stamps[row + 1]:.0f} {unit}, after {stamps[row]:.0f}; stamps must increase"
+        )
+
+
+def posed(
+    stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str]
+) -> tuple[NDArray[np.int64], Poses, Poses]:
+    """Rows of `stamps_ns` with a known true pose, those poses, and the odometry's there; counts the others in `skipped`."""
+    world_T_scan, known = truth.at(stamps_ns)
+    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
+    skipped.update(
+        {"outside the poses' span": int((outside & ~known).sum()), "in a gap of the poses": int((~outside & ~known).sum())}
+    )
+    rows = np.flatnonzero(known)
+    odom_T_scan = np.full((len(rows), 4, 4), np.nan) if odometry is None else odometry.at(stamps_ns[rows])[0]
+    return rows, world_T_scan[rows], odom_T_scan

@@ -1,0 +1,163 @@
+"""NCLT: velodyne_sync scans, velodyne_hits.bin, ground truth and wheel odometry (METHODS 7.1).
+
+The files' frames are north-east-down; everything handed out is x forward (north), y left (west), z up.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats import nclt
+from pipeline.frames import Trajectory, flip_ned, pose
+from pipeline.readers import log
+from pipeline.readers.log import Log
+
+Z_UP = np.array([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Nclt:
+    """A folder of NCLT sequences, one date a sequence."""
+
+    max_gap_s: float = 0.5
+    """Ground truth further apart than this is a gap; a scan in it is skipped."""
+    lift_m: float = 0.0
+    """Added to z. NCLT's body frame has its origin at about ground level."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        folder = root / sequence / nclt.SCANS
+        truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
+        if truth_path is None:
+            raise LogError(
+                f"{root / nclt.TRUTH_PLACES[0].format(sequence=sequence)}: no ground truth there or in its other places"
+            )
+        skipped: Counter[str] = Counter()
+        paths = _scan_files(folder, skipped)
+        utimes = np.array([int(path.stem) for path in paths], np.int64)
+        odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
+        odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
+        rows, world_T_scan, odom_T_scan = log.posed(utimes * 1000, read_poses(truth_path, self.max_gap_s), odometry, skipped)
+        kept = [paths[row] for row in rows]
+        lift = np.array([0.0, 0.0, self.lift_m])
+        notes = () if odometry_path is not None else ("no odometry_mu_100hz.csv",)
+        return Log(
+            utimes[rows] * 1000, world_T_scan, odom_T_scan, lambda row: read_velodyne_sync(kept[row]) + lift, +skipped, notes
+        )
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
+        return {name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"] for name in names}
+
+
+def read_velodyne_sync(path: str | Path) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one scan: body frame, x forward, y left, z up, motion compensated.
+
+    Raises LogError for a missing file or one that is no whole number of records.
+    """
+    points: NDArray[np.float64] = nclt.decode(_records(Path(path))) * Z_UP
+    return points
+
+
+def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
+    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN stay, as gaps."""
+    path = Path(path)
+    rows = log.table(path, 7, ",")
+    if not np.isfinite(rows[:, 0]).all():
+        raise LogError(f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp")
+    log.increasing(path, rows[:, 0], "µs")
+    known = np.isfinite(rows).all(axis=1)
+    world_T_body = np.full((len(rows), 4, 4), np.nan)
+    world_T_body[known] = flip_ned(pose(rows[known, 1:4], rows[known, 4:7]))
+    return Trajectory(rows[:, 0].astype(np.int64) * 1000, world_T_body, max_gap_s)
+
+
+@dataclass(frozen=True)
+class Hits:
+    """A whole velodyne_hits.bin: raw returns in the sensor's frame (z up), not motion compensated."""
+
+    points_m: NDArray[np.float64]
+    """(hit, 3)."""
+    intensity: NDArray[np.uint8]
+    laser: NDArray[np.uint8]
+    utimes: NDArray[np.int64]
+    """(packet,) microseconds since 1970."""
+    offsets: NDArray[np.int64]
+    """(packet+1,) packet i is hits offsets[i]:offsets[i+1]."""
+
+
+def read_velodyne_hits(path: str | Path) -> Hits:
+    """Every packet of a velodyne_hits.bin; raises LogError with the byte where a packet is broken."""
+    path = Path(path)
+    try:
+        words = np.fromfile(path, "<u2")
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file") from None
+    starts, counts, end = _packets(words)
+    if end != len(words) or path.stat().st_size % 2:
+        raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short")
+    utimes = np.array([words[start + 6 : start + 10].view("<u8")[0] for start in starts], np.int64)
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    header = nclt.PACKET_HEADER_BYTES // 2
+    index = np.repeat(starts + header - 4 * offsets[:-1], counts) + 4 * np.arange(offsets[-1])
+    tail = words[index + 3]
+    records = words[index[:, None] + np.arange(4)]
+    return Hits(
+        nclt.decode(records) * Z_UP,
+        (tail & 0xFF).astype(np.uint8),
+        (tail >> 8).astype(np.uint8),
+        utimes,
+        offsets.astype(np.int64),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
+    """First word and hits of each packet, and the word after the last whole one."""
+    starts, counts = np.empty(len(words) // 12 + 1, np.int64), np.empty(len(words) // 12 + 1, np.int64)
+    found, at = np.int64(0), np.int64(0)
+    while at + 12 <= len(words):
+        for word in range(4):
+            if words[at + word] != 44444:
+                return starts[:found], counts[:found], at
+        hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
+        if at + 12 + 4 * hits > len(words):
+            break
+        starts[found], counts[found] = at, hits
+        found += 1
+        at += 12 + 4 * hits
+    return starts[:found], counts[:found], at
+
+
+def _records(path: Path) -> NDArray[np.uint16]:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file") from None
+    if len(data) % nclt.RECORD_BYTES:
+        raise LogError(f"{path}: {len(data)} bytes are no whole number of {nclt.RECORD_BYTES}-byte hits; the file is cut short")
+    return np.frombuffer(data, "<u2").reshape(-1, 4)
+
+
+def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:
+    """Scan files in order of time; counts those whose name or length cannot be right."""
+    if not folder.is_dir():
+        raise LogError(f"{folder}: no such folder of scans")
+    good: list[Path] = []
+    for path in folder.glob("*.bin"):
+        length = path.stat().st_size
+        if not path.stem.isdecimal() or len(path.stem) > 17:
+            skipped["file name is no utime"] += 1
+        elif length == 0:
+            skipped["empty file"] += 1
+        elif length % nclt.RECORD_BYTES:
+            skipped["truncated record"] += 1
+        else:
+            good.append(path)
+    if not good:
+        raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
+    return sorted(good, key=lambda path: int(path.stem))

@@ -1,0 +1,206 @@
+"""Artifacts on disk: zarr groups with a declared schema, and folders of files, written whole or not at all.
+
+A draft grows in a scratch sibling, is checked, fsynced and renamed into place, so a kill leaves either the old artifact, the
+new one or none, and a scratch sibling that the next draft of the same path removes.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import zarr
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from pipeline.errors import ArtifactError
+from pipeline.schemas import Column, Schema
+
+
+class Artifact:
+    """A finished artifact, opened for reading: `artifact["column"]` is a zarr array, `artifact.attrs` its numbers."""
+
+    def __init__(self, path: Path, group: zarr.Group) -> None:
+        self.path = path
+        self.attrs: dict[str, Any] = dict(group.attrs)
+        self._group = group
+
+    def __getitem__(self, name: str) -> Any:
+        return self._group[name]
+
+    def load(self, name: str) -> NDArray[Any]:
+        """A whole column as an array."""
+        return np.asarray(self._group[name][:])
+
+
+def read(path: str | Path, schema: Schema) -> Artifact:
+    """Open an artifact; raises ArtifactError if it is missing or not of the schema's kind and version."""
+    path = Path(path)
+    if not (path / "zarr.json").is_file():
+        raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
+    group = zarr.open_group(path, mode="r")
+    found = (group.attrs.get("kind"), group.attrs.get("version"))
+    if found != (schema.kind, schema.version):
+        raise ArtifactError(f"{path}: expected {schema.kind} version {schema.version}, found {found[0]} version {found[1]}")
+    return Artifact(path, group)
+
+
+class Draft:
+    """An artifact being written: `put` takes a whole column, `append` the next rows of one."""
+
+    def __init__(self, group: zarr.Group, schema: Schema) -> None:
+        self._group = group
+        self._schema = schema
+        self._waiting: dict[str, list[NDArray[Any]]] = {}
+
+    def put(self, name: str, rows: NDArray[Any]) -> None:
+        """Write the column `name` whole; casts to the schema's type only where no value can change."""
+        self.append(name, rows)
+
+    def append(self, name: str, rows: NDArray[Any]) -> None:
+        """Write the next rows of column `name`, a whole shard at a time (unaligned shard writes corrupt: zarr #3682)."""
+        column = self._column(name)
+        rows = np.asarray(rows)
+        if rows.ndim != len(column.dims) or not np.can_cast(rows.dtype, column.dtype, "same_kind"):
+            raise ArtifactError(f"{self._schema.kind}.{name}: {rows.dtype}{rows.shape} does not fit {column.dtype}{column.dims}")
+        waiting = self._waiting.setdefault(name, [])
+        waiting.append(rows.astype(column.dtype, copy=False))
+        if sum(map(len, waiting)) >= column.shard:
+            joined = np.concatenate(waiting)
+            whole = len(joined) // column.shard * column.shard
+            self._write(name, column, joined[:whole])
+            self._waiting[name] = [joined[whole:]]
+
+    def finish(self, attrs: Mapping[str, object]) -> None:
+        """Write what waits, set the attributes and check the whole against the schema."""
+        for name, waiting in self._waiting.items():
+            self._write(name, self._column(name), np.concatenate(waiting))
+        self._waiting.clear()
+        schema = self._schema
+        self._group.attrs.update({"kind": schema.kind, "version": schema.version, **attrs})
+        if set(attrs) != set(schema.attrs):
+            raise ArtifactError(f"{schema.kind}: attributes {sorted(attrs)} are not {sorted(schema.attrs)}")
+        if set(self._group.array_keys()) != set(schema.columns):
+            raise ArtifactError(f"{schema.kind}: arrays {sorted(self._group.array_keys())} are not {sorted(schema.columns)}")
+        lengths: dict[str, int] = {}
+        for name, column in schema.columns.items():
+            for dim, length in zip(column.dims, self._group[name].shape, strict=True):
+                rows = length - 1 if dim.endswith("+1") else length
+                if lengths.setdefault(dim.removesuffix("+1"), rows) != rows:
+                    raise ArtifactError(f"{schema.kind}.{name}: {rows} along {dim}, elsewhere {lengths[dim.removesuffix('+1')]}")
+
+    def _column(self, name: str) -> Column:
+        if name not in self._schema.columns:
+            raise ArtifactError(f"{self._schema.kind} has no column {name}")
+        return self._schema.columns[name]
+
+    def _write(self, name: str, column: Column, rows: NDArray[Any]) -> None:
+        if name not in self._group:
+            shape = (0, *rows.shape[1:])
+            self._group.create_array(
+                name,
+                shape=shape,
+                dtype=rows.dtype,
+                chunks=(column.chunk, *(max(1, side) for side in rows.shape[1:])),
+                shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
+                dimension_names=column.dims,
+            )
+        array = self._group[name]
+        if len(rows):
+            start = array.shape[0]
+            array.resize((start + len(rows), *array.shape[1:]))
+            array[start:] = rows
+
+
+@contextmanager
+def write(path: str | Path, schema: Schema, **attrs: object) -> Iterator[Draft]:
+    """Draft an artifact; it appears at `path` only if the block ends well and everything fits the schema.
+
+    An attribute that is known only at the end may be a callable without arguments.
+    """
+    with replace(path) as scratch:
+        draft = Draft(zarr.create_group(scratch), schema)
+        yield draft
+        draft.finish({name: value() if callable(value) else value for name, value in attrs.items()})
+
+
+def write_model(path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]) -> None:
+    """Named arrays as one safetensors file, with the parameters that they were learned with as its metadata."""
+    with replace(path) as scratch:
+        arrays = {name: np.require(array, requirements="C") for name, array in model.items()}
+        save_file(arrays, scratch, {name: str(value) for name, value in recipe.items()})
+
+
+def read_recipe(path: str | Path) -> dict[str, str]:
+    """The parameters that a model was learned with."""
+    with _model(path) as file:
+        return dict(file.metadata() or {})
+
+
+def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
+    """A model's named arrays; raises ArtifactError if the file is missing or damaged."""
+    with _model(path) as file:
+        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
+
+
+@contextmanager
+def _model(path: str | Path) -> Iterator[Any]:
+    try:
+        with safe_open(path, "numpy") as file:
+            yield file
+    except FileNotFoundError:
+        raise ArtifactError(f"{path}: no such model; `dvc repro` trains it") from None
+    except SafetensorError as error:
+        raise ArtifactError(f"{path}: not a safetensors file ({error})") from None
+
+
+@contextmanager
+def replace(path: str | Path) -> Iterator[Path]:
+    """A fresh scratch path beside `path` that takes its place, fsynced, if the block ends well."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _sweep(path)
+    scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
+    try:
+        yield scratch
+        _fsync(scratch)
+        _remove(path)
+        scratch.rename(path)
+        _fsync_one(path.parent)
+    finally:
+        _remove(scratch)
+
+
+def _sweep(path: Path) -> None:
+    """Remove the scratch siblings that killed writers of `path` left."""
+    for scratch in path.parent.glob(f".{path.name}.*.scratch"):
+        writer = scratch.name.removeprefix(f".{path.name}.").removesuffix(".scratch")
+        if writer.isdigit() and (int(writer) == os.getpid() or not psutil.pid_exists(int(writer))):
+            _remove(scratch)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _fsync(path: Path) -> None:
+    for folder, _, files in os.walk(path) if path.is_dir() else [(str(path.parent), [], [path.name])]:
+        for name in files:
+            _fsync_one(Path(folder, name))
+        _fsync_one(Path(folder))
+
+
+def _fsync_one(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,168 @@
+"""The hot loops of Scan Context: voxel means, and the bin of every point, exact at every border.
+
+A bin is first found in float32 with a polynomial arc tangent that the compiler turns into SIMD; points nearer to a border
+than that can err are redone in float64. Four private tables break the store-to-load chain of the maximum.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, uint32
+from numpy.typing import NDArray
+
+BLOCK = 512
+LOWEST = np.float32(-1e30)
+A0, A1, A2 = np.float32(0.99997726), np.float32(-0.33262347), np.float32(0.19354346)
+A3, A4, A5 = np.float32(-0.11643287), np.float32(0.05265332), np.float32(-0.0117212)
+HALF_PI, PI, TAU = np.float32(math.pi / 2), np.float32(math.pi), np.float32(2 * math.pi)
+NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}  # fast-math, but NaN and infinity keep their meaning
+ZERO, HALF, TINY = np.float32(0), np.float32(0.5), np.float32(1e-30)
+HUGE = np.float32(1e12)
+SECTOR_ERROR, RING_ERROR = np.float32(5e-6), np.float32(8e-7)  # of one turn, of the range: bounds on the float32 estimates
+
+
+@njit(inline="always", fastmath=NAN_SAFE, error_model="numpy")
+def _azimuth(x, y):  # type: ignore[no-untyped-def]
+    """Azimuth in [0, 2π] to about 2e-6 turns."""
+    ax, ay = abs(x), abs(y)
+    steep = ay > ax
+    high = ay if steep else ax
+    low = ax if steep else ay
+    t = low / (high + TINY)
+    s = t * t
+    angle = (((((A5 * s + A4) * s + A3) * s + A2) * s + A1) * s + A0) * t
+    angle = HALF_PI - angle if steep else angle
+    angle = PI - angle if x < ZERO else angle
+    return TAU - angle if y < ZERO else angle
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _exact_bin(x, y, rings, sectors, max_range_m, clamp):  # type: ignore[no-untyped-def]
+    """METHODS 1.1 in float64: ring floor(r / width), sector ceil(theta / width) with 0 → 1; the origin has no azimuth."""
+    r = math.sqrt(x * x + y * y)
+    ring = int(r / (max_range_m / rings)) if r < 2.0 * max_range_m else rings
+    if ring >= rings:
+        if not clamp:
+            return uint32(rings * sectors)
+        ring = rings - 1
+    if r == 0.0:
+        return uint32(rings * sectors)
+    theta = math.degrees(math.atan2(y, x))
+    theta = theta + 360.0 if theta < 0.0 else theta
+    sector = min(max(np.int64(math.ceil(theta / (360.0 / sectors))), 1), sectors) - 1
+    return uint32(ring * sectors + sector)
+
+
+@njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
+def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ignore[no-untyped-def]
+    """Highest z of each bin (rings × sectors,), 0 where fewer than `least` points lie; and whether all points were finite.
+
+    `points` is x y z x y z … in float32 or float64; heights are rounded to float32.
+    """
+    bins = rings * sectors
+    stride = uint32(bins + 1)
+    table = np.full(4 * stride, LOWEST, np.float32)
+    counts = np.zeros(bins + 1, np.uint32)
+    ids = np.empty(BLOCK, np.uint32)
+    xs, ys, zs = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    near = np.empty(BLOCK, np.uint8)
+    per_radian, per_metre = np.float32(sectors / (2 * math.pi)), np.float32(rings / max_range_m)
+    sector_edge, ring_edge = HALF - SECTOR_ERROR * np.float32(sectors), HALF - RING_ERROR * np.float32(rings)
+    last_sector, last_ring, columns = np.int32(sectors - 1), np.int32(rings - 1), np.int32(sectors)
+    outside = np.int32(rings - 1) if clamp else np.int32(rings)
+    away = np.int32(bins)
+    n = points.shape[0] // 3
+    for start in range(0, n, BLOCK):
+        m = min(BLOCK, n - start)
+        block = points[3 * start : 3 * (start + m)]
+        for i in range(m):
+            xs[i], ys[i], zs[i] = block[3 * i], block[3 * i + 1], block[3 * i + 2]
+        for i in range(m):
+            x, y = xs[i], ys[i]
+            turn = _azimuth(x, y) * per_radian
+            sector = np.int32(turn)
+            turn -= np.float32(sector)
+            sector = sector if sector < last_sector else last_sector
+            far = min(np.sqrt(x * x + y * y) * per_metre, np.float32(2e6))
+            ring = np.int32(far)
+            far -= np.float32(ring)
+            ring = ring if ring <= last_ring else outside
+            ids[i] = uint32(ring * columns + sector if ring <= last_ring else away)
+            sure = (
+                (abs(turn - HALF) <= sector_edge) & (abs(far - HALF) <= ring_edge) & (abs(zs[i]) < HUGE) & (x * x + y * y < HUGE)
+            )
+            near[i] = np.uint8(not sure)
+        borders = np.int32(0)
+        for i in range(m):
+            borders += np.int32(near[i])
+        if borders > 0:
+            for i in range(m):
+                if near[i]:
+                    x, y, z = np.float64(block[3 * i]), np.float64(block[3 * i + 1]), np.float64(block[3 * i + 2])
+                    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+                        return table[:bins], False
+                    ids[i] = _exact_bin(x, y, rings, sectors, max_range_m, clamp)
+        if least > 1:
+            for i in range(m):
+                counts[ids[i]] += uint32(1)
+        whole = m & ~3
+        for i in range(0, whole, 4):
+            a, z = ids[i], zs[i]
+            v = table[a]
+            table[a] = v if v > z else z
+            a, z = ids[i + 1] + stride, zs[i + 1]
+            v = table[a]
+            table[a] = v if v > z else z
+            a, z = ids[i + 2] + uint32(2) * stride, zs[i + 2]
+            v = table[a]
+            table[a] = v if v > z else z
+            a, z = ids[i + 3] + uint32(3) * stride, zs[i + 3]
+            v = table[a]
+            table[a] = v if v > z else z
+        for i in range(whole, m):
+            a, z = ids[i], zs[i]
+            v = table[a]
+            table[a] = v if v > z else z
+    for k in range(bins):
+        v = max(max(table[k], table[k + stride]), max(table[k + uint32(2) * stride], table[k + uint32(3) * stride]))
+        table[k] = v if v > LOWEST and (least <= 1 or counts[k] >= least) else ZERO
+    return table[:bins], True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def voxel_means(points: NDArray[np.floating], side_m: float) -> NDArray[np.float64]:
+    """Mean of the points (n, 3) in each occupied cube of `side_m`; the grid starts at the minimum corner.
+
+    Cubes come in the order of their first points; sums are float64. A hash table with open addressing and at least twice as
+    many slots as points finds them.
+    """
+    n = points.shape[0]
+    slots = 1
+    while slots < 2 * n:
+        slots *= 2
+    keys, heads = np.empty(slots, np.int64), np.full(slots, -1, np.int32)
+    sums, counts = np.empty((n, 3), np.float64), np.empty(n, np.int64)
+    x0, y0, z0 = points[0, 0], points[0, 1], points[0, 2]
+    for i in range(n):
+        x0, y0, z0 = min(x0, points[i, 0]), min(y0, points[i, 1]), min(z0, points[i, 2])
+    found = 0
+    for i in range(n):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        key = (np.int64((x - x0) / side_m) << 42) ^ (np.int64((y - y0) / side_m) << 21) ^ np.int64((z - z0) / side_m)
+        slot = ((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)) & np.uint64(slots - 1)
+        while heads[slot] >= 0 and keys[slot] != key:
+            slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
+        voxel = heads[slot]
+        if voxel < 0:
+            voxel, keys[slot], heads[slot] = found, key, found
+            sums[voxel, 0], sums[voxel, 1], sums[voxel, 2], counts[voxel] = 0.0, 0.0, 0.0, 0
+            found += 1
+        sums[voxel, 0] += x
+        sums[voxel, 1] += y
+        sums[voxel, 2] += z
+        counts[voxel] += 1
+    means = np.empty((found, 3), np.float64)
+    for voxel in range(found):
+        for axis in range(3):
+            means[voxel, axis] = sums[voxel, axis] / counts[voxel]
+    return means

@@ -1,0 +1,65 @@
+"""The ground: a bilinear height map of a few long waves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+CELL_M = 8.0
+MARGIN_M = 60.0
+WAVES = 4
+WAVE_HEIGHT_M = 2.5
+WAVE_LENGTHS_M = (250.0, 700.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def height_at(heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: float, x_m: float, y_m: float) -> float:
+    """Bilinear height (m) of the map's knots `heights` (i, j), whose knot (0, 0) lies at (x0_m, y0_m)."""
+    u, v = (x_m - x0_m) / cell_m, (y_m - y0_m) / cell_m
+    i = min(max(int(u), 0), heights.shape[0] - 2)
+    j = min(max(int(v), 0), heights.shape[1] - 2)
+    a, b = u - i, v - j
+    near = heights[i, j] * (1 - a) + heights[i + 1, j] * a
+    far = heights[i, j + 1] * (1 - a) + heights[i + 1, j + 1] * a
+    return near * (1 - b) + far * b  # type: ignore[no-any-return]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _heights_at(
+    heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: float, xy_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    z_m = np.empty(xy_m.shape[0])
+    for row in range(xy_m.shape[0]):
+        z_m[row] = height_at(heights, x0_m, y0_m, cell_m, xy_m[row, 0], xy_m[row, 1])
+    return z_m
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Heights (m) at the knots of a square raster in the world frame; its cells are also the ray caster's."""
+
+    heights_m: NDArray[np.float64]
+    """(i, j): knot (i, j) lies at (x0_m + i cell_m, y0_m + j cell_m)."""
+    x0_m: float
+    y0_m: float
+    cell_m: float = CELL_M
+
+    def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Heights (n,) of the ground at `xy_m` (n, 2)."""
+        xy_m = np.ascontiguousarray(xy_m, np.float64)
+        return np.asarray(_heights_at(self.heights_m, self.x0_m, self.y0_m, self.cell_m, xy_m))
+
+
+def rolling_ground(rng: np.random.Generator, low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> Ground:
+    """Ground below the rectangle from `low_m` to `high_m` (x, y) and a margin around it."""
+    x0_m, y0_m = low_m - MARGIN_M
+    cells = ((high_m - low_m + 2 * MARGIN_M) / CELL_M).astype(int) + 1
+    x_m = x0_m + np.arange(cells[0] + 1)[:, None] * CELL_M
+    y_m = y0_m + np.arange(cells[1] + 1)[None, :] * CELL_M
+    heights_m = np.zeros((cells[0] + 1, cells[1] + 1))
+    for _ in range(WAVES):
+        heading, phase = rng.uniform(0, 2 * np.pi, 2)
+        along_m = x_m * np.cos(heading) + y_m * np.sin(heading)
+        heights_m += WAVE_HEIGHT_M * np.sin(2 * np.pi * along_m / rng.uniform(*WAVE_LENGTHS_M) + phase)
+    return Ground(heights_m, float(x0_m), float(y0_m))

@@ -1,0 +1,66 @@
+"""What the world is made of for a ray: boxes, upright cylinders and porous crowns, as numpy records.
+
+World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training sequence's date.
+"""
+
+from enum import IntEnum
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Records: TypeAlias = NDArray[Any]
+ALWAYS = (-np.inf, np.inf)
+"""The (born_day, dead_day) of what stands all year."""
+
+
+class Kind(IntEnum):
+    """What a point is, in the truth's side file."""
+
+    NOTHING = 0
+    GROUND = 1
+    BUILDING = 2
+    CAR = 3
+    POLE = 4
+    LEAF = 5
+    PERSON = 6
+    TRUNK = 7
+    WORKS = 8
+    """The fence and the mound of a construction site."""
+    CLUTTER = 9
+    """Bins, benches, cabinets."""
+
+
+class Species(IntEnum):
+    """Whose leaves a porous shape carries: their season is `season.extinction_per_m`."""
+
+    SOLID = -1
+    DECIDUOUS = 0
+    CONIFER = 1
+    HEDGE = 2
+
+
+def _record(*lengths: str) -> np.dtype[Any]:
+    """Every shape ends alike; 8 bytes a field keep the records aligned."""
+    tail = ["reflectance", "extinction_per_m", "born_day", "dead_day"]
+    return np.dtype([(name, "f8") for name in [*lengths, *tail]] + [("kind", "i8"), ("species", "i8")])
+
+
+BOX = _record("x_m", "y_m", "half_length_m", "half_width_m", "cos_yaw", "sin_yaw", "bottom_m", "top_m")
+CYLINDER = _record("x_m", "y_m", "radius_m", "bottom_m", "top_m")
+CROWN = _record("x_m", "y_m", "z_m", "radius_m", "half_height_m")
+
+
+def records(dtype: np.dtype[Any], **columns: object) -> Records:
+    """Records from named columns or single values; what is not named is 0, solid, and stands all year."""
+    length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
+    table = np.zeros(length or (1,), dtype)
+    table["born_day"], table["dead_day"], table["species"] = *ALWAYS, Species.SOLID
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def standing(shapes: Records, day: int) -> Records:
+    """The shapes that stand on `day`."""
+    return shapes[(shapes["born_day"] <= day) & (day < shapes["dead_day"])]

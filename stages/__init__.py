@@ -1,0 +1,68 @@
+"""Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import wraps
+from pathlib import Path
+from typing import TypeVar
+
+import hydra
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from pipeline.errors import YearlocError
+from pipeline.watch import Watch
+
+Item = TypeVar("Item")
+CONF = Path(__file__).parents[1] / "conf"
+
+
+def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], None]]:
+    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints the line it returns.
+
+    An error that this project raises on purpose becomes one line and exit code 1; any other keeps its traceback.
+    """
+
+    def decorate(run: Callable[[DictConfig], str]) -> Callable[[], None]:
+        @wraps(run)
+        def checked(cfg: DictConfig) -> None:
+            try:
+                print(f"{name}: {run(cfg)}", flush=True)
+            except YearlocError as error:
+                print(f"{name}: {error}", file=sys.stderr)
+                sys.exit(1)
+
+        main: Callable[[], None] = hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(checked)
+        return main
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class Bars(Watch):
+    """A progress bar on a terminal; a line every tenth of the way where there is none."""
+
+    numbers: dict[str, float] = field(default_factory=dict)
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True) as bar:
+            task = bar.add_task(what, total=total, numbers="")
+            for done, item in enumerate(items, start=1):
+                yield item
+                shown = "  ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
+                bar.update(task, advance=1, numbers=shown)
+                if self.numbers and not console.is_terminal and (done * 10 // total > (done - 1) * 10 // total or done == 1):
+                    print(f"  {what} {done}/{total}: {shown}", file=sys.stderr, flush=True)
+
+    def note(self, **numbers: float) -> None:
+        self.numbers.update(numbers)

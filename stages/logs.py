@@ -1,0 +1,20 @@
+"""A world → raw logs of one sequence, in a data set's own format; or recorded logs → an inventory of them."""
+
+from pathlib import Path
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from pipeline import store
+from stages import Bars, stage
+
+
+@stage("logs")
+def main(cfg: DictConfig) -> str:
+    with store.replace(cfg.out) as folder:
+        done = instantiate(cfg.world).record(cfg.sequence, Path(folder), instantiate(cfg.compute), Bars())
+    return f"{cfg.sequence}: {done}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,27 @@
+"""Raw logs → pose-aligned scans of one sequence."""
+
+from pathlib import Path
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from pipeline import schemas, store
+from pipeline.mapping.scans import Intake
+from stages import Bars, stage
+
+
+@stage("scans")
+def main(cfg: DictConfig) -> str:
+    log = instantiate(cfg.dataset.reader).open(Path(cfg.root), cfg.sequence)
+    intake = Intake(log, cfg.grain_m, cfg.every_m)
+    with store.write(cfg.out, schemas.SCANS, grain_m=cfg.grain_m, skipped=intake.skipped, clipped=intake.clipped) as out:
+        for points, offsets in intake.blocks(instantiate(cfg.compute), Bars()):
+            out.append("points", points)
+            out.append("offsets", offsets)
+        for name, column in intake.poses().items():
+            out.put(name, column)
+    return f"{cfg.sequence}: {'; '.join([intake.summary(), *log.notes])}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""The four outcomes of METHODS.md 2.7."""
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.evaluation.counts import count, spread
+
+# The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
+NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
+SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
+TRUE_RANK = np.array([0, 1, 0, -1, 0, -1])
+THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
+
+
+def test_counts_of_six_queries_by_hand() -> None:
+    # τ .15: only query 0 is accepted, a hit; seen 1, 2, 4 are missed and unseen 3, 5 rejected. τ 1: all six are accepted,
+    # seen 0, 2, 4 right, seen 1 misplaced, unseen 3 and 5 accepted. The rows between follow METHODS.md 2.7.
+    counts = count(TRUE_RANK, SEEN, NOVELTY, THRESHOLDS)
+    assert counts.hits[0].tolist() == [1, 1, 2, 2, 3, 3]
+    assert counts.false_alarms[0].tolist() == [0, 1, 1, 2, 2, 3]
+    assert counts.misses[0].tolist() == [3, 2, 1, 1, 0, 0]
+    assert counts.correct_rejections[0].tolist() == [2, 2, 2, 1, 1, 0]
+
+
+def test_looking_at_more_places_turns_false_alarms_into_hits() -> None:
+    # Query 1's true place is its second answer: from top-2 on it is a hit wherever it is accepted (τ > .2).
+    counts = count(TRUE_RANK, SEEN, NOVELTY, THRESHOLDS, top_n=3)
+    assert counts.hits.shape == (3, 6)
+    assert counts.hits[1].tolist() == counts.hits[2].tolist() == [1, 2, 3, 3, 4, 4]
+    assert counts.misses[1].tolist() == counts.misses[0].tolist()
+
+
+def test_a_query_exactly_at_the_threshold_is_rejected() -> None:
+    counts = count(np.array([0]), np.array([True]), np.array([0.25], np.float32), np.array([0.25, 0.26]), top_n=1)
+    assert counts.misses.tolist() == [[1, 0]]
+    assert counts.hits.tolist() == [[0, 1]]
+
+
+def test_an_unseen_query_is_never_a_hit_whatever_its_rank_says() -> None:
+    counts = count(np.array([0]), np.array([False]), np.array([0.1], np.float32), np.array([0.5]), top_n=1)
+    assert (counts.hits.item(), counts.false_alarms.item()) == (0, 1)
+
+
+def test_every_query_has_one_outcome_at_every_threshold() -> None:
+    rng = np.random.default_rng(0)
+    seen = rng.random(300) < 0.7
+    counts = count(np.where(seen, rng.integers(-1, 40, 300), -1), seen, rng.random(300, np.float32), np.linspace(0, 1, 200))
+    total = counts.hits + counts.misses + counts.false_alarms + counts.correct_rejections
+    assert counts.hits.shape == (25, 200)
+    assert (total == 300).all()
+    assert counts.misses[0, 0] == seen.sum()  # at threshold 0 everything is rejected: Table II's seen …
+    assert counts.correct_rejections[0, 0] == (~seen).sum()  # … and unseen
+
+
+def test_no_queries_give_empty_counts() -> None:
+    counts = count(np.array([], np.int64), np.array([], bool), np.array([], np.float32), np.array([0.5]))
+    assert counts.hits.shape == (25, 1)
+    assert not counts.hits.any()
+
+
+def test_a_novelty_that_is_no_number_is_refused() -> None:
+    with pytest.raises(InputError, match="NaN"):
+        count(np.array([0]), np.array([True]), np.array([np.nan], np.float32), np.array([0.5]))
+
+
+def test_arrays_of_different_queries_are_refused() -> None:
+    with pytest.raises(InputError, match="2 true ranks, 1 seen"):
+        count(np.array([0, 0]), np.array([True]), np.array([0.1], np.float32), np.array([0.5]))
+
+
+def test_thresholds_span_an_entropy_s_range_or_the_distances_seen() -> None:
+    assert spread(np.array([0.2, 0.4], np.float32)).tolist() == np.linspace(0, 1, 200).tolist()
+    distances = spread(np.array([0.2, 3.5, np.inf], np.float32))
+    assert (len(distances), distances[0], distances[-1]) == (200, 0.0, 3.5)

@@ -1,0 +1,95 @@
+"""dvc.yaml, conf/ and the import graph say the same thing."""
+
+import shlex
+from pathlib import Path
+
+import grimp
+import pytest
+import yaml
+from dvc.repo import Repo
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, OmegaConf
+
+ROOT = Path(__file__).parents[1]
+UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
+STAGES = list(Repo(ROOT).index.stages)
+GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)
+STAGE = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.addressing)
+
+
+def composed(stage: object) -> tuple[str, DictConfig]:
+    _, _, module, *overrides = shlex.split(stage.cmd)
+    name = module.removeprefix("stages.")
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        return name, compose(name, overrides, return_hydra_config=True)
+
+
+def paths(stage: object, *, params: bool) -> set[str]:
+    return {dep.def_path for dep in stage.deps if (type(dep).__name__ == "ParamsDependency") == params}
+
+
+@STAGE
+def test_params_are_the_files_that_the_stage_composes(stage):
+    name, cfg = composed(stage)
+    groups = cfg.hydra.runtime.choices.items()
+    used = {
+        f"conf/{group}/{choice}.yaml" for group, choice in groups if not group.startswith("hydra/") and group not in UNTRACKED
+    }
+    if "benchmark" in cfg:
+        used.add("conf/benchmark.yaml")
+    assert paths(stage, params=True) == used | {f"conf/{name}.yaml"}
+
+
+def targets(node: object) -> list[str]:
+    """Every `_target_` in a composed config, as module paths."""
+    if not isinstance(node, dict):
+        return []
+    own = [node["_target_"].rpartition(".")[0]] if "_target_" in node else []
+    return own + [target for value in node.values() for target in targets(value)]
+
+
+@STAGE
+def test_deps_cover_the_modules_that_the_stage_can_import(stage):
+    name, cfg = composed(stage)
+    OmegaConf.set_struct(cfg, False)
+    plain = {
+        key: OmegaConf.to_container(value)
+        for key, value in cfg.items()
+        if key not in ("hydra", "tracking") and isinstance(value, DictConfig)
+    }
+    if name == "labels" or name == "report" or name == "publish":
+        plain.pop("dataset")  # they look at the data set's box or label, and build no reader
+    roots = {f"stages.{name}", *targets(plain)}
+    needed = roots.union(*(GRAPH.find_upstream_modules(root) for root in roots)) - {"pipeline"}
+    needed = {module for module in needed if (ROOT / (module.replace(".", "/") + ".py")).is_file()} | {"stages.__init__"}
+    deps = [Path(dep) for dep in paths(stage, params=False)]
+    files = {Path(module.replace(".", "/") + ".py") for module in needed}
+    missing = {str(file) for file in files if not any(file.is_relative_to(dep) for dep in deps)}
+    assert not missing
+
+
+@STAGE
+def test_an_artifact_lies_in_the_folder_of_its_stage(stage):
+    name, _ = composed(stage)
+    assert all(out.def_path.startswith(f"artifacts/{name}/") for out in stage.outs)
+
+
+def keys(node: object) -> set[str]:
+    if isinstance(node, list):
+        return set().union(*map(keys, node))
+    return set(node).union(*map(keys, node.values())) if isinstance(node, dict) else set()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "conf").rglob("*.yaml")), ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_key_that_dvc_cannot_see(path):
+    """DVC's run cache ignores keys named size and nfiles (treeverse/dvc#10296); ??? and ${} do not survive its reading."""
+    text = path.read_text()
+    assert not {"size", "nfiles"} & keys(yaml.safe_load(text) or {})
+    assert "???" not in text
+    assert "${" not in text
+
+
+def test_the_training_sequence_comes_first_in_the_one_list():
+    names = yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
+    assert names["sequences"] == [names["train"], *names["tests"]]
+    assert {method["view"] for method in names["methods"]} == set(names["views"])

@@ -1,0 +1,108 @@
+"""Poses and trajectories, by hand."""
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.frames import Trajectory, days_between, flip_ned, pose, rpy, transform, yaw
+
+SECOND = 10**9
+
+
+def poses(*rows: tuple[float, float, float, float]) -> np.ndarray:
+    """Poses of (x, y, z, heading in degrees)."""
+    table = np.array(rows, float)
+    return pose(table[:, :3], np.column_stack([np.zeros((len(table), 2)), np.deg2rad(table[:, 3])]))
+
+
+def test_a_heading_of_90_degrees_turns_forward_into_left() -> None:
+    # The body stands at (10, 20, 1) and looks along +y: 2 m ahead of it is (10, 22, 1), 1 m to its left (9, 20, 1).
+    world_T_body = poses((10, 20, 1, 90))[0]
+    points = transform(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
+    np.testing.assert_allclose(points, [[10, 22, 1], [9, 20, 1]], atol=1e-6)
+    assert points.dtype == np.float32
+
+
+def test_the_last_turn_of_a_pose_is_the_heading() -> None:
+    # R = Rz(90°) Ry(0) Rx(90°): body z goes to −y by the roll, then to +x by the heading.
+    world_T_body = pose(np.zeros((1, 3)), np.array([[np.pi / 2, 0, np.pi / 2]]))
+    np.testing.assert_allclose(world_T_body[0, :3, :3] @ [0, 0, 1], [1, 0, 0], atol=1e-12)
+
+
+def test_roll_pitch_and_yaw_come_back() -> None:
+    angles = np.array([[0.1, -0.2, 3.0], [-3.0, 1.2, -0.4]])
+    np.testing.assert_allclose(rpy(pose(np.zeros((2, 3)), angles)), angles, atol=1e-12)
+
+
+def test_yaw_is_counter_clockwise_from_x() -> None:
+    np.testing.assert_allclose(np.rad2deg(yaw(poses((0, 0, 0, 0), (0, 0, 0, 90), (0, 0, 0, -135)))), [0, 90, -135])
+
+
+def test_north_east_down_becomes_z_up() -> None:
+    # 1 m north, 2 m east, 3 m down, looking east (heading 90° clockwise seen from above): z-up (1, −2, −3), looking along −y.
+    z_up = flip_ned(poses((1, 2, 3, 90)))
+    np.testing.assert_allclose(z_up[0, :3, 3], [1, -2, -3])
+    assert np.rad2deg(yaw(z_up))[0] == pytest.approx(-90)
+
+
+def test_flipping_twice_changes_nothing() -> None:
+    some = pose(np.array([[1.0, -2, 3]]), np.array([[0.3, -0.2, 2.0]]))
+    np.testing.assert_allclose(flip_ned(flip_ned(some)), some, atol=1e-15)
+
+
+def test_a_pose_halfway_is_halfway_in_place_and_turn() -> None:
+    # From 170° to −170° is 20° through 180°, not 340° through 0.
+    path = Trajectory(np.array([0, SECOND]), poses((0, 0, 0, 170), (2, 4, -6, -170)), max_gap_s=1.0)
+    found, known = path.at(np.array([SECOND // 2, SECOND // 4]))
+    assert known.all()
+    np.testing.assert_allclose(found[:, :3, 3], [[1, 2, -3], [0.5, 1, -1.5]])
+    np.testing.assert_allclose(np.abs(np.rad2deg(yaw(found))), [180, 175])
+
+
+def test_slerp_turns_about_one_axis_at_constant_speed() -> None:
+    # Rolled by 90° at the end, 30° after a third of the time.
+    ends = pose(np.zeros((2, 3)), np.array([[0, 0, 0], [np.pi / 2, 0, 0]]))
+    found, _ = Trajectory(np.array([0, 3 * SECOND]), ends, 5.0).at(np.array([SECOND]))
+    np.testing.assert_allclose(np.rad2deg(rpy(found)), [[30, 0, 0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("stamp", [-1, 3 * SECOND + 1, 10**18, -(10**18)])
+def test_there_is_no_pose_beyond_the_ends(stamp: int) -> None:
+    path = Trajectory(np.array([0, SECOND, 2 * SECOND, 3 * SECOND]), poses(*[(i, 0, 0, 0) for i in range(4)]), 1.0)
+    found, known = path.at(np.array([stamp]))
+    assert not known.any()
+    assert np.isnan(found).all()
+
+
+def test_gaps_are_never_bridged() -> None:
+    # Rows at 0, 1, 2 (NaN), 3, 5.5 s; a gap is more than 1 s.
+    table = poses(*[(x, 0, 0, 0) for x in (0, 1, 2, 3, 5.5)])
+    table[2, 0, 3] = np.nan
+    path = Trajectory(np.array([0, 1, 2, 3, 5.5]) * SECOND, table, 1.0)
+    asked = np.array([0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5.5])
+    found, known = path.at((asked * SECOND).astype(np.int64))
+    assert known.tolist() == [True, True, True, False, False, False, True, False, True]
+    np.testing.assert_allclose(found[known, 0, 3], asked[known])
+
+
+def test_the_largest_allowed_step_is_no_gap() -> None:
+    path = Trajectory(np.array([0, SECOND]), poses((0, 0, 0, 0), (1, 0, 0, 0)), 1.0)
+    assert path.at(np.array([SECOND // 2]))[1].all()
+
+
+def test_a_trajectory_without_rows_knows_nothing() -> None:
+    assert not Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)), 1.0).at(np.array([0, 1]))[1].any()
+
+
+@pytest.mark.parametrize("stamps", [[0, 0], [1, 0], [0]])
+def test_a_trajectory_needs_an_increasing_stamp_for_each_pose(stamps: list[int]) -> None:
+    with pytest.raises(InputError):
+        Trajectory(np.array(stamps), poses((0, 0, 0, 0), (1, 0, 0, 0)), 1.0)
+
+
+def test_days_are_counted_on_the_calendar() -> None:
+    # 2012-01-08 23:59:59 to 2012-01-15 00:00:01 UTC is 6 days and 2 seconds, and a week on the calendar.
+    start, end = 1326067199 * SECOND, 1326585601 * SECOND
+    assert days_between(start, end) == 7
+    assert days_between(end, start) == -7
+    assert days_between(start, start) == 0

@@ -1,0 +1,98 @@
+"""The house's rules (DESIGN 6) that no other test holds."""
+
+import ast
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.matching.ranking import Ranking, Rows
+from pipeline.watch import Watch
+
+ROOT = Path(__file__).parents[1]
+MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
+METHODS = sorted(path.stem for path in (ROOT / "pipeline/methods").glob("[a-z]*.py"))
+
+
+def names(paths: list[Path]) -> list[str]:
+    return [str(path.relative_to(ROOT)) for path in paths]
+
+
+@pytest.mark.parametrize(
+    "module", ["pipeline", "pipeline.cli", "pipeline.store", "pipeline.readers.nclt", "pipeline.views.scan_context"]
+)
+def test_importing_the_library_is_light(module):
+    code = f"import sys, {module}; print(sorted({{'torch', 'mlflow', 'dask', 'matplotlib'}} & set(sys.modules)))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert out.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=names(MODULES))
+def test_the_library_neither_prints_nor_exits(path):
+    if path.name == "cli.py":
+        pytest.skip("the command line is where lines are printed")
+    calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    found = [ast.unparse(call) for call in calls]
+    assert not {"print", "exit", "quit", "sys.exit", "os._exit"} & set(found)
+
+
+def test_nothing_is_pickled_and_torch_loads_nothing_unsafe():
+    for path in [*MODULES, *ROOT.glob("stages/*.py")]:
+        text = path.read_text()
+        assert "pickle" not in text.replace("can be pickled", ""), path
+        assert "torch.load" not in text, path
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("stages/[a-z]*.py")), ids=lambda path: path.stem)
+def test_a_stage_is_glue(path):
+    """Its function holds at most 25 lines, and its conf has its name."""
+    functions = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+    assert all(node.end_lineno - node.lineno + 1 <= 25 for node in functions)
+    assert (ROOT / "conf" / f"{path.stem}.yaml").is_file()
+
+
+def own_class(module: ModuleType) -> type:
+    classes = [value for value in vars(module).values() if is_dataclass(value) and value.__module__ == module.__name__]
+    assert len(classes) == 1, f"{module.__name__}: one file, one method"
+    return classes[0]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_is_one_file_and_one_yaml_with_its_fields(name):
+    method = own_class(import_module(f"pipeline.methods.{name}"))
+    conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
+    assert conf.pop("_target_") == f"pipeline.methods.{name}.{method.__name__}"
+    assert conf.keys() == {field.name for field in fields(method)}
+    assert (ROOT / f"conf/view/{conf['view']}.yaml").is_file()
+    assert conf == {field.name: field.default for field in fields(method)}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_learns_and_localises(name):
+    """Six places in a row, five views of each that differ by a little noise: any method must tell them apart."""
+    conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
+    conf.pop("_target_")
+    rng = np.random.default_rng(1)
+    scenes = np.repeat(rng.uniform(0, 12, (6, 40, 120)).astype(np.float32), 5, axis=0)
+    world_T_anchor = np.tile(np.eye(4), (30, 1, 1))
+    world_T_anchor[:, 0, 3] = 2.0 * np.arange(30)
+    places = np.repeat(np.arange(6), 5)
+    stamps_ns = 10**9 * np.arange(30, dtype=np.int64)
+    rows = Rows(scenes + rng.normal(0, 0.2, scenes.shape).astype(np.float32), stamps_ns, world_T_anchor)
+    method = own_class(import_module(f"pipeline.methods.{name}"))(**conf)
+    model = method.learn(rows, places, Watch(budget=0.06))
+    assert all(isinstance(array, np.ndarray) for array in model.values())
+    assert np.ndim(model["threshold"]) == 0
+    ranking = method.localize(model, rows, k=3)
+    assert isinstance(ranking, Ranking)
+    assert ranking.places.shape == ranking.costs.shape == (30, 3)
+    assert ranking.xy_m.shape == (30, 3, 2)
+    assert (np.diff(ranking.costs, axis=1) >= 0).all()
+    assert np.isfinite(ranking.novelty).all()
+    assert (ranking.places[:, 0] == places).mean() > 0.9

@@ -1,0 +1,249 @@
+"""Artifacts: whole or not at all, and bytes that follow from what was put in."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import store
+from pipeline.errors import ArtifactError
+from pipeline.schemas import ALL, Column, Schema
+
+THINGS = Schema(
+    "things",
+    3,
+    {
+        "points": Column("i2", ("point", "xyz"), "ragged", chunk=4, shard=8),
+        "offsets": Column("i8", ("thing+1",), "thing i is points[offsets[i]:offsets[i + 1]]"),
+        "heights": Column("f4", ("thing",), "metres", chunk=2, shard=4),
+    },
+    {"grain_m": "metres per unit"},
+)
+POINTS = np.arange(60, dtype=np.int16).reshape(20, 3)
+OFFSETS = np.array([0, 7, 20])
+HEIGHTS = np.array([1.5, -2.5], np.float32)
+COLUMNS = {"points": POINTS, "offsets": OFFSETS, "heights": HEIGHTS}
+
+
+def put(path: Path, **changed: np.ndarray) -> None:
+    with store.write(path, THINGS, grain_m=0.005) as draft:
+        for name, rows in (COLUMNS | changed).items():
+            draft.put(name, rows)
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    return {file.relative_to(path).as_posix(): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    put(tmp_path / "new" / "a.zarr")
+    found = store.read(tmp_path / "new" / "a.zarr", THINGS)
+    for name, rows in COLUMNS.items():
+        np.testing.assert_array_equal(found.load(name), rows)
+        assert found[name].dtype == np.dtype(THINGS.columns[name].dtype)
+    assert found.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
+    np.testing.assert_array_equal(found["points"][7:9], POINTS[7:9])
+    assert found["points"].metadata.dimension_names == ("point", "xyz")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.zarr"]
+
+
+@pytest.mark.parametrize("block", [1, 3, 8, 11, 20])
+def test_rows_appended_in_blocks_give_the_bytes_of_rows_put_at_once(tmp_path: Path, block: int) -> None:
+    # 20 points in shards of 8: blocks end within, on and beyond a shard's end.
+    put(tmp_path / "whole.zarr")
+    with store.write(tmp_path / "streamed.zarr", THINGS, grain_m=lambda: 0.005) as draft:
+        for start in range(0, len(POINTS), block):
+            draft.append("points", POINTS[start : start + block])
+            draft.append("heights", HEIGHTS[start : start + block])
+        draft.put("offsets", OFFSETS)
+    assert contents(tmp_path / "streamed.zarr") == contents(tmp_path / "whole.zarr")
+
+
+def test_two_writes_give_the_same_files(tmp_path: Path) -> None:
+    put(tmp_path / "a.zarr")
+    put(tmp_path / "b.zarr")
+    assert contents(tmp_path / "a.zarr") == contents(tmp_path / "b.zarr")
+    assert len(contents(tmp_path / "a.zarr")) <= 12  # a handful of files: four of metadata, three shards of points, …
+
+
+def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
+    put(tmp_path / "a.zarr", points=np.empty((0, 3), np.int16), offsets=np.array([0]), heights=np.empty(0, np.float32))
+    assert store.read(tmp_path / "a.zarr", THINGS).load("points").shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"points": POINTS.astype(float)}, "points"),
+        ({"points": POINTS[:, 0]}, "points"),
+        ({"offsets": np.array([0.0, 7, 20])}, "offsets"),
+        ({"offsets": np.array([0, 20])}, "thing"),
+        ({"heights": np.zeros(3, np.float32)}, "thing"),
+        ({"colours": HEIGHTS}, "colours"),
+        ({"points": np.full((20, 3), 40_000)}, "points"),  # beyond the 16-bit range
+        ({"offsets": np.array([0, 7, 2**63], np.uint64)}, "offsets"),
+    ],
+)
+def test_columns_that_do_not_fit_the_schema_are_refused(tmp_path: Path, changed: dict[str, np.ndarray], says: str) -> None:
+    with pytest.raises(ArtifactError, match=says):
+        put(tmp_path / "a.zarr", **changed)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("attrs", [{}, {"grain_m": 1, "colour": 2}, {"grain": 1}])
+def test_attributes_that_do_not_fit_the_schema_are_refused(tmp_path: Path, attrs: dict[str, object]) -> None:
+    with pytest.raises(ArtifactError, match="grain_m"), store.write(tmp_path / "a.zarr", THINGS, **attrs) as draft:
+        for name, rows in COLUMNS.items():
+            draft.put(name, rows)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_column_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArtifactError, match="heights"), store.write(tmp_path / "a.zarr", THINGS, grain_m=1.0) as draft:
+        draft.put("points", POINTS)
+        draft.put("offsets", OFFSETS)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_block_that_fails_leaves_the_old_artifact(tmp_path: Path) -> None:
+    put(tmp_path / "a.zarr")
+    before = contents(tmp_path / "a.zarr")
+    with pytest.raises(KeyboardInterrupt), store.write(tmp_path / "a.zarr", THINGS, grain_m=1.0) as draft:
+        draft.put("points", POINTS + 1)
+        raise KeyboardInterrupt
+    assert contents(tmp_path / "a.zarr") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
+    put(tmp_path / "a.zarr")
+    put(tmp_path / "a.zarr", heights=HEIGHTS + 1)
+    np.testing.assert_array_equal(store.read(tmp_path / "a.zarr", THINGS).load("heights"), [2.5, -1.5])
+
+
+KILLED = """
+import os, signal, sys
+from pipeline import store
+with store.replace(sys.argv[1]) as scratch:
+    scratch.mkdir()
+    (scratch / "half").write_text("written")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(tmp_path: Path) -> None:
+    path = tmp_path / "a.zarr"
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(path)], cwd=Path(__file__).parents[1], check=False)
+    assert killed.returncode == -9
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".a.zarr.")
+    living = tmp_path / f".a.zarr.{os.getppid()}.scratch"  # the parent of this process runs for as long as this does
+    other = tmp_path / left.name.replace("a.zarr", "b.zarr")
+    living.mkdir()
+    other.mkdir()
+    put(path)
+    assert {found.name for found in tmp_path.iterdir()} == {"a.zarr", living.name, other.name}
+
+
+def damage_nothing(path: Path) -> None:
+    pass
+
+
+def make_folder(path: Path) -> None:
+    path.mkdir()
+
+
+def make_other_kind(path: Path) -> None:
+    with store.write(path, Schema("others", 3, {})):
+        pass
+
+
+def make_other_version(path: Path) -> None:
+    with store.write(path, Schema("things", 2, {})):
+        pass
+
+
+def make_broken(path: Path) -> None:
+    put(path)
+    (path / "zarr.json").write_text('{"zarr_format": 3, "node_')
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (damage_nothing, "no such artifact"),
+        (make_folder, "no such artifact"),
+        (make_other_kind, "expected things version 3, found others version 3"),
+        (make_other_version, "expected things version 3, found things version 2"),
+        (make_broken, "zarr.json"),
+    ],
+)
+def test_reading_what_is_no_such_artifact_is_one_clear_line(tmp_path: Path, make: Callable[[Path], None], says: str) -> None:
+    path = tmp_path / "a.zarr"
+    make(path)
+    with pytest.raises(ArtifactError, match=says) as error:
+        store.read(path, THINGS)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_every_schema_writes_whole_shards_and_shares_its_dimensions() -> None:
+    for schema in ALL:
+        for column in schema.columns.values():
+            assert column.shard % column.chunk == 0
+            assert np.dtype(column.dtype).isnative
+    assert len({schema.kind for schema in ALL}) == len(ALL)
+
+
+MODEL = {"net/weight": np.arange(6, dtype=np.float32).reshape(2, 3).T, "threshold": np.array(0.25), "best_epoch": np.array(7)}
+RECIPE = {"epochs": 200, "seed": 0, "view": "scan_context", "held_out_every_m": 40.0, "dropout": 0.7}
+
+
+def test_a_model_comes_back_with_its_recipe(tmp_path: Path) -> None:
+    store.write_model(tmp_path / "sci.safetensors", MODEL, RECIPE)
+    found = store.read_model(tmp_path / "sci.safetensors")
+    assert set(found) == set(MODEL)
+    for name, array in MODEL.items():
+        np.testing.assert_array_equal(found[name], array)
+        assert (found[name].shape, found[name].dtype) == (array.shape, array.dtype)
+    assert store.read_recipe(tmp_path / "sci.safetensors") == {name: str(value) for name, value in RECIPE.items()}
+
+
+def test_a_model_has_the_same_bytes_each_time(tmp_path: Path) -> None:
+    written = set()
+    for _ in range(8):
+        store.write_model(tmp_path / "sci.safetensors", MODEL, RECIPE)
+        written.add((tmp_path / "sci.safetensors").read_bytes())
+    assert len(written) == 1
+
+
+@pytest.mark.parametrize("data", [None, b"", b"no model", b"\xff" * 64])
+def test_a_missing_or_damaged_model_is_one_clear_line(tmp_path: Path, data: bytes | None) -> None:
+    path = tmp_path / "sci.safetensors"
+    if data is not None:
+        path.write_bytes(data)
+    for read in (store.read_model, store.read_recipe):
+        with pytest.raises(ArtifactError) as error:
+            read(path)
+        assert str(path) in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_a_failed_file_leaves_the_old_one(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(RuntimeError), store.replace(tmp_path / "a.txt") as scratch:
+        scratch.write_text("new")
+        raise RuntimeError
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_a_folder_may_take_the_place_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("old")
+    with store.replace(tmp_path / "a") as scratch:
+        scratch.mkdir()
+        (scratch / "b").write_text("new")
+    assert (tmp_path / "a" / "b").read_text() == "new"

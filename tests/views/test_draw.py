@@ -1,0 +1,49 @@
+"""Drawing blocks of submaps from a scans artifact."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import store
+from pipeline.compute import Compute
+from pipeline.schemas import SCANS
+from pipeline.views.draw import Drawing
+
+LENGTHS = (3, 0, 5, 2, 4)
+
+
+@pytest.fixture
+def scans(tmp_path: Path) -> store.Artifact:
+    """Five scans of 3, 0, 5, 2 and 4 points; every coordinate of scan i's points is i + 1 metres."""
+    points = np.repeat(np.arange(1, 6), LENGTHS)[:, None] * np.full(3, 200)
+    with store.write(tmp_path / "a.zarr", SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+        draft.put("points", points.astype(np.int16))
+        draft.put("offsets", np.concatenate([[0], np.cumsum(LENGTHS)]))
+        draft.put("stamps_ns", np.arange(5))
+        draft.put("world_T_scan", np.tile(np.eye(4), (5, 1, 1)))
+        draft.put("odom_T_scan", np.full((5, 4, 4), np.nan))
+    return store.read(tmp_path / "a.zarr", SCANS)
+
+
+def summary(points_m: np.ndarray) -> np.ndarray:
+    """How many points, and the sum of their x."""
+    return np.array([len(points_m), points_m[:, 0].sum()], np.float32)
+
+
+def test_each_submap_is_drawn_from_its_own_points_in_metres(scans: store.Artifact) -> None:
+    drawing = Drawing(scans, np.array([0, 2, 3, 4]), summary)
+    assert len(drawing) == 4
+    np.testing.assert_allclose(drawing(0, 4), [[3, 3], [5, 15], [2, 8], [4, 20]], rtol=1e-6)
+    np.testing.assert_allclose(drawing(1, 3), [[5, 15], [2, 8]], rtol=1e-6)
+
+
+def test_a_scan_without_points_is_drawn_too(scans: store.Artifact) -> None:
+    np.testing.assert_allclose(Drawing(scans, np.array([1]), summary)(0, 1), [[0, 0]])
+
+
+@pytest.mark.parametrize("block", [1, 2, 5])
+def test_blocks_of_any_size_draw_the_same(scans: store.Artifact, block: int) -> None:
+    drawing = Drawing(scans, np.arange(5), summary)
+    blocks = list(Compute(workers=2).rows(drawing, len(drawing), block))
+    np.testing.assert_array_equal(np.concatenate(blocks), drawing(0, 5))

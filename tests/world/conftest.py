@@ -1,0 +1,24 @@
+"""A world small enough for a test: 3 × 3 blocks, 25 scans of 32 × 120 rays."""
+
+import pytest
+
+from pipeline.world.campus import Campus, build_campus
+from pipeline.world.plan import Plan
+from pipeline.world.simulation import Simulation
+
+SEQUENCES = {
+    "2012-01-15": {"unseen": 0.0, "reversed": 0.0},
+    "2012-02-04": {"unseen": 0.08, "reversed": 0.0},
+    "2012-06-15": {"unseen": 0.2, "reversed": 0.1},
+}
+
+
+@pytest.fixture(scope="session")
+def small() -> Simulation:
+    return Simulation(seed=8, blocks=3, route_m=100.0, step_m=4.0, azimuths=120, events_per_km_of_route=40.0, sequences=SEQUENCES)
+
+
+@pytest.fixture(scope="session")
+def campus_and_plan(small: Simulation) -> tuple[Campus, Plan]:
+    streets, training, _ = small.plan_training()
+    return build_campus(small.seed, small.blocks, streets), training

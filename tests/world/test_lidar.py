@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from pipeline.world.ground import Ground
+from pipeline.world.lidar import BEAMS, Lidar, measure, return_probability
+from pipeline.world.scene import build_scene
+from pipeline.world.shapes import BOX, CROWN, CYLINDER, Kind, records
+
+SEED = np.uint64(9)
+RAYS = 20_000
+
+
+@pytest.mark.parametrize(("range_m", "share"), [(50.0, 0.9394), (100.0, 0.3679), (120.0, 0.1257)])
+def test_returns_fade_with_the_fourth_power_of_the_range(range_m: float, share: float):
+    # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257.
+    assert return_probability(np.array([range_m]), np.array([0.1]))[0] == pytest.approx(share, abs=1e-4)
+    # 3 % drop out besides.
+    back = measure(np.full(RAYS, range_m), np.full(RAYS, 0.1), SEED) > 0
+    assert back.mean() == pytest.approx(0.97 * share, abs=0.01)
+
+
+def test_ranges_are_two_centimetres_noisy():
+    noise_m = measure(np.full(RAYS, 10.0), np.full(RAYS, 0.4), SEED)
+    noise_m = noise_m[noise_m > 0] - 10.0
+    assert abs(noise_m.mean()) < 0.001
+    assert noise_m.std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_ground_rings_end_near_thirty_metres():
+    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
+    scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
+    returns = Lidar(720).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    reach_m = np.hypot(*returns.points_m[:, :2].T)
+    assert 20 < np.percentile(reach_m, 99.5) < 40
+    assert abs(np.median(returns.points_m[:, 2])) < 0.02
+
+
+def test_a_tilted_body_sees_level_ground_tilted():
+    # Nose down by 10°: the ground 5 m ahead of the body's origin lies 5 tan 10° = 0.88 m above its x axis.
+    pitch = np.deg2rad(10.0)
+    c, s = np.cos(pitch), np.sin(pitch)
+    world_T_body = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1.0]])
+    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
+    scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
+    points_m = Lidar(720).scan(scene, np.zeros(0, CYLINDER), world_T_body, SEED).points_m
+    ahead = points_m[(np.abs(points_m[:, 1]) < 0.5) & (np.abs(points_m[:, 0] - 5) < 0.4)]
+    assert len(ahead) > 5
+    assert np.median(ahead[:, 2] / ahead[:, 0]) == pytest.approx(np.tan(pitch), abs=0.01)
+
+
+def test_lasers_are_numbered_from_the_lowest_beam():
+    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
+    shed = records(
+        BOX, half_length_m=30.0, half_width_m=1.0, x_m=0.0, y_m=9.0, cos_yaw=1.0, top_m=9.0, reflectance=0.4, kind=Kind.BUILDING
+    )
+    scene = build_scene(shed, np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
+    returns = Lidar(360).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    assert set(returns.laser.tolist()) == set(range(BEAMS))
+    assert set(returns.kind.tolist()) == {Kind.GROUND, Kind.BUILDING}
+    elevation = np.arctan2(returns.points_m[:, 2] - 1.3, np.hypot(*returns.points_m[:, :2].T))
+    # −30.67° + laser × 41.34° / 31
+    assert np.rad2deg(elevation) == pytest.approx(-30.67 + returns.laser * 41.34 / 31, abs=1e-3)

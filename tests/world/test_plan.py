@@ -1,0 +1,45 @@
+from datetime import date
+
+import numpy as np
+import pytest
+
+from pipeline.world.drive import drive
+from pipeline.world.ground import rolling_ground
+from pipeline.world.plan import plan_test, plan_training
+from pipeline.world.seeds import Stream, generator
+from pipeline.world.streets import lay_streets
+
+ROUTE_M = 1200.0
+STREETS = lay_streets(generator(0, Stream.STREETS), 8)
+TRAINING = plan_training(generator(0, Stream.TRAINING_PLAN), STREETS, ROUTE_M)
+
+
+def test_no_corner_is_a_dead_end():
+    assert np.bincount(STREETS.edges.ravel()).min() >= 2
+
+
+def test_the_training_plan_repeats_no_street():
+    streets = [step // 2 for step in TRAINING.half_edges]
+    assert len(set(streets)) == len(streets)
+
+
+@pytest.mark.parametrize(("unseen", "reversed_"), [(0.079, 0.0), (0.166, 0.3), (0.265, 0.15)])
+def test_a_test_plan_has_the_wanted_shares(unseen: float, reversed_: float):
+    plan = plan_test(generator(0, Stream.TEST_PLAN, date(2012, 2, 4)), STREETS, TRAINING, ROUTE_M, unseen, reversed_)
+    assert plan.unseen == pytest.approx(unseen, abs=0.05)
+    assert plan.reversed == pytest.approx(reversed_, abs=0.05)
+    assert plan.coverage > 0.5
+
+
+def test_the_driven_shares_are_the_planned_ones():
+    plan = plan_test(generator(0, Stream.TEST_PLAN, date(2012, 2, 4)), STREETS, TRAINING, ROUTE_M, 0.2, 0.3)
+    ground = rolling_ground(np.random.default_rng(0), STREETS.nodes_m.min(0), STREETS.nodes_m.max(0))
+    paths = []
+    for day, line_m in ((date(2012, 1, 15), TRAINING.line_m), (date(2012, 2, 4), plan.line_m)):
+        driven = drive(0, day, line_m, ground, ROUTE_M, 2.0)
+        paths.append(driven.world_T_body[driven.scan_rows])
+    gaps_m = np.hypot(*np.moveaxis(paths[1][:, None, :2, 3] - paths[0][None, :, :2, 3], 2, 0))
+    seen = gaps_m.min(1) < 10.0
+    same_way = ((paths[1][:, :2, 0] @ paths[0][:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
+    assert 1 - seen.mean() == pytest.approx(plan.unseen, abs=0.05)
+    assert (seen & ~same_way).sum() / seen.sum() == pytest.approx(plan.reversed, abs=0.05)

@@ -1,0 +1,78 @@
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.world.drive import drive
+from pipeline.world.ground import Ground
+from pipeline.world.route_file import read_route
+from pipeline.world.simulation import Simulation
+from pipeline.world.streets import distance_to_segments_m
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> Path:
+    """Once around a 120 × 60 m rectangle, far from the origin."""
+    corners = np.array([[5000, -300], [5120, -300], [5120, -240], [5000, -240], [5000, -300]])
+    path = tmp_path / "loop.csv"
+    path.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
+    return path
+
+
+def test_a_route_is_centred_on_the_campus(loop: Path):
+    # The rectangle's middle is (60, 30) from its first corner.
+    assert read_route(loop)[0] == pytest.approx([-60.0, -30.0])
+
+
+def test_tum_rows_give_the_same_route(loop: Path, tmp_path: Path):
+    rows = np.loadtxt(loop, delimiter=",", skiprows=1)
+    tum = tmp_path / "loop.tum"
+    tum.write_text("# stamp x y z qx qy qz qw\n" + "\n".join(f"{i} {x} {y} 1.5 0 0 0 1" for i, (x, y) in enumerate(rows)))
+    assert read_route(tum) == pytest.approx(read_route(loop))
+
+
+def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
+    rehearsal = replace(small, route_file=str(loop), route_m=1000.0)
+    streets, training, route_m = rehearsal.plan_training()
+    assert route_m == pytest.approx(360.0, abs=15.0)
+    driven = drive(8, date(2012, 1, 15), training.line_m, _flat(), route_m, 2.0)
+    route = read_route(loop)
+    gaps_m = distance_to_segments_m(driven.world_T_body[:, :2, 3], route[:-1], route[1:]).min(1)
+    # Up to 3 m beside it, and a little more where corners are cut.
+    assert gaps_m.max() < 5.0
+    assert driven.metres > 0.9 * route_m
+    test = rehearsal.plan("2012-02-04", streets, training, route_m)
+    assert test.unseen == pytest.approx(0.08, abs=0.08)
+    assert test.coverage > 0.5
+
+
+def _flat() -> Ground:
+    return Ground(np.zeros((100, 100)), -400.0, -400.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("x,y\n1,2\n1,spam\n", "expected rows"),
+        ("1 2 3\n4 5 6\n", "expected rows"),
+        ("", "expected rows"),
+        ("1,2\n1,2\n", "two different points"),
+        ("1,2\nnan,4\n", "NaN"),
+        ("0,0\n5,0\n", "only 5 m long"),
+        ("0,0\n9000,0\n", "spans 9000 × 0 m"),
+    ],
+)
+def test_a_bad_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path, text: str, complaint: str):
+    path = tmp_path / "route.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=complaint) as error:
+        replace(small, route_file=str(path)).plan_training()
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        replace(small, route_file=str(tmp_path / "none.csv")).plan_training()

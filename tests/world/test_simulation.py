@@ -1,0 +1,189 @@
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from pipeline.compute import Compute
+from pipeline.errors import ConfigError
+from pipeline.formats.nclt import pose_rows
+from pipeline.watch import Watch
+from pipeline.world import simulation
+from pipeline.world.campus import build_campus, shapes_on
+from pipeline.world.events import pass_a_year
+from pipeline.world.shapes import Kind
+from pipeline.world.simulation import Recording, Simulation
+
+CONF = Path(__file__).parents[2] / "conf" / "world"
+TRAINING, TEST, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
+
+
+def _record(world: Simulation, sequence: str, root: Path, workers: int = 1, truth: Path | None = None) -> Recording:
+    return world.record(sequence, root / sequence, Compute(workers=workers), Watch(), truth)
+
+
+def _digest(root: Path) -> str:
+    files = sorted(path for path in root.rglob("*") if path.is_file())
+    return hashlib.sha256(b"".join(str(path.relative_to(root)).encode() + path.read_bytes() for path in files)).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def logs(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Recording]:
+    root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
+    return root, truth, _record(small, SUMMER, root, truth=truth)
+
+
+def test_the_logs_have_the_layout_of_nclt(logs: tuple[Path, Path, Recording]):
+    root, _, recording = logs
+    assert sorted(path.name for path in (root / SUMMER).iterdir()) == [
+        f"groundtruth_{SUMMER}.csv",
+        "odometry_mu_100hz.csv",
+        "velodyne_sync",
+    ]
+    scans = sorted((root / SUMMER / "velodyne_sync").iterdir())
+    assert len(scans) == recording.scans == 25
+    assert all(len(path.stem) == 16 and path.suffix == ".bin" for path in scans)
+    assert sum(path.stat().st_size for path in scans) == 8 * recording.points
+
+
+def test_the_truth_opens_with_gaps_and_spans_the_scans(logs: tuple[Path, Path, Recording]):
+    truth = pose_rows(logs[0] / SUMMER / f"groundtruth_{SUMMER}.csv")
+    assert truth.shape[1] == 7
+    gaps = np.isnan(truth[:, 1:]).all(1)
+    assert gaps[:5].all()
+    assert np.isfinite(truth[5:]).all()
+    assert (np.diff(truth[:, 0]) > 0).all()
+    stamps = sorted(int(path.stem) for path in (logs[0] / SUMMER / "velodyne_sync").iterdir())
+    assert truth[5, 0] < stamps[0]
+    assert stamps[-1] < truth[-1, 0]
+    assert set(stamps) <= set(truth[:, 0].astype(int).tolist())
+    # 15 June 2012, 14:00 UTC
+    assert truth[0, 0] == 1339768800 * 1e6
+
+
+def test_scans_lie_on_the_ground_in_the_forward_right_down_frame(logs: tuple[Path, Path, Recording]):
+    heights_m, lasers = [], set()
+    for path in sorted((logs[0] / SUMMER / "velodyne_sync").iterdir()):
+        raw = np.fromfile(path, np.dtype([("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")]))
+        points = raw["xyz"] * 0.005 - 100.0
+        low = points[(np.hypot(points[:, 0], points[:, 1]) < 5.0) & (points[:, 2] > -0.5)]
+        # The robot rocks on a slope, so the ground is a tilted plane: its height at the origin is what counts.
+        plane = np.linalg.lstsq(np.column_stack([low[:, :2], np.ones(len(low))]), low[:, 2], rcond=None)[0]
+        heights_m.append(plane[2])
+        lasers |= set(raw["laser"].tolist())
+        # z is down: what stands on the ground is at negative z.
+        assert points[:, 2].min() < -1.0
+    assert abs(np.median(heights_m)) < 0.03
+    assert np.abs(heights_m).max() < 0.15
+    assert lasers == set(range(32))
+
+
+def test_the_truth_puts_every_wall_point_on_a_wall(small: Simulation, logs: tuple[Path, Path, Recording]):
+    truth = pose_rows(logs[0] / SUMMER / f"groundtruth_{SUMMER}.csv")
+    points_m = []
+    for path in sorted((logs[0] / SUMMER / "velodyne_sync").iterdir()):
+        raw = np.fromfile(path, np.dtype([("xyz", "<u2", 3), ("tail", "<u2")]))
+        row = truth[np.searchsorted(truth[:, 0], int(path.stem))]
+        walls = np.load(logs[1] / SUMMER / "kinds" / f"{path.stem}.npy") == Kind.BUILDING
+        ned = Rotation.from_euler("xyz", row[4:]).apply(raw["xyz"][walls] * 0.005 - 100.0) + row[1:4]
+        points_m.append(ned * (1, -1, -1))
+    east, north, up = np.concatenate(points_m).T[..., None]
+    assert len(up) > 500
+    streets, training, route_m = small.plan_training()
+    campus = build_campus(small.seed, small.blocks, streets)
+    campus, _ = pass_a_year(small.seed, campus, training.line_m, round(40.0 * route_m / 1000), small.near_route)
+    box = shapes_on(campus, 152)[0]
+    box = box[box["kind"] == Kind.BUILDING]
+    ahead = (east - box["x_m"]) * box["cos_yaw"] + (north - box["y_m"]) * box["sin_yaw"]
+    left = (north - box["y_m"]) * box["cos_yaw"] - (east - box["x_m"]) * box["sin_yaw"]
+    beyond = np.stack([np.abs(ahead) - box["half_length_m"], np.abs(left) - box["half_width_m"], up - box["top_m"]])
+    # Distance to the nearest box: outside of it over the positive axes, inside of it to the nearest face.
+    outside_m = np.linalg.norm(beyond.clip(min=0), axis=0) - beyond.max(0).clip(max=0)
+    # Range noise has an sd of 2 cm and never helps: 5 sds, and the grain of 5 mm.
+    assert outside_m.min(1).max() < 0.11
+
+
+def test_the_truth_folder_tells_what_each_point_is(logs: tuple[Path, Path, Recording]):
+    _, truth, recording = logs
+    kinds = np.concatenate([np.load(path) for path in sorted((truth / SUMMER / "kinds").iterdir())])
+    assert len(kinds) == recording.points
+    assert {Kind.GROUND, Kind.LEAF, Kind.PERSON} <= set(kinds.tolist())
+    year = json.loads((truth / SUMMER / "year.json").read_text())
+    # 152 days from 15 January to 15 June 2012; 40 events per km over 0.1 km
+    assert year["day"] == 152
+    assert len(year["events"]) == 4
+
+
+@pytest.mark.parametrize(("workers", "block"), [(2, 25), (1, 7), (2, 4)])
+def test_workers_and_blocks_leave_the_bytes_alone(
+    small: Simulation,
+    logs: tuple[Path, Path, Recording],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    workers: int,
+    block: int,
+):
+    monkeypatch.setattr(simulation, "BLOCK_SCANS", block)
+    assert _record(small, SUMMER, tmp_path, workers) == logs[2]
+    assert _digest(tmp_path) == _digest(logs[0])
+
+
+def test_processes_write_the_same_bytes(small: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
+    small.record(SUMMER, tmp_path / SUMMER, Compute("processes", 2), Watch())
+    assert _digest(tmp_path) == _digest(logs[0])
+
+
+def test_a_sequence_does_not_depend_on_the_others(small: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
+    fewer = replace(small, sequences={name: small.sequences[name] for name in (TRAINING, SUMMER)})
+    _record(fewer, SUMMER, tmp_path)
+    assert _digest(tmp_path) == _digest(logs[0])
+
+
+def test_another_seed_is_another_world(small: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
+    _record(replace(small, seed=4), SUMMER, tmp_path)
+    assert _digest(tmp_path) != _digest(logs[0])
+
+
+def test_the_training_sequence_sees_nothing_unseen(small: Simulation, tmp_path: Path):
+    recording = _record(small, TRAINING, tmp_path)
+    assert (recording.unseen, recording.reversed) == (0.0, 0.0)
+    assert recording.metres == pytest.approx(96.0, abs=0.5)  # 24 gaps of 4 m
+
+
+def test_an_unknown_sequence_is_one_line_of_error(small: Simulation, tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"2011-01-01: not in world\.sequences") as error:
+        _record(small, "2011-01-01", tmp_path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"blocks": 1},
+        {"step_m": 0.0},
+        {"seed": -1},
+        {"near_route": 1.5},
+        {"sequences": {}},
+        {"sequences": {"summer": {"unseen": 0.0, "reversed": 0.0}}},
+        {"sequences": {TRAINING: {"unseen": 0.1, "reversed": 0.0}}},
+        {"sequences": {TRAINING: {"unseen": 0.0, "reversed": 0.0}, TEST: {"unseen": 0.1}}},
+    ],
+)
+def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[str, object]):
+    with pytest.raises(ConfigError) as error:
+        replace(small, **wrong)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("preset", ["tiny", "demo", "year"])
+def test_every_preset_holds_all_eleven_sequences(preset: str):
+    keys = yaml.safe_load((CONF / f"{preset}.yaml").read_text())
+    assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
+    world = Simulation(**keys)
+    assert len(world.sequences) == 11
+    assert world.training == TRAINING
+    assert [entry["reversed"] for entry in world.sequences.values()][1:] == [0, 0.3, 0, 0.15, 0, 0.3, 0, 0.15, 0, 0.3]
