@@ -41,8 +41,8 @@ class Grid:
             raise InputError("a position to place in the grid is not finite")
         axes: list[NDArray[np.int64]] = []
         for axis, ((low, high), count) in enumerate(zip((self.x_m, self.y_m), self.shape, strict=True)):
-            index = np.ceil((xy[:, axis] - low) * (count / (high - low))).astype(np.int64) - 1
-            axes.append(index.clip(0, count - 1))
+            index = np.ceil((xy[:, axis] - low) * (count / (high - low))) - 1
+            axes.append(index.clip(0, count - 1).astype(np.int64))
         return axes[0] * self.shape[1] + axes[1]
 
     def centre(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -59,6 +59,6 @@ def around(xy: NDArray[np.float64], cell_m: float) -> Grid:
 
     What lies outside the box then falls into a border cell that no position of `xy` is in, hence is unseen.
     """
-    low = (np.floor(xy.min(axis=0) / cell_m) - 1) * cell_m
+    low = (np.ceil(xy.min(axis=0) / cell_m) - 2) * cell_m  # a position on a border is in the lower cell
     high = (np.ceil(xy.max(axis=0) / cell_m) + 1) * cell_m
     return Grid(cell_m, (float(low[0]), float(high[0])), (float(low[1]), float(high[1])))

@@ -4,6 +4,7 @@ A draft grows in a scratch sibling, is checked, fsynced and renamed into place, 
 new one or none, and a scratch sibling that the next draft of the same path removes.
 """
 
+import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -20,6 +21,9 @@ from safetensors.numpy import save_file
 
 from pipeline.errors import ArtifactError
 from pipeline.schemas import Column, Schema
+
+RECIPE = "recipe"
+"""The one key of a model's metadata (safetensors writes several in random order)."""
 
 
 class Artifact:
@@ -43,7 +47,10 @@ def read(path: str | Path, schema: Schema) -> Artifact:
     path = Path(path)
     if not (path / "zarr.json").is_file():
         raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
-    group = zarr.open_group(path, mode="r")
+    try:
+        group = zarr.open_group(path, mode="r")
+    except (ValueError, KeyError, TypeError) as error:
+        raise ArtifactError(f"{path}: not a whole zarr group ({error}); remove it and `dvc repro` it") from None
     found = (group.attrs.get("kind"), group.attrs.get("version"))
     if found != (schema.kind, schema.version):
         raise ArtifactError(f"{path}: expected {schema.kind} version {schema.version}, found {found[0]} version {found[1]}")
@@ -59,7 +66,9 @@ class Draft:
         self._waiting: dict[str, list[NDArray[Any]]] = {}
 
     def put(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the column `name` whole; casts to the schema's type only where no value can change."""
+        """Write the column `name` whole, once; floats may be rounded to the schema's type, integers must fit."""
+        if name in self._waiting:
+            raise ArtifactError(f"{self._schema.kind}.{name}: written already")
         self.append(name, rows)
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
@@ -68,8 +77,11 @@ class Draft:
         rows = np.asarray(rows)
         if rows.ndim != len(column.dims) or not np.can_cast(rows.dtype, column.dtype, "same_kind"):
             raise ArtifactError(f"{self._schema.kind}.{name}: {rows.dtype}{rows.shape} does not fit {column.dtype}{column.dims}")
+        cast = rows.astype(column.dtype, copy=False)
+        if cast.dtype.kind in "iu" and (cast != rows).any():
+            raise ArtifactError(f"{self._schema.kind}.{name}: a value does not fit {column.dtype}")
         waiting = self._waiting.setdefault(name, [])
-        waiting.append(rows.astype(column.dtype, copy=False))
+        waiting.append(cast)
         if sum(map(len, waiting)) >= column.shard:
             joined = np.concatenate(waiting)
             whole = len(joined) // column.shard * column.shard
@@ -133,13 +145,14 @@ def write_model(path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Map
     """Named arrays as one safetensors file, with the parameters that they were learned with as its metadata."""
     with replace(path) as scratch:
         arrays = {name: np.require(array, requirements="C") for name, array in model.items()}
-        save_file(arrays, scratch, {name: str(value) for name, value in recipe.items()})
+        save_file(arrays, scratch, {RECIPE: json.dumps({name: str(value) for name, value in recipe.items()})})
 
 
 def read_recipe(path: str | Path) -> dict[str, str]:
     """The parameters that a model was learned with."""
     with _model(path) as file:
-        return dict(file.metadata() or {})
+        recipe: dict[str, str] = json.loads((file.metadata() or {}).get(RECIPE, "{}"))
+        return recipe
 
 
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -155,6 +168,8 @@ def _model(path: str | Path) -> Iterator[Any]:
             yield file
     except FileNotFoundError:
         raise ArtifactError(f"{path}: no such model; `dvc repro` trains it") from None
+    except IsADirectoryError:
+        raise ArtifactError(f"{path}: a folder, expected a safetensors file") from None
     except SafetensorError as error:
         raise ArtifactError(f"{path}: not a safetensors file ({error})") from None
 
@@ -180,8 +195,18 @@ def _sweep(path: Path) -> None:
     """Remove the scratch siblings that killed writers of `path` left."""
     for scratch in path.parent.glob(f".{path.name}.*.scratch"):
         writer = scratch.name.removeprefix(f".{path.name}.").removesuffix(".scratch")
-        if writer.isdigit() and (int(writer) == os.getpid() or not psutil.pid_exists(int(writer))):
+        if writer.isdigit() and not _writing(int(writer), scratch):
             _remove(scratch)
+
+
+def _writing(pid: int, scratch: Path) -> bool:
+    """Whether the process `pid` lives and may be the one that writes `scratch`: it is no zombie, and is the older of the two."""
+    try:
+        process = psutil.Process(pid)
+        alive = process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= scratch.lstat().st_ctime
+    except psutil.NoSuchProcess:
+        return False
+    return alive and pid != os.getpid()
 
 
 def _remove(path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.inspection.inspection import duration, moment
 from pipeline.schemas import Column
 
 BLOCK = 1 << 22
@@ -30,6 +31,8 @@ class Extent:
             return "no rows"
         if self.dtype.kind == "b":
             return f"{'false' if not self.low else 'true'} … {'true' if self.high else 'false'}"
+        if self.low == self.high and not self.nans:
+            return _number(self.low)
         span = "all NaN" if np.isnan(self.low) else f"{_number(self.low)} … {_number(self.high)}"
         return span + (f", {100 * self.nans / count:.3g} % NaN" if self.nans and span != "all NaN" else "")
 
@@ -59,7 +62,14 @@ def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ..
     """Name, type, dimensions with their lengths, range and what the data dictionary says."""
     dims = column.dims if column is not None and len(column.dims) == len(found.shape) else ("",) * len(found.shape)
     sides = " × ".join(f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True))
-    return (name, str(found.dtype), sides or "one number", found.text(), *((column.doc,) if column is not None else ()))
+    span = _clock(found) if name == "stamps_ns" and found.low <= found.high else found.text()
+    return (name, str(found.dtype), sides or "one number", span, *((column.doc,) if column is not None else ()))
+
+
+def _clock(found: Extent) -> str:
+    """Nanoseconds, as a person reads them."""
+    first = moment(int(found.low)).partition(" (")[0]
+    return f"{duration((found.high - found.low) * 1e-9)} from {first}"
 
 
 def _number(value: float) -> str:

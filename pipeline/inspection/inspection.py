@@ -22,7 +22,7 @@ class Section:
         lines = [self.title] if self.title else []
         for row in self.rows:
             head = "  " + "".join(cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False))
-            indent = " " * min(len(head), WIDTH // 2)
+            indent = " " * len(head)
             cell = textwrap.wrap(row[-1], max(WIDTH - len(head), 30), break_on_hyphens=False, break_long_words=False) or [""]
             lines += [(head + cell[0]).rstrip(), *(indent + more for more in cell[1:])]
         return lines

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from pipeline.errors import ArtifactError, ConfigError, LogError
-from pipeline.inspection import artifacts, files, folders, tracks
+from pipeline.inspection import artifacts, files, folders, origin, tracks
 from pipeline.inspection.inspection import Inspection
 
 KNOWN = ".zarr, .safetensors, .bin, .csv (NCLT poses), .txt (KITTI poses, times, calib), .npy, or a folder of these"
@@ -60,7 +60,7 @@ def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
 
 def _with_origin(found: Inspection, path: Path, lock: Path) -> Inspection:
     """Raw files have a provenance only where a stage wrote them, as the simulated world's are."""
-    origin = artifacts.origin(path, lock)
-    if origin.rows[0][0] == "unknown":
+    made = origin.origin(path, lock)
+    if made.rows[0][0] == "unknown":
         return found
-    return Inspection(found.headline, (*found.sections, origin), found.warnings)
+    return Inspection(found.headline, (*found.sections, made), found.warnings)

@@ -44,7 +44,10 @@ def _height(height_m: float) -> str:
 
 
 def _shared(diagnoses: dict[int, Diagnosis]) -> tuple[str, ...]:
-    """Each kind of warning once, in the words of the first scan that has it."""
+    """Each kind of warning once, in the words of the first scan that has it.
+
+    Under an open sky a sound sensor shows few of its beams, so their number is believed when most scans agree.
+    """
     kinds: dict[str, list[int]] = {}
     words: dict[str, str] = {}
     for row, diagnosis in diagnoses.items():
@@ -55,4 +58,5 @@ def _shared(diagnoses: dict[int, Diagnosis]) -> tuple[str, ...]:
     return tuple(
         f"{words[kind]} (scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, rows))} of the {len(diagnoses)} looked at)"
         for kind, rows in kinds.items()
+        if kind != "beams" or 2 * len(rows) > len(diagnoses)
     )

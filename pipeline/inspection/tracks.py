@@ -27,7 +27,6 @@ def nclt_poses(path: Path) -> Inspection:
     times_s, xyz = rows[:, 0] * 1e-6, rows[known, 1:4]
     gaps = np.diff(times_s[known])
     steps = np.linalg.norm(xyz if relative else np.diff(xyz, axis=0), axis=1)
-    flat = xyz.copy()
     frame = "north-east-down (x north, y east, z down), radians; the reader turns it z up"
     cells = [
         ("rows", f"{len(rows):,}, of which {int((~known).sum()):,} hold a NaN"),
@@ -35,11 +34,11 @@ def nclt_poses(path: Path) -> Inspection:
         ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
         ("frame", frame),
     ]
-    cells += [] if relative else [("box", _box(flat, "north", "east", "down"))]
+    cells += [] if relative else [("box", _box(xyz, "north", "east", "down"))]
     found = _order(times_s)
     if (gaps > GAP_S).any():
         found.append(
-            f"{int((gaps > GAP_S).sum())} gaps longer than {GAP_S} s, the longest {duration(float(gaps.max()))}: scans in them have "
+            f"{int((gaps > GAP_S).sum())} gaps over {GAP_S} s, the longest {duration(float(gaps.max()))}: scans there have "
             "no pose and are skipped; a log with sparser rows needs max_gap_s in its dataset's yaml"
         )
     if not known.any():

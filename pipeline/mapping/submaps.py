@@ -21,7 +21,7 @@ class SingleScan:
 
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
-        return sample_path(world_T_scan[:, :3, 3], self.step_m)
+        return sample_path(world_T_scan[:, :3, 3], self.step_m) if self.step_m > 0 else np.arange(len(world_T_scan))
 
 
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:

@@ -33,7 +33,11 @@ class Sci:
     epochs: int = 200
     batch: int = 64
     learning_rate: float = 0.001
+    schedule: Literal["one_cycle", "constant"] = "one_cycle"
+    """The authors' is constant; falling at the end is what makes a short training good."""
     dropout: float = 0.7
+    batch_norm_momentum: float = 0.1
+    """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short training has."""
     precision: Literal["auto", "bf16", "f32"] = "auto"
     threads: int = 2
     """Fixed, since the order of sums follows from it and the weights from that."""
@@ -68,7 +72,7 @@ class Sci:
                 rows = trained[chosen // self.n_way]
                 columns = (torch.arange(sectors) - turns[chosen % self.n_way, None]) % sectors
                 turned = heights[rows].gather(2, columns[:, None].expand(-1, rings, -1))
-                if len(rows) > 1:  # a batch norm needs two
+                if len(rows) > 1 or len(trained) * self.n_way == 1:  # a batch of one says nothing of the statistics
                     yield self._images(turned, where), classes[rows].to(where)
 
         def judge(net: nn.Module) -> tuple[float, float]:
@@ -78,11 +82,19 @@ class Sci:
 
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
-            net = LeNet(count, rings, sectors, len(colours(self.colormap)[0]), self.dropout).to(where)
+            net = LeNet(count, rings, sectors, len(colours(self.colormap)[0]), self.dropout, self.batch_norm_momentum).to(where)
             result = loop.fit(
-                net, batches, judge, epochs=max(1, round(self.epochs * watch.budget)), learning_rate=self.learning_rate,
-                precision=self.precision, seed=self.seed, watch=watch,
-            )  # fmt: skip
+                net,
+                batches,
+                judge,
+                epochs=max(1, round(self.epochs * watch.budget)),
+                steps=-(-len(trained) * self.n_way // self.batch),
+                learning_rate=self.learning_rate,
+                schedule=self.schedule,
+                precision=self.precision,
+                seed=self.seed,
+                watch=watch,
+            )
             net.load_state_dict(result.weights)
             logits = self._logits(net, heights[held]).numpy().astype(np.float64)
         xy = views.world_T_anchor[:, :2, 3]

@@ -9,17 +9,20 @@ from pipeline.errors import InputError
 class LeNet(nn.Module):
     """Logits (batch, places) of images (batch, channels, rings, sectors) in [0, 1].
 
-    Initialised as Keras does: Glorot uniform kernels, zero biases. 2,296,515 numbers for 579 places, 384 of them the
+    Initialised as Keras does: Glorot uniform kernels, zero biases; `momentum` is the weight of a new batch in the batch
+    norms' running statistics, Keras's 1 − 0.99. 2,296,515 numbers for 579 places, 384 of them the
     batch norms' running ones.
     """
 
-    def __init__(self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7) -> None:
+    def __init__(
+        self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7, momentum: float = 0.01
+    ) -> None:
         super().__init__()
         if places < 1 or rings < 8 or sectors < 8:
             raise InputError(f"places={places} rings={rings} sectors={sectors}: expected a place or more and sides of 8 or more")
         self.features = nn.Sequential(
-            nn.Conv2d(channels, 64, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=0.01),
-            nn.Conv2d(64, 128, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=0.01),
+            nn.Conv2d(channels, 64, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=momentum),
+            nn.Conv2d(64, 128, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
             nn.Conv2d(128, 256, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2),
         )  # fmt: skip
         self.head = nn.Sequential(

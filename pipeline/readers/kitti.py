@@ -27,13 +27,13 @@ class Kitti:
     """Share of a log's path that its part `-a` holds."""
 
     def open(self, root: Path, sequence: str) -> Log:
-        name, _, part = sequence.partition("-")
-        if part not in ("", "a", "b"):
+        name, dash, part = sequence.partition("-")
+        if part not in ("a", "b") and dash:
             raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
         poses = read_poses(kitti.poses_path(root, name), kitti.calib_path(root, name))
         times_path = kitti.times_path(root, name)
         times_s = log.table(times_path, 1)[:, 0]
-        log.increasing(times_path, times_s * 1e6, "µs")
+        stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
         if len(times_s) != len(poses):
             raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {kitti.poses_path(root, name)}")
         folder, skipped = kitti.scan_folder(root, name), Counter[str]()
@@ -48,7 +48,7 @@ class Kitti:
         lift = np.array([0.0, 0.0, self.lidar_height_m])
         odom_T_scan = np.full_like(world_T_scan, np.nan)
         return Log(
-            np.rint(times_s[rows] * 1e9).astype(np.int64),
+            stamps_ns[rows],
             world_T_scan,
             odom_T_scan,
             lambda row: read_velodyne(folder / f"{rows[row]:06d}.bin") + lift,
@@ -69,15 +69,7 @@ def read_velodyne(path: str | Path) -> NDArray[np.float32]:
 
     Points that are not finite are dropped. Raises LogError for a missing file or one that is no whole number of records.
     """
-    path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
-    if len(data) % kitti.RECORD_BYTES:
-        raise LogError(
-            f"{path}: {len(data)} bytes are no whole number of {kitti.RECORD_BYTES}-byte points; the file is cut short"
-        )
+    data = log.read_bytes(Path(path), kitti.RECORD_BYTES, "points")
     points: NDArray[np.float32] = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :3]
     return points[np.isfinite(points).all(axis=1)]
 
@@ -105,6 +97,9 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
         raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers")
     cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
+    R = cam_T_velo[:3, :3].clip(-2, 2)
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
+        raise LogError(f"{path}: the first three columns of 'Tr:' are no rotation")
     return cam_T_velo
 
 
@@ -115,7 +110,7 @@ def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.in
     rows: list[int] = []
     for path in folder.glob("*.bin"):
         length = path.stat().st_size
-        if not path.stem.isdecimal() or len(path.stem) != 6:
+        if not path.is_file() or not path.stem.isdecimal() or len(path.stem) != 6:
             skipped["file name is no scan number"] += 1
         elif length == 0:
             skipped["empty file"] += 1

@@ -31,6 +31,10 @@ class Log:
     """What else a person should know of the log's completeness."""
 
 
+LATEST_NS = 2**62
+"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
+
+
 class Reader(Protocol):
     """A data set's reader: its fields are the keys of its yaml, which declares frames and heights."""
 
@@ -47,12 +51,23 @@ def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
+def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
+    """A file of records; raises LogError if it is missing or holds no whole number of them."""
+    try:
+        data = path.read_bytes()
+    except (FileNotFoundError, IsADirectoryError):
+        raise LogError(f"{path}: no such file") from None
+    if len(data) % record_bytes:
+        raise LogError(f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {what}; the file is cut short")
+    return data
+
+
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
     """A text file's numbers (rows, columns); raises LogError naming the row that does not fit."""
     try:
         with path.open() as file:
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
-    except FileNotFoundError:
+    except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except (ValueError, UnicodeDecodeError, UserWarning) as error:
         raise LogError(f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}") from None
@@ -63,14 +78,18 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
     return rows
 
 
-def increasing(path: Path, stamps: NDArray[np.float64], unit: str) -> None:
-    """Refuse stamps that do not increase, naming the first row."""
-    back = np.flatnonzero(~(np.diff(stamps) > 0))
+def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
+    """Stamps (n,) given in a unit of so many nanoseconds; raises LogError naming the first that is none or does not increase."""
+    late = LATEST_NS / unit_ns
+    bad = np.flatnonzero(~(np.abs(stamps) < late))
+    if len(bad):
+        raise LogError(f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}")
+    back = np.flatnonzero(np.diff(stamps) <= 0)
     if len(back):
-        row = int(back[0])
-        raise LogError(
-            f"{path}: row {row + 2} is stamped {stamps[row + 1]:.0f} {unit}, after {stamps[row]:.0f}; stamps must increase"
-        )
+        before, after = stamps[back[0] : back[0] + 2]
+        raise LogError(f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; stamps must increase")
+    whole = np.floor(stamps)
+    return whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
 
 
 def posed(

@@ -59,7 +59,8 @@ def read_velodyne_sync(path: str | Path) -> NDArray[np.float64]:
 
     Raises LogError for a missing file or one that is no whole number of records.
     """
-    points: NDArray[np.float64] = nclt.decode(_records(Path(path))) * Z_UP
+    data = log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits")
+    points: NDArray[np.float64] = nclt.decode(np.frombuffer(data, "<u2").reshape(-1, 4)) * Z_UP
     return points
 
 
@@ -67,13 +68,11 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN stay, as gaps."""
     path = Path(path)
     rows = log.table(path, 7, ",")
-    if not np.isfinite(rows[:, 0]).all():
-        raise LogError(f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp")
-    log.increasing(path, rows[:, 0], "µs")
+    stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
     known = np.isfinite(rows).all(axis=1)
     world_T_body = np.full((len(rows), 4, 4), np.nan)
     world_T_body[known] = flip_ned(pose(rows[known, 1:4], rows[known, 4:7]))
-    return Trajectory(rows[:, 0].astype(np.int64) * 1000, world_T_body, max_gap_s)
+    return Trajectory(stamps_ns, world_T_body, max_gap_s)
 
 
 @dataclass(frozen=True)
@@ -93,14 +92,14 @@ class Hits:
 def read_velodyne_hits(path: str | Path) -> Hits:
     """Every packet of a velodyne_hits.bin; raises LogError with the byte where a packet is broken."""
     path = Path(path)
-    try:
-        words = np.fromfile(path, "<u2")
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
+    data = log.read_bytes(path, 1, "bytes")
+    words = np.frombuffer(data, "<u2", len(data) // 2)
     starts, counts, end = _packets(words)
-    if end != len(words) or path.stat().st_size % 2:
+    if 2 * end != len(data):
         raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short")
-    utimes = np.array([words[start + 6 : start + 10].view("<u8")[0] for start in starts], np.int64)
+    utimes = np.array([words[start + 6 : start + 10].view("<u8")[0] for start in starts], np.uint64)
+    if (utimes >= log.LATEST_NS // 1000).any():
+        raise LogError(f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is damaged")
     offsets = np.concatenate([[0], np.cumsum(counts)])
     header = nclt.PACKET_HEADER_BYTES // 2
     index = np.repeat(starts + header - 4 * offsets[:-1], counts) + 4 * np.arange(offsets[-1])
@@ -110,7 +109,7 @@ def read_velodyne_hits(path: str | Path) -> Hits:
         nclt.decode(records) * Z_UP,
         (tail & 0xFF).astype(np.uint8),
         (tail >> 8).astype(np.uint8),
-        utimes,
+        utimes.astype(np.int64),
         offsets.astype(np.int64),
     )
 
@@ -133,16 +132,6 @@ def _packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.i
     return starts[:found], counts[:found], at
 
 
-def _records(path: Path) -> NDArray[np.uint16]:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
-    if len(data) % nclt.RECORD_BYTES:
-        raise LogError(f"{path}: {len(data)} bytes are no whole number of {nclt.RECORD_BYTES}-byte hits; the file is cut short")
-    return np.frombuffer(data, "<u2").reshape(-1, 4)
-
-
 def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:
     """Scan files in order of time; counts those whose name or length cannot be right."""
     if not folder.is_dir():
@@ -150,7 +139,7 @@ def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:
     good: list[Path] = []
     for path in folder.glob("*.bin"):
         length = path.stat().st_size
-        if not path.stem.isdecimal() or len(path.stem) > 17:
+        if not path.is_file() or not path.stem.isdecimal() or path.stem[0] == "0" or int(path.stem) >= log.LATEST_NS // 1000:
             skipped["file name is no utime"] += 1
         elif length == 0:
             skipped["empty file"] += 1

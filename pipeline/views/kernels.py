@@ -36,7 +36,7 @@ def _azimuth(x, y):  # type: ignore[no-untyped-def]
     return TAU - angle if y < ZERO else angle
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")  # said, since else the caller's flags are inherited
 def _exact_bin(x, y, rings, sectors, max_range_m, clamp):  # type: ignore[no-untyped-def]
     """METHODS 1.1 in float64: ring floor(r / width), sector ceil(theta / width) with 0 → 1; the origin has no azimuth."""
     r = math.sqrt(x * x + y * y)

@@ -193,6 +193,12 @@ def test_a_real_scan_gives_the_authors_numbers(
     assert (int(quantize(image).sum()), np.count_nonzero(quantize(image))) == (shades, shaded)
 
 
+def reversed_pair(real: Path, view: ScanContext, height_m: float) -> list[np.ndarray]:
+    """Images of KITTI 08, scans 720 and 1500, 3.64 m apart and turned by 148.5°, with the sensor's height added."""
+    clouds = [read_velodyne(real / "kitti" / "pairs" / "08" / f"{number}.bin") for number in ("000720", "001500")]
+    return [view(cloud + np.array([0, 0, height_m])).astype(float) for cloud in clouds]
+
+
 def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """METHODS 1.3: distance of a and b rolled by every number of columns."""
     found = []
@@ -207,17 +213,14 @@ def distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("height_m", [1.73, 1.9])
 @pytest.mark.parametrize("view", [ScanContext(), ScanContext(**RAW)])  # type: ignore[arg-type]
 def test_a_real_loop_driven_the_other_way_is_found_by_shifting_columns(real: Path, view: ScanContext, height_m: float) -> None:
-    # KITTI 08, scans 720 and 1500: 3.64 m apart and turned by 148.5°; 70 of 120 columns are 210° = −150°.
-    there, back = (view(read_velodyne(real / f"kitti/pairs/08/{n}.bin") + [0, 0, height_m]) for n in ("000720", "001500"))
-    found = distances(there.astype(float), back.astype(float))
+    # 70 of 120 columns are 210° = −150°.
+    found = distances(*reversed_pair(real, view, height_m))
     assert found.argmin() == 70
     assert found.min() < 0.65 * found[0]
 
 
 def test_a_real_loop_driven_the_other_way_has_the_known_distance(real: Path) -> None:
     # About 0.39 at the best shift against 0.71 unshifted, with every point counted and 2 m added to z.
-    view = ScanContext(**RAW)  # type: ignore[arg-type]
-    there, back = (view(read_velodyne(real / f"kitti/pairs/08/{n}.bin") + [0, 0, 2.0]) for n in ("000720", "001500"))
-    found = distances(there.astype(float), back.astype(float))
+    found = distances(*reversed_pair(real, ScanContext(**RAW), 2.0))  # type: ignore[arg-type]
     assert found.min() == pytest.approx(0.39, abs=0.02)
     assert found[0] == pytest.approx(0.71, abs=0.02)

@@ -1,0 +1,92 @@
+"""Key numbers of the artifacts that follow a drive: scans, submaps, views."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.inspection.columns import BLOCK
+from pipeline.inspection.highlights import Highlights
+from pipeline.inspection.inspection import Section, duration, metres, moment
+from pipeline.inspection.survey import spread, survey
+from pipeline.store import Artifact
+
+VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
+
+
+def scans(artifact: Artifact) -> Highlights:
+    """The drive, and a handful of its clouds diagnosed."""
+    drive, warnings = _drive(artifact, "world_T_scan", "scans")
+    offsets, grain_m = artifact.load("offsets"), float(artifact.attrs["grain_m"])
+    sizes = np.diff(offsets)
+    posed = np.isfinite(artifact.load("odom_T_scan")).all(axis=(1, 2))
+    if len(sizes):
+        drive += [
+            (
+                "points a scan",
+                f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain {1000 * grain_m:.3g} mm",
+            ),
+            ("odometry", f"at {100 * posed.mean():.3g} % of the scans"),
+        ]
+    if (sizes < 0).any() or offsets[-1] != artifact["points"].shape[0]:
+        return Highlights((Section("", tuple(drive)),), (*warnings, "offsets do not fit the points: `dvc repro` the scans"))
+
+    def points(row: int) -> NDArray[np.float64]:
+        return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
+
+    clouds, found = survey(spread(len(sizes)), points, VEHICLE)
+    if (sizes == 0).any():
+        warnings.append(f"{int((sizes == 0).sum())} scans hold no point: their views would be blank; look at the log's files")
+    return Highlights((Section("", tuple(drive)), clouds), (*warnings, *found))
+
+
+def submaps(artifact: Artifact) -> Highlights:
+    """The drive."""
+    drive, warnings = _drive(artifact, "world_T_anchor", "submaps")
+    return Highlights((Section("", tuple(drive)),), tuple(warnings))
+
+
+def views(artifact: Artifact) -> Highlights:
+    """The drive, and how full the images are."""
+    drive, warnings = _drive(artifact, "world_T_anchor", "views")
+    images = artifact["images"]
+    shape, count = images.shape, int(np.prod(images.shape))
+    step = max(1, BLOCK // max(1, int(np.prod(shape[1:]))))
+    empty, blank, highest = 0, 0, -np.inf
+    for start in range(0, shape[0], step):
+        block = np.asarray(images[start : start + step])
+        filled = (block != 0).reshape(len(block), -1)
+        empty += int((~filled).sum())
+        blank += int((~filled.any(axis=1)).sum())
+        highest = max(highest, float(block.max()))
+    if count:
+        drive += [("empty bins", f"{100 * empty / count:.1f} %"), ("highest", f"{highest:.2f} m")]
+        if blank:
+            warnings.append(f"{blank} blank views: every place looks alike to them; inspect the scans that they were drawn from")
+        if empty > 0.995 * count:
+            warnings.append(
+                f"{100 * empty / count:.1f} % of the bins are empty: too fine a view for these scans; inspect the scans"
+            )
+    return Highlights((Section("", tuple(drive)),), tuple(warnings))
+
+
+def _drive(artifact: Artifact, poses: str, what: str) -> tuple[list[tuple[str, str]], list[str]]:
+    """Date, duration, path and step of a drive."""
+    stamps, xyz = artifact.load("stamps_ns"), np.asarray(artifact[poses][:, :3, 3])
+    rows = [(what, f"{len(stamps):,}")]
+    if not len(stamps):
+        return rows, []
+    known = np.isfinite(xyz).all(axis=1)
+    steps = np.linalg.norm(np.diff(xyz[known], axis=0), axis=1)
+    seconds = float(stamps[-1] - stamps[0]) * 1e-9
+    rows += [("date", moment(int(stamps[0]))), ("duration", duration(seconds))]
+    warnings = []
+    if len(steps):
+        step = f"step median {metres(float(np.median(steps)))}, at most {metres(float(steps.max()))}"
+        rows.append(("path", f"{metres(float(steps.sum()))}, {step}"))
+        low, high = xyz[known].min(axis=0), xyz[known].max(axis=0)
+        box = ", ".join(f"{axis} {a:.0f} … {b:.0f} m" for axis, a, b in zip("xyz", low, high, strict=True))
+        rows.append(("world", f"{box} (z up)".replace("-", "−")))
+    if not known.all():
+        warnings.append(f"{int((~known).sum())} {what} have no pose (NaN): `dvc repro` them")
+    if (np.diff(stamps) <= 0).any():
+        warnings.append("stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans")
+    return rows, warnings

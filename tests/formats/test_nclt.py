@@ -1,0 +1,47 @@
+"""NCLT's bytes: what is written is what is read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.formats import nclt
+from pipeline.frames import pose
+from pipeline.readers.nclt import read_poses, read_velodyne_sync
+
+
+def test_a_hit_is_eight_bytes_of_the_data_sets_own_frame() -> None:
+    # 1 m forward, 2 m left, 3 m up is (1, −2, −3) in the file: 20200, 19600, 19400, little-endian; intensity 5, laser 31.
+    data = nclt.encode(np.array([[1, 2, 3]], np.float32), np.array([5], np.uint8), np.array([31], np.uint8))
+    assert data == (20_200).to_bytes(2, "little") + (19_600).to_bytes(2, "little") + (19_400).to_bytes(2, "little") + bytes(
+        [5, 31]
+    )
+
+
+@given(st.lists(st.tuples(*[st.floats(-99.5, 99.5, width=32)] * 3), min_size=1, max_size=20))
+@settings(max_examples=25, deadline=None)
+def test_points_come_back_within_half_a_grain(tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, ...]]) -> None:
+    path = tmp_path_factory.getbasetemp() / "scan.bin"
+    zeros = np.zeros(len(points), np.uint8)
+    path.write_bytes(nclt.encode(np.array(points, np.float32), zeros, zeros))
+    np.testing.assert_allclose(read_velodyne_sync(path), points, atol=0.0025 + 1e-6)
+
+
+def test_poses_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "groundtruth.csv"
+    rows = np.array([[1, 2, 3, 0.1, 0.2, 0.3], [1.5, np.nan, 3, 0, 0, 0], [-1e3, 12.345678, 0, 0, 0, -3]])
+    nclt.write_pose_rows(path, np.array([1_326_030_975_000_000, 1_326_030_975_000_001, 1_326_030_976_000_000]), rows)
+    np.testing.assert_allclose(nclt.pose_rows(path)[:, 1:], rows, rtol=1e-8)
+    truth = read_poses(path)
+    assert truth.stamps_ns.tolist() == [1_326_030_975_000_000_000, 1_326_030_975_000_001_000, 1_326_030_976_000_000_000]
+    assert np.isfinite(truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]
+
+
+def test_the_lidars_forward_axis_points_left_in_the_body() -> None:
+    # METHODS 7.1: the velodyne's +x maps to body (−0.012269, −0.999921, −0.002897).
+    x, y, z, *angles = nclt.BODY_T_VELODYNE_XYZRPH
+    body_T_velodyne = pose(np.array([[x, y, z]]), np.deg2rad([angles]))[0]
+    np.testing.assert_allclose(body_T_velodyne[:3, 0], [-0.012269, -0.999921, -0.002897], atol=1e-6)
+    np.testing.assert_allclose(body_T_velodyne[:3, 3], [0.002, -0.004, -0.957])

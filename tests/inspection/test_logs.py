@@ -1,0 +1,156 @@
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats import nclt
+from pipeline.frames import flip_ned, pose, transform
+from pipeline.inspection.report import inspect
+from tests.inspection.scanner import NO_REAL, REAL, scan
+
+real = pytest.mark.skipif(not REAL.is_dir(), reason=NO_REAL)
+START_US = 1_326_652_795_000_000
+
+
+def nclt_bytes(points: np.ndarray, beams: int = 32) -> bytes:
+    laser = np.arange(len(points)) % beams
+    return nclt.encode(points.astype(np.float32), np.full(len(points), 80, np.uint8), laser.astype(np.uint8))
+
+
+def nclt_sequence(root: Path, scans: int = 6) -> Path:
+    """Scans five a second, ground truth ten a second along x at 10 m/s."""
+    folder = root / "2012-01-15"
+    (folder / "velodyne_sync").mkdir(parents=True)
+    for i in range(scans):
+        (folder / "velodyne_sync" / f"{START_US + 200_000 * i}.bin").write_bytes(nclt_bytes(scan(32)))
+    stamps = START_US + 100_000 * np.arange(2 * scans)
+    rows = np.zeros((len(stamps), 6))
+    rows[:, 0] = np.arange(len(stamps))
+    nclt.write_pose_rows(folder / "groundtruth_2012-01-15.csv", stamps, rows)
+    return folder
+
+
+def kitti_file(path: Path, points: np.ndarray) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.column_stack([points, np.full(len(points), 0.5)]).astype("<f4").tofile(path)
+    return path
+
+
+def test_a_folders_name_tells_the_format_of_a_scan(tmp_path: Path) -> None:
+    path = kitti_file(tmp_path / "velodyne" / "000000.bin", scan(64, ground_m=-1.73))
+    found = inspect(path)
+    assert "KITTI scan" in found.headline
+    assert found.warnings == ()
+    stray = kitti_file(tmp_path / "stray.bin", scan(64, ground_m=-1.73))
+    with pytest.raises(ConfigError, match=r"--format nclt\|kitti"):
+        inspect(stray)
+    assert "KITTI scan" in inspect(stray, "kitti").headline
+    assert any("Then add --format kitti" in warning for warning in inspect(stray, "nclt").warnings)
+    with pytest.raises(ConfigError, match="--format pcd"):
+        inspect(stray, "pcd")
+
+
+def test_a_sequence_is_opened_as_its_reader_opens_it(tmp_path: Path) -> None:
+    folder = nclt_sequence(tmp_path)
+    found = inspect(folder)
+    assert "6 with a true pose" in found.text()
+    assert "10 m, step median 2 m" in found.text()  # 5 steps of 2 m
+    assert found.warnings == ("no odometry_mu_100hz.csv",)
+    assert "can be read" in inspect(tmp_path).text()
+    (folder / "groundtruth_2012-01-15.csv").unlink()
+    assert any("the reader refuses the sequence" in warning for warning in inspect(folder).warnings)
+
+
+def test_a_folder_of_scans_counts_what_is_cut_short(tmp_path: Path) -> None:
+    scans = nclt_sequence(tmp_path) / "velodyne_sync"
+    (scans / f"{START_US + 1}.bin").write_bytes(b"1234567")
+    found = inspect(scans)
+    assert "rate           5 a second" in found.text()
+    assert [warning.split(" (")[0] for warning in found.warnings] == ["1 scans are empty or cut short"]
+
+
+def test_poses_tell_their_gaps_and_nans(tmp_path: Path) -> None:
+    path = tmp_path / "groundtruth_2012-01-15.csv"
+    rows = np.zeros((20, 6))
+    rows[:, 0] = np.arange(20)
+    rows[:3] = np.nan
+    stamps = START_US + 100_000 * np.arange(20)
+    stamps[10:] += 2_000_000
+    nclt.write_pose_rows(path, stamps, rows)
+    found = inspect(path)
+    assert "20, of which 3 hold a NaN" in found.text()
+    assert "16 m, median step 1 m" in found.text()  # rows 3 … 19
+    assert found.warnings[0].startswith("1 gaps over 0.5 s, the longest 2.1 s")
+
+
+def test_packets_are_counted_and_looked_at_in_the_bodys_frame(tmp_path: Path) -> None:
+    numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
+    body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
+    hits = nclt_bytes(transform(np.linalg.inv(body_T_velodyne), scan(64).astype(np.float32)))
+    size = len(hits) // 8 // 4 * 8
+    path = tmp_path / "velodyne_hits.bin"
+    header = struct.pack("<4H", *[44444] * 4)
+    packets = [header + struct.pack("<IQI", size // 8, START_US + 100 * i, 0) + hits[i % 4 * size :][:size] for i in range(8)]
+    path.write_bytes(b"".join(packets))
+    found = inspect(path)
+    assert f"8, with {8 * size // 8:,} hits" in found.text()
+    assert "ground   at z = +0.0" in found.text() or "ground   at z = −0.0" in found.text()
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.raises(LogError, match=f"no whole packet at byte {4 * (24 + size) + 3 * (24 + size)}"):
+        inspect(path)
+
+
+def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.column_stack([scan(64) / 50, np.ones(len(scan(64)))]))
+    assert inspect(tmp_path / "a.npy").warnings[0].startswith("normalised cloud")
+    np.save(tmp_path / "b.npy", np.ones((5, 2)))
+    with pytest.raises(LogError, match="expected points"):
+        inspect(tmp_path / "b.npy")
+    (tmp_path / "c.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:500])
+    with pytest.raises(LogError, match=r"not a whole \.npy"):
+        inspect(tmp_path / "c.npy")
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("velodyne/000000.bin", b""),
+        ("velodyne/000000.bin", b"123"),
+        ("velodyne_sync/1326652795280148.bin", b"123"),
+        ("groundtruth_2012-01-15.csv", b""),
+        ("groundtruth_2012-01-15.csv", b"1,2,3\n"),
+        ("odometry_mu_100hz.csv", b"\xff\xfe"),
+        ("00.txt", b"1 2 3\n"),
+        ("times.txt", b"noon\n"),
+        ("calib.txt", b"P0: 1\n"),
+        ("calib.txt", b"\xff\xfe:"),
+        ("velodyne_hits.bin", b""),
+    ],
+)
+def test_a_broken_raw_file_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    with pytest.raises(LogError, match=path.name) as error:
+        inspect(path)
+    assert "\n" not in str(error.value)
+
+
+@real
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("kitti/sequences/00/velodyne/000003.bin", "124,167"),
+        ("kitti/sequences/00/velodyne", "16, 31.4 MB"),
+        ("kitti/sequences/00/times.txt", "4,541"),
+        ("kitti/sequences/00/calib.txt", "Tr"),
+        ("kitti/poses/00.txt", "3.72 km"),  # the odometry benchmark's own length of log 00
+        ("nclt/2012-01-15/velodyne_sync/1326652795280148.bin", "23,546"),
+    ],
+)
+def test_real_files_are_told_without_warnings(name: str, words: str) -> None:
+    found = inspect(REAL / name)
+    assert words in found.text()
+    assert found.warnings == ()

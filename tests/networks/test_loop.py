@@ -1,0 +1,157 @@
+"""The training loop: reproducible, interruptible, and judged on what it did not see."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.errors import ConfigError
+from pipeline.networks.loop import Fit, fit, one_cycle, reproducible
+from pipeline.watch import Watch
+
+IMAGES = torch.randn(24, 6, generator=torch.Generator().manual_seed(1))
+CLASSES = (IMAGES[:, 0] > 0).long()
+
+
+def network() -> nn.Module:
+    torch.manual_seed(5)
+    return nn.Sequential(nn.Linear(6, 8), nn.BatchNorm1d(8), nn.ReLU(), nn.Dropout(0.3), nn.Linear(8, 2))
+
+
+def batches(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
+    for rows in torch.randperm(24, generator=order).split(8):
+        yield IMAGES[rows], CLASSES[rows]
+
+
+def judge(net: nn.Module) -> tuple[float, float]:
+    net.eval()
+    with torch.inference_mode():
+        logits = net(IMAGES)
+        return float(nn.functional.cross_entropy(logits, CLASSES)), float((logits.argmax(1) == CLASSES).float().mean())
+
+
+def train(epochs: int = 6, seed: int = 3, watch: Watch | None = None, losses: list[float] | None = None) -> Fit:
+    """Train; `losses` are what the judge is to say, epoch by epoch."""
+    said = iter(losses or [])
+    with reproducible(1):
+        return fit(
+            network(),
+            batches,
+            (lambda net: (next(said), 0.5)) if losses else judge,
+            epochs=epochs,
+            steps=3,
+            learning_rate=0.02,
+            schedule="constant",
+            precision="f32",
+            seed=seed,
+            watch=watch or Watch(),
+        )
+
+
+def same(one: Fit, other: Fit) -> bool:
+    return (
+        all(torch.equal(one.weights[name], other.weights[name]) for name in one.weights)
+        and one.weights.keys() == other.weights.keys()
+        and np.array_equal(one.curves, other.curves)
+        and one.best_epoch == other.best_epoch
+    )
+
+
+def test_the_loss_falls_and_the_classes_are_learned() -> None:
+    result = train(epochs=40)
+    assert result.curves.shape == (40, 4)
+    assert result.curves[-1, 0] < 0.5 * result.curves[0, 0]
+    assert result.curves[result.best_epoch, 3] > 0.9
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others() -> None:
+    assert same(train(), train())
+    assert not same(train(), train(seed=4))
+
+
+def test_the_callers_random_numbers_and_threads_are_left_alone() -> None:
+    threads, state = torch.get_num_threads(), torch.get_rng_state()
+    train()
+    assert torch.get_num_threads() == threads
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_the_callers_random_numbers_do_not_matter() -> None:
+    first = train()
+    torch.manual_seed(99)
+    torch.rand(7)
+    assert same(first, train())
+
+
+@pytest.mark.parametrize("best", [0, 2, 4])
+def test_the_epoch_of_the_lowest_held_out_loss_is_kept(best: int) -> None:
+    # What an epoch ends with does not depend on the judge: the weights kept are those of a run that stops there.
+    losses = [1.0] * 5
+    losses[best] = 0.5
+    result = train(epochs=5, losses=losses)
+    assert result.best_epoch == best
+    stopped = train(epochs=best + 1, losses=losses)
+    assert all(torch.equal(result.weights[name], value) for name, value in stopped.weights.items())
+
+
+def test_of_equally_good_epochs_the_first_is_kept() -> None:
+    result = train(epochs=3, losses=[0.5, 0.5, 0.5])
+    assert result.best_epoch == 0
+    assert all(torch.equal(value, train(epochs=1, losses=[0.5]).weights[name]) for name, value in result.weights.items())
+
+
+@dataclass(frozen=True)
+class PowerCut(Watch):
+    """Stops the run when an epoch is about to be shown."""
+
+    at: int = 0
+
+    def note(self, **numbers: float) -> None:
+        if numbers["epoch"] == self.at:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("at", [1, 2, 4, 6])
+def test_an_interrupted_run_goes_on_to_the_same_weights(tmp_path: Path, at: int) -> None:
+    whole = train()
+    cut = PowerCut(checkpoint=tmp_path / "half", at=at)
+    with pytest.raises(KeyboardInterrupt):
+        train(watch=cut)
+    assert cut.checkpoint is not None
+    assert cut.checkpoint.exists() == (at > 1)  # of the first epoch nothing was kept yet
+    assert same(train(watch=replace(cut, at=-1)), whole)
+
+
+def test_a_run_interrupted_three_times_and_its_best_epoch_long_past_is_the_same(tmp_path: Path) -> None:
+    losses = [1.0, 0.2, 0.9, 0.8, 0.7, 0.6]
+    whole = train(losses=losses)
+    for at, kept in ((3, 0), (4, 2), (6, 3)):  # each run goes on after the epochs that the one before it kept
+        with pytest.raises(KeyboardInterrupt):
+            train(watch=PowerCut(checkpoint=tmp_path / "half", at=at), losses=losses[kept:])
+    resumed = train(watch=Watch(checkpoint=tmp_path / "half"), losses=losses[5:])
+    assert resumed.best_epoch == 1
+    assert same(resumed, whole)
+
+
+def test_a_finished_run_is_not_trained_again(tmp_path: Path) -> None:
+    watch = Watch(checkpoint=tmp_path / "done")
+    first = train(watch=watch)
+    assert same(train(watch=PowerCut(checkpoint=watch.checkpoint, at=6)), first)
+
+
+def test_a_loss_that_is_no_number_stops_the_run() -> None:
+    def broken(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
+        yield IMAGES * float("nan"), CLASSES
+
+    settings = {"epochs": 1, "steps": 1, "learning_rate": 0.1, "schedule": "constant", "precision": "f32", "seed": 0}
+    with reproducible(1), pytest.raises(ConfigError, match="epoch 1"):
+        fit(network(), broken, judge, watch=Watch(), **settings)
+
+
+def test_one_cycle_rises_to_its_peak_and_falls_to_nearly_nothing() -> None:
+    """4 % at the start, (4 + 100) / 2 % half-way up, all at 30 %, half of it at 65 %, nothing at the end."""
+    assert [round(one_cycle(progress), 6) for progress in (0, 0.15, 0.3, 0.65, 1)] == [0.04, 0.52, 1, 0.5, 0]

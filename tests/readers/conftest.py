@@ -1,0 +1,69 @@
+"""Small logs in the data sets' own formats, made by hand."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DATE = "2012-01-08"
+START = 1_326_030_975_000_000  # µs: 2012-01-08 13:56:15 UTC
+TR = "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0"  # camera x = −left, y = −up, z = forward
+
+
+def words(*hits: tuple[int, int, int]) -> bytes:
+    """A velodyne_sync file of raw x, y, z, each with intensity 7 and laser 3."""
+    return b"".join(np.array(hit, "<u2").tobytes() + bytes([7, 3]) for hit in hits)
+
+
+def nclt_log(
+    root: Path,
+    truth: str | None = "".join(f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(11)),
+    scans: dict[str, bytes] | None = None,
+    odometry: str | None = None,
+) -> Path:
+    """A sequence driven north at 10 m/s for one second, with scans where `scans` (file stem to bytes) says."""
+    folder = root / DATE / "velodyne_sync"
+    folder.mkdir(parents=True)
+    for stem, data in (scans if scans is not None else {str(START + 150_000): words((20_200, 20_400, 19_600))}).items():
+        (folder / f"{stem}.bin").write_bytes(data)
+    if truth is not None:
+        (root / DATE / f"groundtruth_{DATE}.csv").write_text(truth)
+    if odometry is not None:
+        (root / DATE / "odometry_mu_100hz.csv").write_text(odometry)
+    return root
+
+
+def kitti_log(
+    root: Path,
+    calib: str | None = f"P0: 1 0 0 0 0 1 0 0 0 0 1 0\n{TR}\n",
+    poses: str | None = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {2 * i}\n" for i in range(6)),
+    times: str | None = "".join(f"{0.1 * i:.6e}\n" for i in range(6)),
+    scans: dict[str, bytes] | None = None,
+) -> Path:
+    """Log 07: six poses, two metres forward each; scan i holds one point at (i, 1, −1.73), reflectance 0.5."""
+    log = root / "sequences" / "07"
+    (log / "velodyne").mkdir(parents=True)
+    (root / "poses").mkdir()
+    made = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)} if scans is None else scans
+    for stem, data in made.items():
+        (log / "velodyne" / f"{stem}.bin").write_bytes(data)
+    for path, text in ((log / "calib.txt", calib), (log / "times.txt", times), (root / "poses" / "07.txt", poses)):
+        if text is not None:
+            path.write_text(text)
+    return root
+
+
+@pytest.fixture(scope="session")
+def nclt() -> Callable[..., Path]:
+    return nclt_log
+
+
+@pytest.fixture(scope="session")
+def kitti() -> Callable[..., Path]:
+    return kitti_log
+
+
+@pytest.fixture(scope="session")
+def sync() -> Callable[..., bytes]:
+    return words

@@ -1,0 +1,163 @@
+"""The KITTI reader on files made by hand, and on sixteen real scans."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.frames import transform, yaw
+from pipeline.readers.kitti import Kitti, read_poses, read_velodyne
+
+Make = Callable[..., Path]
+POSE = "1 0 0 0 0 1 0 0 0 0 1 "
+
+
+def test_a_scan_stands_on_the_road(tmp_path: Path, kitti: Make) -> None:
+    # The camera moves 2 m along its z a frame, which is forward; the lidar's point 1.73 m below it lies on the ground.
+    log = Kitti().open(kitti(tmp_path), "07")
+    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2 * i, 0, 0] for i in range(6)], atol=1e-12)
+    np.testing.assert_allclose(log.points(3), [[3, 1, 0]], atol=1e-6)
+    assert log.stamps_ns.tolist() == [i * 100_000_000 for i in range(6)]
+    assert np.isnan(log.odom_T_scan).all()
+    assert log.notes == ()
+
+
+def test_turning_the_camera_to_the_right_turns_the_vehicle_clockwise(tmp_path: Path, kitti: Make) -> None:
+    # The camera's forward axis z becomes its old right, x; 3 m right of the start is y = −3, 4 m up (camera y −4) is z = 4.
+    kitti(tmp_path, poses=f"{POSE}0\n0 0 1 3 0 1 0 -4 -1 0 0 5\n")
+    poses = read_poses(tmp_path / "poses" / "07.txt", tmp_path / "sequences" / "07" / "calib.txt")
+    np.testing.assert_allclose(poses[1, :3, 3], [5, -3, 4], atol=1e-12)
+    assert np.rad2deg(yaw(poses))[1] == pytest.approx(-90)
+
+
+def test_the_lever_arm_of_the_calibration_counts(tmp_path: Path, kitti: Make) -> None:
+    # The lidar sits 1 m ahead of the camera (camera z = lidar x + 1). After a right turn on the spot the lidar, first at
+    # forward 1, is at right 1: from its first place 1 m back and 1 m right.
+    kitti(tmp_path, calib="Tr: 0 -1 0 0 0 0 -1 0 1 0 0 1\n", poses=f"{POSE}0\n0 0 1 0 0 1 0 0 -1 0 0 0\n")
+    poses = read_poses(tmp_path / "poses" / "07.txt", tmp_path / "sequences" / "07" / "calib.txt")
+    np.testing.assert_allclose(poses[1, :3, 3], [-1, -1, 0], atol=1e-12)
+
+
+def test_points_that_are_no_numbers_are_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "000000.bin"
+    path.write_bytes(np.array([[1, 2, 3, np.nan], [np.nan, 0, 0, 0], [0, np.inf, 0, 0], [4, 5, 6, 0]], "<f4").tobytes())
+    np.testing.assert_array_equal(read_velodyne(path), [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize("length", [1, 15, 17])
+def test_a_scan_that_is_cut_short_is_refused(tmp_path: Path, length: int) -> None:
+    (tmp_path / "000000.bin").write_bytes(bytes(length))
+    with pytest.raises(LogError, match=f"{length} bytes"):
+        read_velodyne(tmp_path / "000000.bin")
+
+
+def test_a_missing_scan_is_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="000009"):
+        read_velodyne(tmp_path / "000009.bin")
+
+
+def test_only_the_scans_on_disk_are_read(tmp_path: Path, kitti: Make) -> None:
+    point = np.zeros(4, "<f4").tobytes()
+    scans = {"000001": point, "000004": point, "000006": point, "000002": b"", "000003": point[:9], "12": point, "scan01": point}
+    log = Kitti().open(kitti(tmp_path, scans=scans), "07")
+    np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [2, 8])
+    assert log.skipped == {"empty file": 1, "truncated record": 1, "file name is no scan number": 2, "outside the poses' span": 1}
+    assert log.notes == ("4 of 6 scans are not on disk",)
+
+
+@pytest.mark.parametrize("split", [0.0, 0.3, 0.5, 0.9])
+def test_the_two_parts_of_a_log_share_nothing_and_lack_nothing(tmp_path: Path, kitti: Make, split: float) -> None:
+    root, reader = kitti(tmp_path), Kitti(split=split)
+    first, rest, whole = (reader.open(root, name) for name in ("07-a", "07-b", "07"))
+    assert first.stamps_ns.tolist() + rest.stamps_ns.tolist() == whole.stamps_ns.tolist()
+    np.testing.assert_array_equal(np.concatenate([first.world_T_scan, rest.world_T_scan]), whole.world_T_scan)
+    np.testing.assert_array_equal(rest.points(0), whole.points(len(first.stamps_ns)))
+    # 10 m of path: part a ends at `split` of it, scans lie every 2 m from 0.
+    assert len(first.stamps_ns) == int(10 * split / 2) + 1
+
+
+@pytest.mark.parametrize("sequence", ["07-c", "07-a-b", "07-A"])
+def test_a_log_has_no_other_parts(tmp_path: Path, kitti: Make, sequence: str) -> None:
+    with pytest.raises(ConfigError, match=sequence):
+        Kitti().open(kitti(tmp_path), sequence)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"calib": None}, "calib.txt"),
+        ({"calib": ""}, "'Tr:' with 12 numbers"),
+        ({"calib": "P0: 1 0 0 0 0 1 0 0 0 0 1 0\n"}, "'Tr:' with 12 numbers"),
+        ({"calib": "Tr: 1 2 3\n"}, "'Tr:' with 12 numbers"),
+        ({"calib": "Tr: " + "x " * 12}, "'Tr:' with 12 numbers"),
+        ({"calib": "Tr: " + "nan " * 12}, "'Tr:' with 12 numbers"),
+        ({"calib": "Tr: " + "0 " * 12}, "calib.txt"),  # cannot be inverted
+        ({"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"}, "calib.txt"),  # no rotation: the poses would be NaN
+        ({"poses": None}, "07.txt"),
+        ({"poses": ""}, "07.txt"),
+        ({"poses": "1 0 0 0\n" * 6}, "12 numbers"),
+        ({"poses": f"{POSE}0\n" * 3 + f"{POSE}nan\n" + f"{POSE}0\n" * 2}, "row 4 is not finite"),
+        ({"poses": f"{POSE}0\n" * 5}, "6 times for 5 poses"),
+        ({"times": None}, "times.txt"),
+        ({"times": "0\n1\n2\n3\n3\n4\n"}, "row 5 is stamped"),
+        ({"times": "0\n1\n2\n1.5\n3\n4\n"}, "row 4 is stamped"),
+        ({"times": "0\n1\nnan\n3\n4\n5\n"}, "row 3 is stamped"),
+        ({"times": "0 1\n" * 6}, "1 numbers"),
+        ({"times": "0\n1\n2\n3\n4\n1e300\n"}, "times.txt"),
+        ({"times": "0\n1\n2\n3\n4\ninf\n"}, "times.txt"),
+        ({"scans": {}}, "no readable scan"),
+        ({"scans": {"000009": bytes(16)}}, "no readable scan"),
+    ],
+)
+def test_a_log_that_cannot_be_is_one_clear_line(tmp_path: Path, kitti: Make, change: dict[str, object], says: str) -> None:
+    with pytest.raises(LogError, match=says) as error:
+        Kitti().open(kitti(tmp_path, **change), "07")
+    assert "\n" not in str(error.value)
+
+
+def test_a_log_that_is_not_there_is_refused(tmp_path: Path, kitti: Make) -> None:
+    with pytest.raises(LogError, match="08"):
+        Kitti().open(kitti(tmp_path), "08")
+
+
+def test_sequences_are_listed_with_what_they_lack(tmp_path: Path, kitti: Make) -> None:
+    kitti(tmp_path, calib=None)
+    (tmp_path / "sequences" / "09" / "velodyne").mkdir(parents=True)
+    lacks = {"07": ["sequences/07/calib.txt"], "09": ["poses/09.txt", "sequences/09/calib.txt", "sequences/09/times.txt"]}
+    assert Kitti().sequences(tmp_path) == lacks
+
+
+def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
+    # Median distance of the points of scan j, more than 0.73 m above the road (z > −1 m for the lidar), to scan 0's:
+    # about 0.07, 0.17, 0.27, 0.34 m with the pose; two to three times that without.
+    log = Kitti().open(real / "kitti", "00")
+    assert len(log.stamps_ns) == 16
+    assert log.notes == ("4525 of 4541 scans are not on disk",)
+
+    def high(row: int) -> np.ndarray:
+        points = log.points(row)
+        return points[points[:, 2] > 0.73]
+
+    tree = KDTree(high(0))
+    for row, aligned_m in ((1, 0.07), (5, 0.17), (10, 0.27), (15, 0.34)):
+        points = high(row)[::4]
+        posed = transform(np.linalg.inv(log.world_T_scan[0]) @ log.world_T_scan[row], points)
+        aligned, unaligned = (float(np.median(tree.query(cloud)[0])) for cloud in (posed, points))
+        assert aligned == pytest.approx(aligned_m, rel=0.25)
+        assert aligned < 0.5 * unaligned
+
+
+def test_a_real_vehicle_moves_forward_on_the_ground(real: Path) -> None:
+    # The sixteen scans span about 13 m, all ahead of the first; the road falls and rises by less than a tenth of that.
+    xyz = Kitti().open(real / "kitti", "00").world_T_scan[:, :3, 3]
+    assert (np.diff(xyz[:, 0]) > 0.5).all()
+    assert np.abs(xyz[:, 1:]).max() < 0.1 * xyz[-1, 0]
+
+
+def test_the_parts_of_a_real_log_are_disjoint_and_complete(real: Path) -> None:
+    stamps = [Kitti().open(real / "kitti", name).stamps_ns.tolist() for name in ("00-a", "00-b", "00")]
+    assert stamps[0] + stamps[1] == stamps[2]
+    assert min(len(stamps[0]), len(stamps[1])) >= 7
