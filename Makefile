@@ -1,9 +1,12 @@
 # Two commands, each enough on a fresh machine with Python 3.11–3.13, git and make.
 SHELL := /bin/bash
 PYTHON ?= python3
+PORT ?= 5000
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 export DVC_NO_ANALYTICS := 1
+export DO_NOT_TRACK := true
+export MLFLOW_DISABLE_TELEMETRY := true
 
 .PHONY: demo test dashboard benchmarks clean
 
@@ -21,8 +24,9 @@ test: .venv/ready
 	pytest
 
 dashboard: .venv/ready
-	@python -m stages.publish dataset=$$(python -c "import yaml; print(yaml.safe_load(open('conf/benchmark.yaml'))['benchmark']['dataset'])")
-	@python -m stages.dashboard
+	@python -m stages.publish dataset=$$(yearloc use) tracking.port=$(PORT)
+	@echo "Ctrl-C stops the server"
+	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 >mlflow.log 2>&1
 
 benchmarks: .venv/ready
 	python -m benchmarks
@@ -35,4 +39,4 @@ benchmarks: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv artifacts .checkpoints mlflow.db* mlruns
+	rm -rf .venv artifacts .checkpoints mlflow.db* mlflow.log mlruns

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose a data set: check what is on disk and write conf/benchmark.yaml")
-    use.add_argument("dataset", help="campus, nclt or kitti: a file in conf/dataset")
+    use.add_argument("dataset", nargs="?", help="campus, nclt or kitti: a file in conf/dataset; without it, print the one in use")
     use.add_argument("options", nargs="*", metavar="KEY=VALUE", help="root, log, train, tests, world, budget")
     use.add_argument("--keep", action="store_true", help="leave a list of this data set and world as it is, additions and all")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
@@ -50,6 +50,9 @@ def _use(given: argparse.Namespace) -> None:
     from pipeline.benchmark import propose
 
     conf = _conf()
+    if given.dataset is None:
+        print(_names(conf / "benchmark.yaml")["dataset"])
+        return
     pairs = [option.partition("=") for option in given.options]
     if odd := [key for key, sign, _ in pairs if not sign]:
         raise ConfigError(f"{odd[0]}: options are written KEY=VALUE")

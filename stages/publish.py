@@ -19,7 +19,8 @@ def main(cfg: DictConfig) -> str:
             Path(cfg.artifacts, "report", study.dataset, grid), {method: colour(method) for method in study.recipes}
         )
     done = tracking.publish(Path(cfg.tracking.database), f"yearloc {cfg.benchmark.dataset}", runs)
-    return f"{done.written} runs written to {cfg.tracking.database}, {done.kept} there already"
+    where = tracking.dashboard_url(done.experiment_id, cfg.tracking.port)
+    return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ class Sci:
     """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
     epochs: int = 200
     batch: int = 64
-    learning_rate: float = 0.001
+    learning_rate: float = 0.002
     schedule: Literal["one_cycle", "constant"] = "one_cycle"
     """The authors' is constant; falling at the end is what makes a short training good."""
     dropout: float = 0.7
@@ -45,7 +45,7 @@ class Sci:
     held_out_every_m: float = 40.0
     held_out_length_m: float = 4.0
     """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
-    wanted_precision: float = 0.95
+    wanted_precision: float = 0.9
     unseen_share: float = 0.2
     """Share of unseen queries to expect when choosing the threshold."""
     neighbour_m: float = 20.0

@@ -31,7 +31,7 @@ class Fit:
     curves: NDArray[np.float64]
     """(epoch, 4): training loss in nats, training accuracy, held-out loss, held-out accuracy."""
     best_epoch: int
-    """0-based; the lowest held-out loss."""
+    """0-based; the highest held-out accuracy, of equals the last."""
 
 
 @contextmanager
@@ -100,13 +100,18 @@ def fit(
         row = (float(loss_sum) / seen, float(right) / seen, *judge(net))
         if not math.isfinite(row[0]):
             raise ConfigError(f"training diverged: its loss in epoch {epoch + 1} is {row[0]}; lower method.learning_rate")
-        if not len(curves) or row[2] < curves[:, 2].min():
-            best = {name: value.clone() for name, value in net.state_dict().items()}
         curves = np.vstack([curves, row])
+        if _best(curves) == epoch:
+            best = {name: value.clone() for name, value in net.state_dict().items()}
         watch.note(epoch=epoch + 1, **dict(zip(CURVES, row, strict=True)))
         if watch.checkpoint is not None:
             _save(watch.checkpoint, net, optimizer, curves, best)
-    return Fit(best, curves, int(curves[:, 2].argmin()))
+    return Fit(best, curves, _best(curves))
+
+
+def _best(curves: NDArray[np.float64]) -> int:
+    """The epoch to keep: the loss has no say, since a network grows over-confident while it goes on to rank better."""
+    return len(curves) - 1 - int(curves[::-1, 3].argmax())
 
 
 def one_cycle(progress: float) -> float:

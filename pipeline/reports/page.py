@@ -18,8 +18,8 @@ HOW_TO_READ = {
     "map": "Each point is one query where it was taken: light blue was placed right, dark blue rightly turned away as unseen,"
     " orange turned away although seen, red placed wrong or placed although unseen.",
     "montage": "All maps on one scale: look for errors that stay at one spot through the year, and for streets off the grey.",
-    "history": "The weights kept are those of the dashed epoch, where the held-out loss was lowest; a held-out loss that turns"
-    " up while the training loss goes on down is over-fitting.",
+    "history": "The weights kept are those of the dashed epoch, where held-out accuracy was highest (of equals, the last);"
+    " a held-out loss that turns up while the training loss goes on down is over-fitting.",
 }
 DEFINITIONS = """\
 - A **query** is one submap of a test sequence; it is **seen** if the training sequence has a submap in the same grid cell. An

@@ -34,14 +34,14 @@ def judge(net: nn.Module) -> tuple[float, float]:
         return float(nn.functional.cross_entropy(logits, CLASSES)), float((logits.argmax(1) == CLASSES).float().mean())
 
 
-def train(epochs: int = 6, seed: int = 3, watch: Watch | None = None, losses: list[float] | None = None) -> Fit:
-    """Train; `losses` are what the judge is to say, epoch by epoch."""
-    said = iter(losses or [])
+def train(epochs: int = 6, seed: int = 3, watch: Watch | None = None, accuracies: list[float] | None = None) -> Fit:
+    """Train; `accuracies` are what the judge is to say, epoch by epoch."""
+    said = iter(accuracies or [])
     with reproducible(1):
         return fit(
             network(),
             batches,
-            (lambda net: (next(said), 0.5)) if losses else judge,
+            (lambda net: (1.0, next(said))) if accuracies else judge,
             epochs=epochs,
             steps=3,
             learning_rate=0.02,
@@ -88,20 +88,19 @@ def test_the_callers_random_numbers_do_not_matter() -> None:
 
 
 @pytest.mark.parametrize("best", [0, 2, 4])
-def test_the_epoch_of_the_lowest_held_out_loss_is_kept(best: int) -> None:
+def test_the_epoch_of_the_highest_held_out_accuracy_is_kept(best: int) -> None:
     # What an epoch ends with does not depend on the judge: the weights kept are those of a run that stops there.
-    losses = [1.0] * 5
-    losses[best] = 0.5
-    result = train(epochs=5, losses=losses)
+    accuracies = [0.5] * 5
+    accuracies[best] = 0.6
+    result = train(epochs=5, accuracies=accuracies)
     assert result.best_epoch == best
-    stopped = train(epochs=best + 1, losses=losses)
+    stopped = train(epochs=best + 1, accuracies=accuracies)
     assert all(torch.equal(result.weights[name], value) for name, value in stopped.weights.items())
 
 
-def test_of_equally_good_epochs_the_first_is_kept() -> None:
-    result = train(epochs=3, losses=[0.5, 0.5, 0.5])
-    assert result.best_epoch == 0
-    assert all(torch.equal(value, train(epochs=1, losses=[0.5]).weights[name]) for name, value in result.weights.items())
+def test_of_equally_good_epochs_the_last_is_kept() -> None:
+    result = train(epochs=3, accuracies=[0.5, 0.6, 0.6])
+    assert result.best_epoch == 2
 
 
 @dataclass(frozen=True)
@@ -127,12 +126,12 @@ def test_an_interrupted_run_goes_on_to_the_same_weights(tmp_path: Path, at: int)
 
 
 def test_a_run_interrupted_three_times_and_its_best_epoch_long_past_is_the_same(tmp_path: Path) -> None:
-    losses = [1.0, 0.2, 0.9, 0.8, 0.7, 0.6]
-    whole = train(losses=losses)
+    accuracies = [0.5, 0.9, 0.6, 0.6, 0.7, 0.8]
+    whole = train(accuracies=accuracies)
     for at, kept in ((3, 0), (4, 2), (6, 3)):  # each run goes on after the epochs that the one before it kept
         with pytest.raises(KeyboardInterrupt):
-            train(watch=PowerCut(checkpoint=tmp_path / "half", at=at), losses=losses[kept:])
-    resumed = train(watch=Watch(checkpoint=tmp_path / "half"), losses=losses[5:])
+            train(watch=PowerCut(checkpoint=tmp_path / "half", at=at), accuracies=accuracies[kept:])
+    resumed = train(watch=Watch(checkpoint=tmp_path / "half"), accuracies=accuracies[5:])
     assert resumed.best_epoch == 1
     assert same(resumed, whole)
 
