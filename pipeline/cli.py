@@ -1,11 +1,13 @@
 """The `yearloc` command."""
 
 import argparse
+import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import psutil
 import yaml
 
 from pipeline.errors import ConfigError, YearlocError
@@ -89,18 +91,38 @@ def _results(given: argparse.Namespace) -> None:
 def _repair(given: argparse.Namespace) -> None:
     """DVC writes two files in place, so a kill at the wrong moment leaves a torn one; both can be had again.
 
-    Without dvc.lock, DVC finds finished stages in its run cache. Without the lock table, nobody holds a lock.
+    Without dvc.lock, DVC finds finished stages in its run cache. The table of locks is of no use once its holders are dead.
     """
-    import json
+    lock, table = Path("dvc.lock"), Path(".dvc/tmp/rwlock")
+    if lock.is_file() and not isinstance(_parsed(lock, yaml.safe_load), dict):
+        lock.unlink()
+        print("dvc.lock: was torn by a kill, removed; what is finished comes back from DVC's cache")
+    if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
+        table.unlink()
 
-    for path, parse in ((Path("dvc.lock"), yaml.safe_load), (Path(".dvc/tmp/rwlock"), json.loads)):
-        try:
-            whole = not path.is_file() or isinstance(parse(path.read_text()), dict)
-        except (ValueError, yaml.YAMLError):
-            whole = False
-        if not whole:
-            path.unlink()
-            print(f"{path}: was torn by a kill, removed")
+
+def _parsed(path: Path, parse: Callable[[str], Any]) -> Any:
+    try:
+        return parse(path.read_text())
+    except (ValueError, yaml.YAMLError):
+        return None
+
+
+def _holders(node: Any) -> list[int]:
+    """Every pid in DVC's table of locks."""
+    if isinstance(node, list):
+        return [pid for item in node for pid in _holders(item)]
+    if isinstance(node, dict):
+        return [node["pid"]] if isinstance(node.get("pid"), int) else _holders(list(node.values()))
+    return []
+
+
+def _alive(pid: int) -> bool:
+    """Whether a process runs; a killed one that nobody has waited for yet does not."""
+    try:
+        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
 
 
 def _conf() -> Path:

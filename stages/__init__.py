@@ -1,9 +1,11 @@
 """Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import wraps
+from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +18,19 @@ from pipeline.errors import YearlocError
 from pipeline.watch import Watch
 
 Item = TypeVar("Item")
-CONF = Path(__file__).parents[1] / "conf"
+ROOT = Path(__file__).parents[1]
+
+
+def _kernels() -> str:
+    """A folder for numba's compiled kernels that follows from the library's source.
+
+    numba itself looks only at the file of the outermost kernel, and would go on running an edited inner one as it was.
+    """
+    digest = sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "pipeline").rglob("*.py"))))
+    return str(ROOT / ".numba" / digest.hexdigest()[:16])
+
+
+os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 
 
 def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], None]]:
@@ -34,7 +48,7 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], Non
                 print(f"{name}: {error}", file=sys.stderr)
                 sys.exit(1)
 
-        main: Callable[[], None] = hydra.main(version_base="1.3", config_path=str(CONF), config_name=name)(checked)
+        main: Callable[[], None] = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
         return main
 
     return decorate

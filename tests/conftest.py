@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+import stages  # noqa: F401 (numba caches by source from the first import on)
+
 
 @pytest.fixture(scope="session")
 def real() -> Path:

@@ -106,7 +106,7 @@ class Study:
                     f"{method} {self.grid} {result.sequence}",
                     tags | {"sequence": result.sequence},
                     params | {"test": result.sequence},
-                    _finite({f"sequence/{name}": [(0, value)] for name, value in result.numbers.items()}),
+                    _finite({f"test/{name}": [(result.days, value)] for name, value in result.numbers.items() if name != "days"}),
                     [figures / f"outcomes_{method}_{result.sequence}.svg"],
                 )
                 for result in group

@@ -1,7 +1,6 @@
 """The ray caster: each ray walks the ground's cells (DDA) and asks the shapes in them, until one of them or the ground stops it.
 
-Never parallel inside a scan: blocks of scans are what runs side by side. numba's cache watches this file only: after an edit in
-hits.py or ground.py, touch this one and lidar.py, or the old machine code runs on.
+Never parallel inside a scan: blocks of scans are what runs side by side.
 """
 
 import numpy as np

@@ -1,0 +1,131 @@
+"""The `yearloc` command: one line for a person's mistake, and files that are put right."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.cli import main
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the project's conf/, to call the command in."""
+    for path in (ROOT / "conf").rglob("*.yaml"):
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_text(path.read_text())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def names(project: Path) -> dict[str, object]:
+    return yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line that a refused call prints."""
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    return line
+
+
+def test_use_campus_writes_the_list_of_each_world(project):
+    for world, tests in (("tiny", 2), ("demo", 5), ("year", 10)):
+        main(["use", "campus", f"world={world}"])
+        assert len(names(project)["tests"]) == tests
+        assert names(project)["sequences"] == [names(project)["train"], *names(project)["tests"]]
+
+
+def test_keep_leaves_an_added_sequence_but_not_another_world(project):
+    main(["use", "campus", "world=demo"])
+    path = project / "conf/benchmark.yaml"
+    path.write_text(path.read_text().replace("'2013-04-05']", "'2013-04-05', '2013-02-23']"))
+    main(["use", "campus", "world=demo", "--keep"])
+    assert "2013-02-23" in names(project)["tests"]
+    main(["use", "campus", "world=tiny", "--keep"])
+    assert "2013-02-23" not in names(project)["tests"]
+
+
+def nclt(root: Path, *dates: str) -> None:
+    for date in dates:
+        (root / date / "velodyne_sync").mkdir(parents=True)
+        (root / date / f"groundtruth_{date}.csv").touch()
+
+
+def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys):
+    root = project / "data"
+    nclt(root, "2012-01-15", "2012-02-04", "2012-08-20")
+    (root / "2012-03-17/velodyne_sync").mkdir(parents=True)
+    main(["use", "nclt", f"root={root}"])
+    said = capsys.readouterr().out
+    assert names(project)["tests"] == ["2012-02-04", "2012-08-20"]
+    assert names(project)["root"] == str(root)
+    assert "2012-03-17: lacks groundtruth_2012-03-17.csv" in said
+    assert "2013-04-05: not below" in said
+
+
+def test_use_kitti_splits_one_log(project):
+    root = project / "kitti"
+    for path in ("sequences/07/velodyne", "poses"):
+        (root / path).mkdir(parents=True)
+    for path in ("sequences/07/calib.txt", "sequences/07/times.txt", "poses/07.txt"):
+        (root / path).touch()
+    main(["use", "kitti", f"root={root}"])
+    assert (names(project)["train"], names(project)["tests"]) == ("07-a", ["07-b"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["use", "moon"], "expected one of campus, kitti, nclt"),
+        (["use", "nclt"], "root=FOLDER"),
+        (["use", "nclt", "root=/nowhere"], "no such folder"),
+        (["use", "campus", "world=huge"], "tiny, demo, year"),
+        (["use", "campus", "root=/data"], "no option root"),
+        (["use", "campus", "tiny"], "KEY=VALUE"),
+        (["use", "campus", "budget=rich"], "tiny, demo or full"),
+        (["inspect", "nothing.bin"], "nothing.bin"),
+        (["results"], "dvc repro"),
+    ],
+)
+def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, arguments, part):
+    assert part in refused(capsys, *arguments)
+
+
+def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):
+    nclt(project / "data", "2012-02-04", "2012-03-17")
+    assert "one of 2012-02-04, 2012-03-17" in refused(capsys, "use", "nclt", f"root={project / 'data'}")
+
+
+def test_repair_removes_what_a_kill_tore_and_nothing_else(project):
+    lock, table = project / "dvc.lock", project / ".dvc/tmp/rwlock"
+    table.parent.mkdir(parents=True)
+    lock.write_text("schema: '2.0'\nstages: {}\n")
+    table.write_text(json.dumps({"write": {"a": {"pid": os.getpid(), "cmd": "dvc repro"}}, "read": {}}))
+    main(["repair"])
+    assert lock.is_file()
+    assert table.is_file()
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    table.write_text(json.dumps({"write": {}, "read": {"a": [{"pid": dead.pid, "cmd": "dvc repro"}]}}))
+    lock.write_text("schema: '2.0'\nstages:\n  a: {b: [")
+    main(["repair"])
+    assert not lock.exists()
+    assert not table.exists()
+
+
+def test_help_names_the_commands(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert all(command in said for command in ("use nclt root=", "inspect", "results", "dvc repro"))
