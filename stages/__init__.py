@@ -64,7 +64,7 @@ class Bars(Watch):
         console = Console(stderr=True)
         columns = (
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(12),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
@@ -73,7 +73,7 @@ class Bars(Watch):
             task = bar.add_task(what, total=total, numbers="")
             for done, item in enumerate(items, start=1):
                 yield item
-                shown = "  ".join(f"{name} {value:.4g}" for name, value in self.numbers.items())
+                shown = "  ".join(f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch")
                 bar.update(task, advance=1, numbers=shown)
                 if self.numbers and not console.is_terminal and (done * 10 // total > (done - 1) * 10 // total or done == 1):
                     print(f"  {what} {done}/{total}: {shown}", file=sys.stderr, flush=True)

@@ -103,7 +103,7 @@ def fit(
         curves = np.vstack([curves, row])
         if _best(curves) == epoch:
             best = {name: value.clone() for name, value in net.state_dict().items()}
-        watch.note(epoch=epoch + 1, **dict(zip(CURVES, row, strict=True)))
+        watch.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], held_out=row[3])
         if watch.checkpoint is not None:
             _save(watch.checkpoint, net, optimizer, curves, best)
     return Fit(best, curves, _best(curves))
