@@ -25,18 +25,26 @@ class Compute:
         At most two blocks a worker are in memory at a time. Raises ConfigError for an unknown scheduler.
         """
         import dask
-        import dask.system
+        from dask.system import CPU_COUNT
 
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
-        workers = self.workers or dask.system.CPU_COUNT
-        options: dict[str, object] = {"scheduler": self.scheduler, "num_workers": workers}
-        if self.scheduler == "cluster":
-            options = {"scheduler": _cluster()}
-        elif self.scheduler not in ("threads", "processes"):
-            raise ConfigError(f"compute.scheduler={self.scheduler}: expected threads, processes or cluster")
+        workers = self.workers or CPU_COUNT
+        options = {"scheduler": self._get(), "num_workers": workers}
         for first in range(0, len(spans), 2 * workers):
             group = spans[first : first + 2 * workers]
             yield from dask.compute(*[dask.delayed(fn, pure=False)(*span) for span in group], **options)
+
+    def _get(self) -> Callable[..., object]:
+        """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""
+        if self.scheduler == "threads":
+            from dask.threaded import get
+        elif self.scheduler == "processes":
+            from dask.multiprocessing import get
+        elif self.scheduler == "cluster":
+            get = _cluster()
+        else:
+            raise ConfigError(f"compute.scheduler={self.scheduler}: expected threads, processes or cluster")
+        return get  # type: ignore[no-any-return]
 
 
 def _cluster() -> Callable[..., object]:
