@@ -45,7 +45,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     allowed = {"world", "budget"} if dataset["simulated"] else {"root", "log", "train", "tests", "budget"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
-    found = _simulated(conf, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
+    found = _simulated(name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
     study, places = dataset["study"], found.names
     views = {method: yaml.safe_load((conf / "method" / f"{method}.yaml").read_text())["view"] for method in study["methods"]}
     names = {
@@ -69,7 +69,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     return Proposal(names, found.notes)
 
 
-def _simulated(conf: Path, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+def _simulated(name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
     world = options.get("world", "demo")
     if world not in dataset["study"]["tests"]:
         raise ConfigError(f"world={world}: expected one of {', '.join(dataset['study']['tests'])}")
@@ -77,7 +77,7 @@ def _simulated(conf: Path, dataset: Mapping[str, Any], options: Mapping[str, str
         "world": world,
         "source": "world",
         "options": "",
-        "root": "artifacts/logs/campus",
+        "root": f"artifacts/logs/{name}",
         "train": dataset["study"]["train"],
         "tests": list(dataset["study"]["tests"][world]),
         "budget": {"tiny": "tiny", "demo": "demo"}.get(world, "full"),
