@@ -119,7 +119,7 @@ def summary(judgement: Judgement, threshold: float, days: int) -> dict[str, floa
         "oracle_top1_same_heading": _share(j.oracle_right, same),
         "oracle_top1_turned": _share(j.oracle_right, turned),
         "threshold": float(threshold) if np.isfinite(threshold) else None,
-        "precision_at_threshold": hits / (hits + false_alarms) if hits + false_alarms else 1.0,
+        "precision_at_threshold": hits / (hits + false_alarms) if hits + false_alarms else None,
         "recall_at_threshold": hits / (hits + misses) if hits + misses else 0.0,
         "median_error_m": _finite(float(np.median(j.error_m[j.seen]))) if j.seen.any() else None,
     }

@@ -98,3 +98,8 @@ def test_a_query_at_the_threshold_is_rejected() -> None:
 def test_labels_of_another_sequence_are_refused() -> None:
     with pytest.raises(InputError, match="one row a query"):
         drive(oracle=np.zeros(4, np.int64))
+
+
+def test_a_threshold_that_accepts_nothing_has_a_recall_but_no_precision() -> None:
+    numbers = summary(drive(threshold=0.0), 0.0, days=1)
+    assert (numbers["precision_at_threshold"], numbers["recall_at_threshold"]) == (None, 0.0)
