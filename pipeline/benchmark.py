@@ -108,9 +108,7 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
     if name == "kitti":
         log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
         train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
-        notes += [
-            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"
-        ]
+        notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
     train, tests = options.get("train", train), options["tests"].split(",") if "tests" in options else tests
     if train not in whole:
         known = ", ".join(whole) or "none"
