@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 from pipeline.errors import ConfigError
+from pipeline.settings import check
 
 Result = TypeVar("Result")
 
@@ -18,6 +19,9 @@ class Compute:
     """`cluster` takes its address from DASK_SCHEDULER_ADDRESS; its workers need this package and absolute data paths."""
     workers: int = 0
     """How many blocks at a time; 0 means one for each core."""
+
+    def __post_init__(self) -> None:
+        check(self, "compute")
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
@@ -40,10 +44,8 @@ class Compute:
             from dask.threaded import get
         elif self.scheduler == "processes":
             from dask.multiprocessing import get
-        elif self.scheduler == "cluster":
-            get = _cluster()
         else:
-            raise ConfigError(f"compute.scheduler={self.scheduler}: expected threads, processes or cluster")
+            get = _cluster()
         return get  # type: ignore[no-any-return]
 
 

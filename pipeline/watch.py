@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from pipeline.settings import positive
+
 Item = TypeVar("Item")
 
 
@@ -16,6 +18,9 @@ class Watch:
     """Share of a method's own full training to run."""
     checkpoint: Path | None = None
     """Where interrupted training is kept, so that the next run goes on from its last whole epoch."""
+
+    def __post_init__(self) -> None:
+        positive("budget", share=self.budget)
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         """Yield `items`, of which there are `total`, while showing how far `what` is."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import hydra
+from hydra.errors import InstantiationException
 from omegaconf import DictConfig
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -45,8 +46,15 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], Non
             try:
                 print(f"{name}: {run(cfg)}", flush=True)
             except YearlocError as error:
-                print(f"{name}: {error}", file=sys.stderr)
-                sys.exit(1)
+                line = str(error)
+            except InstantiationException as error:  # Hydra's wrapping of what a constructor raised
+                if not isinstance(error.__cause__, YearlocError | TypeError):
+                    raise
+                line = str(error.__cause__)
+            else:
+                return
+            print(f"{name}: {line}", file=sys.stderr)
+            sys.exit(1)
 
         main: Callable[[], None] = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
         return main

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
 from pipeline.frames import Poses
+from pipeline.settings import check
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,7 @@ class SingleScan:
     step_m: float = 1.0
 
     def __post_init__(self) -> None:
+        check(self, "submap")
         if not self.step_m >= 0:
             raise ConfigError(f"submap.step_m={self.step_m}: expected a length, or 0 for every scan")
 

@@ -15,6 +15,7 @@ from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.networks import loop
 from pipeline.networks.lenet import LeNet, device
+from pipeline.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
 from pipeline.watch import Watch
 
@@ -50,6 +51,18 @@ class Sci:
     """Share of unseen queries to expect when choosing the threshold."""
     neighbour_m: float = 20.0
     """A held-out query counts as unseen once the places nearer than this are taken out of its softmax."""
+
+    def __post_init__(self) -> None:
+        check(self, "method")
+        positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
+        positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
+        for name, share in (
+            ("dropout", self.dropout),
+            ("wanted_precision", self.wanted_precision),
+            ("unseen_share", self.unseen_share),
+        ):
+            if not 0 <= share <= 1:
+                raise ConfigError(f"method.{name}={share}: expected a share from 0 to 1")
 
     def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
         """Train on the views of the training sequence; raises ConfigError where n_way does not divide the sectors."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
+from pipeline.settings import check, positive
 from pipeline.views import kernels
 
 
@@ -32,10 +33,8 @@ class ScanContext:
     """Columns clockwise seen from above (y negated), as the authors' NCLT reader makes them."""
 
     def __post_init__(self) -> None:
-        if self.rings < 1 or self.sectors < 1 or not self.max_range_m > 0:
-            raise ConfigError(f"rings={self.rings} sectors={self.sectors} max_range_m={self.max_range_m}: expected above 0")
-        if self.beyond not in ("last_ring", "drop"):
-            raise ConfigError(f"beyond={self.beyond}: expected last_ring or drop")
+        check(self, "view")
+        positive("view", rings=self.rings, sectors=self.sectors, max_range_m=self.max_range_m)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -197,5 +197,5 @@ def test_entropy_is_normalised_as_the_authors_do(probability: tuple[float, ...],
 
 
 def test_a_precision_that_cannot_be_had_rejects_everything() -> None:
-    strict = replace(SMALL, wanted_precision=1.01, epochs=1)
+    strict = replace(SMALL, unseen_share=1.0, epochs=1)
     assert float(strict.learn(rows(2), TRUTH, Watch())["threshold"].item()) == 0
