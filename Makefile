@@ -23,10 +23,13 @@ test: .venv/ready
 	lint-imports
 	pytest
 
+# yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
 dashboard: .venv/ready
 	@python -m stages.publish dataset=$$(yearloc use) tracking.port=$(PORT)
-	@echo "Ctrl-C stops the server"
-	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 >mlflow.log 2>&1
+	@echo "Ctrl-C stops the server. Where yearloc.localhost is unknown, put 127.0.0.1 in its place."
+	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 \
+		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \
+		>mlflow.log 2>&1
 
 benchmarks: .venv/ready
 	python -m benchmarks

@@ -85,42 +85,78 @@ LABELS = Schema(
 )
 RANKINGS = Schema(
     "rankings",
-    1,
+    2,
     {
         "places": Column("i8", ("query", "rank"), "places, cheapest first"),
         "costs": Column("f4", ("query", "rank"), "cost of each, smaller is better"),
         "xy_m": Column("f8", ("query", "rank", "xy"), "where each answer lies in the world"),
-        "novelty": Column("f4", ("query",), "larger: more likely unseen"),
+        "novelty": Column("f4", ("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
+        "confidence": Column("f4", ("query",), "chance that the first place is right; NaN where the method gives none"),
         "heading_deg": Column("f4", ("query",), "how the query is turned; NaN where the method cannot tell"),
     },
-    {"threshold": "reject as unseen from this novelty on; chosen on held-out blocks of the training sequence"},
+    {
+        "kinds": "name of each kind of novelty",
+        "thresholds": "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the training sequence",
+        "wanted_precision": "that they were chosen for",
+    },
 )
+
+
+def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
+    """A column with a row a protocol, of which there are two."""
+    return Column(dtype, dims, doc, chunk=2, shard=2)
+
+
 EVALUATIONS = Schema(
     "evaluations",
-    1,
+    2,
     {
         "thresholds": Column("f8", ("threshold",), "novelties from which a query is rejected"),
-        "hits": Column("i8", ("top_n", "threshold"), "accepted, and the true place among the first n"),
-        "misses": Column("i8", ("top_n", "threshold"), "rejected although seen"),
-        "false_alarms": Column("i8", ("top_n", "threshold"), "accepted, and wrong or unseen"),
-        "correct_rejections": Column("i8", ("top_n", "threshold"), "rejected and unseen"),
-        "precision": Column("f8", ("top_n", "threshold"), "hits / (hits + false alarms)"),
-        "recall": Column("f8", ("top_n", "threshold"), "hits / (hits + misses)"),
-        "auc": Column("f8", ("top_n",), "area under precision over recall"),
-        "true_rank": Column("i8", ("query",), "0-based rank of the true place; −1 if unseen or not among the ranked"),
-        "seen": Column("?", ("query",), "its cell is a place of the training sequence"),
-        "novelty": Column("f4", ("query",), "as ranked"),
-        "outcome": Column("i1", ("query",), "at the model's threshold: 0 hit, 1 miss, 2 false alarm, 3 correct rejection"),
+        "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
+        "misses": _judged("i8", ("protocol", "top_n", "threshold"), "rejected although seen"),
+        "false_alarms": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and wrong or unseen"),
+        "correct_rejections": _judged("i8", ("protocol", "top_n", "threshold"), "rejected and unseen"),
+        "precision": _judged("f8", ("protocol", "top_n", "threshold"), "hits / (hits + false alarms)"),
+        "recall": _judged("f8", ("protocol", "top_n", "threshold"), "cells: hits / (hits + misses); distance: hits / seen"),
+        "auc": _judged("f8", ("protocol", "top_n"), "area under precision over recall through these thresholds"),
+        "auc_exact": _judged("f8", ("protocol", "top_n"), "the same through every distinct novelty"),
+        "recall_at": _judged(
+            "f8", ("protocol", "top_n"), "share of the seen queries with a true place among the first n; NaN of none"
+        ),
+        "true_rank": _judged("i8", ("protocol", "query"), "0-based rank of the first true place; −1 if unseen or not ranked"),
+        "seen": _judged("?", ("protocol", "query"), "training went there"),
+        "unseen": _judged("?", ("protocol", "query"), "training never went there; a query that is neither is not judged"),
+        "outcome": _judged(
+            "i1",
+            ("protocol", "query"),
+            "at the model's threshold: 0 hit, 1 miss, 2 false alarm, 3 correct rejection, 4 not judged",
+        ),
+        "oracle_right": _judged("?", ("protocol", "query"), "answering the nearest training anchor would be right"),
+        "interval": _judged(
+            "f8", ("protocol", "number", "bound"), "95 % interval, lowest and highest, of each number; NaN of none"
+        ),
+        "rejection": _judged("f8", ("protocol", "kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
+        "novelty": Column("f4", ("query", "kind"), "as ranked; the first kind is the one in use"),
+        "confidence": Column("f4", ("query",), "as ranked"),
+        "answer": Column("i8", ("query",), "the place ranked first"),
+        "cost": Column("f4", ("query",), "of that place"),
         "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
         "error_m": Column("f8", ("query",), "distance from there to the first answer"),
+        "nearest_m": Column("f8", ("query",), "distance from there to the nearest training anchor"),
         "turn_deg": Column("f8", ("query",), "heading against the nearest training anchor's"),
-        "oracle_right": Column("?", ("query",), "the nearest training anchor's place is the true one"),
     },
     {
         "days": "whole days since the training sequence",
-        "threshold": "novelty from which the model rejects",
         "sequence": "the test sequence",
         "train": "the training sequence",
+        "protocols": "name of each protocol",
+        "numbers": "name of each number that has an interval",
+        "measures": "name of each measure of rejection",
+        "kinds": "name of each kind of novelty",
+        "reject_from": "novelty from which the model rejects, for each kind",
+        "wanted_precision": "that it was chosen for",
+        "distance": "the distances of the protocol by distance, in metres",
+        "bootstrap": "how the intervals were drawn",
     },
 )
 

@@ -10,25 +10,34 @@ import json
 import logging
 import math
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from filelock import FileLock
+
+from pipeline import dashboard, served
 from pipeline.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
-    from mlflow.entities import Run
+    from mlflow.entities import LoggedModel, Run
 
 KEY = "yearloc.key"
 UNFINISHED = "unfinished"
 PARENT = "mlflow.parentRunId"
-COLOUR = "mlflow.runColor"
-"""The tag that fixes a run's colour in the charts, as #rrggbb."""
 BATCH = 1_000
 """Metric points that MLflow takes at once."""
+SYSTEM = "system/"
+"""Metrics of this group are on the page's tab of system metrics, which shows them over their time: their steps are seconds."""
+NO_CLOCK_MS = 946_684_800_000
+"""2000-01-01: the time, in ms since 1970, that a point of step 0 bears. MLflow's page takes small numbers for years."""
+
+Models = Mapping[str, Sequence["LoggedModel"]]
+"""Run id to the models that the run logged."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,7 @@ class RunRecord:
     figures: Sequence[Path] = ()
     children: Sequence["RunRecord"] = ()
     """One level deep: the page nests no further."""
+    model: served.Served | None = None
 
     def __post_init__(self) -> None:
         for metric, points in self.series.items():
@@ -65,6 +75,8 @@ class RunRecord:
             "figures": [[path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures],
             "children": [child.key() for child in self.children],
         }
+        if self.model is not None:
+            content["model"] = self.model.content()
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -84,36 +96,41 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
-    with _quiet_client(database.absolute()) as client:
-        experiment_id = _experiment(client, experiment, database.absolute().parent / "mlruns")
+    database = database.absolute()
+    with _lock(database), _quiet_client(database) as client:
+        experiment_id = _experiment(client, experiment, database.parent / "mlruns")
+        for tag, value in dashboard.tags().items():
+            client.set_experiment_tag(experiment_id, tag, value)
         ours = [run for run in _active(client, experiment_id) if KEY in run.data.tags]
-        written = kept = 0
-        for record in runs:
+        models = served.owners(client, experiment_id)
+        written, kept, now_ms = 0, 0, time.time_ns() // 1_000_000
+        for place, record in enumerate(runs):
             standing = [run for run in ours if run.info.run_name == record.name and PARENT not in run.data.tags]
-            whole = [run for run in standing if _stands(run, record, ours)]
+            whole = [run for run in standing if _stands(run, record, ours, models)]
             if whole:
                 kept += 1 + len(record.children)
             else:
-                _write(client, experiment_id, record, {})
+                _write(client, experiment_id, record, {dashboard.COLOUR: dashboard.GREY}, now_ms - place)
                 written += 1 + len(record.children)
             for run in standing:
                 if run not in whole[:1]:
-                    _delete(client, run.info.run_id, ours)
+                    _delete(client, run.info.run_id, ours, models)
     return Published(experiment_id, written, kept)
 
 
-def dashboard_url(experiment_id: str, port: int) -> str:
-    """Where a browser sees the runs of an experiment as charts; MLflow 3 would else open elsewhere."""
-    return f"http://127.0.0.1:{port}/#/experiments/{experiment_id}/runs?compareRunsMode=CHART&workflowType=machine_learning"
+def _lock(database: Path) -> FileLock:
+    """One process at a time: two would each make the experiment, and each write the runs that they both find missing."""
+    database.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(f"{database}.lock")
 
 
 @contextmanager
 def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
     """A client of this database, created and migrated if need be, without telemetry and without log lines about it."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
+    os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
 
-    database.parent.mkdir(parents=True, exist_ok=True)
     loggers = [logging.getLogger(name) for name in ("alembic", "mlflow")]
     levels = [logger.level for logger in loggers]
     try:
@@ -148,31 +165,46 @@ def _active(client: "MlflowClient", experiment_id: str) -> list["Run"]:
             return runs
 
 
-def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"]) -> bool:
-    """Whether a run holds this record already, children and all."""
+def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
+    """Whether a run holds this record already, children, model and all."""
+    if len(models.get(run.info.run_id, ())) != (record.model is not None):
+        return False
     children = sorted(r.data.tags[KEY] for r in ours if r.data.tags.get(PARENT) == run.info.run_id)
     return run.data.tags[KEY] == record.key() and children == sorted(child.key() for child in record.children)
 
 
-def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"]) -> None:
-    for run in ours:
-        if run.data.tags.get(PARENT) == run_id:
-            client.delete_run(run.info.run_id)
-    client.delete_run(run_id)
+def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"], models: Models) -> None:
+    family = [run.info.run_id for run in ours if run.data.tags.get(PARENT) == run_id]
+    for member in [*family, run_id]:
+        for model in models.get(member, ()):
+            served.delete(client, model)
+        client.delete_run(member)
 
 
-def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family: Mapping[str, str]) -> None:
-    """One run and its children; its key last, when it is whole. A point's time is its step, so no clock enters."""
+def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family: Mapping[str, str], start_ms: int) -> None:
+    """One run and its children; its key last, when it is whole. A point's time is its step in seconds, so no clock enters.
+
+    The page loads the newest 100 runs first, and nests them only if they are sorted by start: children start in 2000, in the
+    order given, so that no sweep's jobs push a method off the page. A run lasts as long as its system metrics.
+    """
     from mlflow.entities import Metric, Param
 
-    run_id = client.create_run(experiment_id, tags={**record.tags, **family, KEY: UNFINISHED}, run_name=record.name).info.run_id
+    run_id = client.create_run(experiment_id, start_ms, {**family, **record.tags, KEY: UNFINISHED}, record.name).info.run_id
     client.log_batch(run_id, params=[Param(name, str(value)) for name, value in record.params.items()])
-    points = [Metric(name, float(value), step, step) for name, series in record.series.items() for step, value in series]
+    points = [
+        Metric(name, float(value), NO_CLOCK_MS + 1_000 * step, step)
+        for name, series in record.series.items()
+        for step, value in series
+    ]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])
     for path in record.figures:
         client.log_artifact(run_id, str(path), "figures")
-    for child in record.children:
-        _write(client, experiment_id, child, {PARENT: run_id})
-    client.set_terminated(run_id)
+    if record.model is not None:
+        served.log(client, experiment_id, run_id, record.name, record.model)
+    for place, child in enumerate(record.children):
+        tags = {PARENT: run_id, dashboard.COLOUR: dashboard.shade(place, len(record.children))}
+        _write(client, experiment_id, child, tags, NO_CLOCK_MS - place)
+    lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
+    client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
     client.set_tag(run_id, KEY, record.key())

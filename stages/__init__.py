@@ -3,11 +3,12 @@
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import hydra
 from hydra.errors import InstantiationException
@@ -16,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pipeline.errors import YearlocError
+from pipeline.telemetry import Telemetry
 from pipeline.watch import Watch
 
 Item = TypeVar("Item")
@@ -34,14 +36,29 @@ def _kernels() -> str:
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 
 
-def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], None]]:
+class Stage(Protocol):
+    """What `stage` makes of a function."""
+
+    run: Callable[[DictConfig], str]
+    """The function itself, with telemetry: no Hydra, no line printed, errors as they are."""
+
+    def __call__(self) -> None:
+        """Main: compose conf/`name`.yaml with the command line, run, print the line."""
+
+
+def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
     """A stage's main: composes conf/`name`.yaml with the command line, runs, prints the line it returns.
 
     An error that this project raises on purpose becomes one line and exit code 1; any other keeps its traceback.
     """
 
-    def decorate(run: Callable[[DictConfig], str]) -> Callable[[], None]:
-        @wraps(run)
+    def decorate(function: Callable[[DictConfig], str]) -> Stage:
+        @wraps(function)
+        def run(cfg: DictConfig) -> str:
+            with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
+                return function(cfg)
+
+        @wraps(function)
         def checked(cfg: DictConfig) -> None:
             try:
                 print(f"{name}: {run(cfg)}", flush=True)
@@ -56,7 +73,8 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Callable[[], Non
             print(f"{name}: {line}", file=sys.stderr)
             sys.exit(1)
 
-        main: Callable[[], None] = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
+        main: Stage = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
+        main.run = run
         return main
 
     return decorate

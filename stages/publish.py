@@ -1,11 +1,14 @@
 """Artifacts → MLflow, which can be thrown away and published anew at any time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pipeline import tracking
+from pipeline import dashboard, tracking
 from pipeline.reports.style import colour
+from pipeline.served import Served
+from pipeline.telemetry import Trace, costs
 from stages import stage
 from stages.report import gather
 
@@ -15,12 +18,26 @@ def main(cfg: DictConfig) -> str:
     runs = []
     for grid in cfg.benchmark.grids:
         study = gather(cfg, grid)
-        runs += study.runs(
-            Path(cfg.artifacts, "report", study.dataset, grid), {method: colour(method) for method in study.recipes}
-        )
+        figures = Path(cfg.artifacts, "report", study.dataset, grid)
+        runs += [with_model(cfg, grid, run) for run in study.runs(figures, {method: colour(method) for method in study.recipes})]
     done = tracking.publish(Path(cfg.tracking.database), f"yearloc {cfg.benchmark.dataset}", runs)
-    where = tracking.dashboard_url(done.experiment_id, cfg.tracking.port)
+    where = dashboard.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
+
+
+def with_model(cfg: DictConfig, grid: str, run: tracking.RunRecord) -> tracking.RunRecord:
+    """A method's run, and with it the model, how its training went, and what its stages cost where they ran here."""
+    names, method = cfg.benchmark, run.tags["method"]
+    (view,) = (listed.view for listed in names.methods if listed.name == method)
+    at = {stage: Path(cfg.artifacts, stage, names.dataset) for stage in ("views", "train", "localize", "evaluate")}
+    model = at["train"] / grid / f"{method}.safetensors"
+    artifacts = {"views": [at["views"] / view / f"{name}.zarr" for name in names.sequences], "train": [model]}
+    artifacts |= {
+        stage: [at[stage] / grid / method / f"{name}.zarr" for name in names.tests] for stage in ("localize", "evaluate")
+    }
+    trace = Trace.read(model)
+    series = {f"cost/{name}": [(0, value)] for name, value in costs(artifacts).items()}
+    return replace(run, series={**run.series, **series, **(trace.series() if trace else {})}, model=Served.read(model))
 
 
 if __name__ == "__main__":

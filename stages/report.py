@@ -5,7 +5,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from pipeline import store
-from pipeline.reports.study import Study
+from pipeline.reports.study import Study, folders
 from stages import stage
 
 
@@ -20,8 +20,9 @@ def main(cfg: DictConfig) -> str:
 def gather(cfg: DictConfig, grid: str) -> Study:
     """The study of conf/benchmark.yaml at one cell size."""
     names = cfg.benchmark
-    methods = [method.name for method in names.methods]
-    return Study.gather(Path(cfg.artifacts), names.dataset, grid, names.train, names.tests, methods, cfg.dataset.simulated)
+    views = {method.name: method.view for method in names.methods}
+    find = folders(Path(cfg.artifacts), names.dataset, grid, views)
+    return Study.gather(find, names.dataset, grid, names.train, names.tests, list(views), cfg.dataset.simulated)
 
 
 if __name__ == "__main__":

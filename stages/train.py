@@ -19,7 +19,7 @@ def main(cfg: DictConfig) -> str:
     key = fingerprint(method, cfg.budget.share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
     model = method.learn(views, places, Bars(budget=cfg.budget.share, checkpoint=checkpoint))
-    store.write_model(cfg.out, model, asdict(method) | {"budget": cfg.budget.share})
+    store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": cfg.budget.share})
     checkpoint.unlink(missing_ok=True)
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
     return f"{len(places)} views of {places.max() + 1} places, {cfg.budget.share:g} of the full training: {numbers}"

@@ -1,10 +1,11 @@
-"""What all tests share: real recordings beside the project."""
+"""What all tests share: real recordings beside the project, and a chain built once."""
 
 from pathlib import Path
 
 import pytest
 
 import stages  # noqa: F401 (numba caches by source from the first import on)
+from tests.clone import Clone
 
 
 @pytest.fixture(scope="session")
@@ -14,3 +15,13 @@ def real() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real recordings are not at {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
+    """The chain of the tiny world, built by DVC. Whoever edits it puts it back."""
+    clone = Clone(tmp_path_factory.mktemp("chain"))
+    clone.run("yearloc", "use", "campus", "world=tiny")
+    clone.ran = clone.repro()
+    clone.undisturbed = clone.digests()
+    return clone

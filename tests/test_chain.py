@@ -1,74 +1,14 @@
 """The whole chain at its smallest: what runs, what does not run again, and what a kill costs."""
 
-import json
 import os
-import shutil
 import signal
 import subprocess
-import sys
 import time
-from hashlib import sha256
-from pathlib import Path
 
 import pytest
 import yaml
 
-ROOT = Path(__file__).parents[1]
-BIN = Path(sys.executable).parent
-PROJECT = ("conf", "pipeline", "stages", "dvc.yaml", ".dvc/config", ".dvcignore", "pyproject.toml")
-
-
-class Clone:
-    """A copy of the project without git, to run DVC in."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.ran: list[str] = []
-        self.undisturbed: dict[str, str] = {}
-        for name in PROJECT:
-            if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, folder / name)
-            else:
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(ROOT / name, folder / name)
-        (folder / ".dvc/config").write_text((ROOT / ".dvc/config").read_text().replace("[core]", "[core]\n    no_scm = true"))
-        self.env = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}", "PYTHONPATH": str(folder), "PYTHONWARNINGS": "default"}
-
-    def run(self, *command: str) -> str:
-        done = subprocess.run(
-            [str(BIN / command[0]), *command[1:]], cwd=self.folder, env=self.env, capture_output=True, text=True
-        )
-        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-        return done.stdout
-
-    def repro(self) -> list[str]:
-        """The stages that ran."""
-        out = self.run("dvc", "repro")
-        return [line.split("'")[1] for line in out.splitlines() if line.startswith("Running stage")]
-
-    def outdated(self) -> set[str]:
-        """The stages that an edit touched directly."""
-        return set(json.loads(self.run("dvc", "status", "--json")))
-
-    def digests(self) -> dict[str, str]:
-        """Every file of every artifact, with the digest of its bytes."""
-        files = [path for path in (self.folder / "artifacts").rglob("*") if path.is_file()]
-        return {str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest() for path in files}
-
-    def edit(self, path: str, old: str, new: str) -> str:
-        before = (self.folder / path).read_text()
-        assert old in before
-        (self.folder / path).write_text(before.replace(old, new))
-        return before
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
-    clone = Clone(tmp_path_factory.mktemp("chain"))
-    clone.run("yearloc", "use", "campus", "world=tiny")
-    clone.ran = clone.repro()
-    clone.undisturbed = clone.digests()
-    return clone
+from tests.clone import BIN, Clone
 
 
 def test_every_stage_runs_once_and_leaves_its_artifact(built):

@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from pipeline.matching.ranking import Ranking, Rows
+from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.watch import Watch
 
 ROOT = Path(__file__).parents[1]
@@ -89,11 +90,13 @@ def test_every_method_learns_and_localises(name):
     method = own_class(import_module(f"pipeline.methods.{name}"))(**conf)
     model = method.learn(rows, places, Watch(budget=0.25))
     assert all(isinstance(array, np.ndarray) for array in model.values())
-    assert np.ndim(model["threshold"]) == 0
+    assert len(Evidence.of(model).right)
     ranking = method.localize(model, rows, k=3)
     assert isinstance(ranking, Ranking)
     assert ranking.places.shape == ranking.costs.shape == (30, 3)
     assert ranking.xy_m.shape == (30, 3, 2)
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
+    assert ranking.novelty.shape == (30, len(ranking.kinds))
     assert np.isfinite(ranking.novelty).all()
+    assert len(Rejection().thresholds(model, ranking.kinds)) == len(ranking.kinds)
     assert (ranking.places[:, 0] == places).mean() > 0.9

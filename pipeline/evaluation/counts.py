@@ -1,11 +1,13 @@
 """How queries fare at every threshold and every top n: the four counts under a precision-recall curve (METHODS.md 2.7)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.evaluation.protocols import Truth
 
 TOP_N = 25
 """Both papers look at the first 1, 5 and 25 places."""
@@ -14,49 +16,87 @@ N_THRESHOLDS = 200
 
 @dataclass(frozen=True)
 class Counts:
-    """Queries of each outcome, all (top_n, threshold); the four add up to the number of queries everywhere."""
+    """Judged queries of each outcome, thresholds along the last axis; the four add up to the same number everywhere."""
 
-    hits: NDArray[np.int64]
-    """Accepted, and the true place among the first n."""
-    misses: NDArray[np.int64]
+    hits: NDArray[Any]
+    """Accepted, and a right answer among the first n."""
+    misses: NDArray[Any]
     """Rejected although seen; the same for every n."""
-    false_alarms: NDArray[np.int64]
-    """Accepted, and the true place not among the first n, or the query unseen."""
-    correct_rejections: NDArray[np.int64]
+    false_alarms: NDArray[Any]
+    """Accepted, and no right answer among the first n, or the query unseen."""
+    correct_rejections: NDArray[Any]
     """Rejected and unseen; the same for every n."""
 
 
-def count(
-    true_rank: NDArray[np.int64],
-    seen: NDArray[np.bool_],
-    novelty: NDArray[np.float32],
-    thresholds: NDArray[np.float64],
-    top_n: int = TOP_N,
-) -> Counts:
-    """Counts for n = 1 … `top_n` at each of `thresholds` (t,): a query is rejected iff its novelty ≥ the threshold.
-
-    `true_rank` (q,) is the 0-based rank of a query's true place, −1 if unseen or not ranked; `seen` and `novelty` are (q,).
-    """
-    if not len(true_rank) == len(seen) == len(novelty):
-        raise InputError(f"{len(true_rank)} true ranks, {len(seen)} seen flags and {len(novelty)} novelties of the same queries")
-    if np.isnan(novelty).any():
-        raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")
-    rank, known = np.asarray(true_rank), np.asarray(seen, bool)
+def count(truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N) -> Counts:
+    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,): rejected is a query whose novelty (q,) ≥ the threshold."""
+    check(truth, novelty)
     rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(thresholds, np.float64)  # (q, t)
-    right = (rank[:, None] >= 0) & (rank[:, None] < np.arange(1, top_n + 1)) & known[:, None]  # (q, n)
-    hits = _tally(right, ~rejected)
-    misses = np.broadcast_to(_tally(known[:, None], rejected), hits.shape).copy()
-    correct_rejections = np.broadcast_to(_tally(~known[:, None], rejected), hits.shape).copy()
-    return Counts(hits, misses, len(rank) - hits - misses - correct_rejections, correct_rejections)
+    hits = _tally(np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1), ~rejected)
+    accepted = _tally((truth.seen | truth.unseen)[:, None], ~rejected)
+    misses, correct_rejections = (
+        np.broadcast_to(_tally(queries[:, None], rejected), hits.shape).copy() for queries in (truth.seen, truth.unseen)
+    )
+    return Counts(hits, misses, accepted - hits, correct_rejections)
 
 
-def spread(novelty: NDArray[np.float32]) -> NDArray[np.float64]:
+class Sweep:
+    """Weighted counts as the threshold rises past every distinct novelty: the exact curve, of which any other is a part.
+
+    Column 0 rejects all; column i accepts the i smallest distinct novelties.
+    """
+
+    def __init__(self, truth: Truth, novelty: NDArray[Any], weight: NDArray[np.float64]) -> None:
+        """`weight` (r, q): how often each of the q queries counts in each of r resamples."""
+        check(truth, novelty)
+        self._truth = truth
+        self._order = np.argsort(novelty, kind="stable")
+        ascending = np.asarray(novelty, np.float64)[self._order]
+        self._distinct = np.unique(ascending)
+        self._accepted = np.r_[0, np.searchsorted(ascending, self._distinct, side="right")]
+        self._weight = weight[:, self._order]
+        self._seen, self._unseen = self._running(truth.seen), self._running(truth.unseen)
+
+    def columns(self, thresholds: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The column (t,) that rejects from each threshold (t,) on."""
+        return np.searchsorted(self._distinct, thresholds, side="left")
+
+    def count(self, n: int, columns: NDArray[np.int64] | slice = slice(None)) -> Counts:
+        """Counts (r, t) among the first `n` answers, in all columns or some."""
+        hits = self._running(right(self._truth, n))[:, columns]
+        seen, unseen = self._seen[:, columns], self._unseen[:, columns]
+        return Counts(hits, self._seen[:, -1:] - seen, seen + unseen - hits, self._unseen[:, -1:] - unseen)
+
+    def _running(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Weight (r, t) of the accepted queries that have the flag (q,)."""
+        total = np.zeros((len(self._weight), len(flags) + 1))
+        np.cumsum(self._weight * flags[self._order], axis=1, out=total[:, 1:])
+        return total[:, self._accepted]
+
+
+def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
     """The 200 thresholds (t,) to judge these novelties (q,) at.
 
     0 to 1 where the novelties lie there, as an entropy does; else 0 to the largest one observed, as a distance's do.
     """
     finite = np.asarray(novelty, np.float64)[np.isfinite(novelty)]
     return np.linspace(min(0.0, finite.min(initial=0.0)), max(1.0, finite.max(initial=0.0)), N_THRESHOLDS)
+
+
+def check(truth: Truth, novelty: NDArray[Any]) -> None:
+    """Raise InputError unless each query has a truth and a novelty that a threshold can be held against."""
+    if not len(truth.true_rank) == len(truth.seen) == len(truth.unseen) == len(novelty):
+        raise InputError(
+            f"{len(truth.true_rank)} true ranks, {len(truth.seen)} seen and {len(truth.unseen)} unseen flags "
+            f"and {len(novelty)} novelties of the same queries"
+        )
+    if np.isnan(novelty).any():
+        raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")
+
+
+def right(truth: Truth, n: int) -> NDArray[np.bool_]:
+    """Whether each query (q,) is seen and has a right answer among its first n."""
+    return truth.seen & (truth.true_rank >= 0) & (truth.true_rank < n)
 
 
 def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:

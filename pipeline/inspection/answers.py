@@ -5,9 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.evaluation.judgement import Evaluation, Judgement, summary
+from pipeline.evaluation.numbers import NUMBERS
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.highlights import Highlights
 from pipeline.inspection.inspection import Section, metres
 from pipeline.store import Artifact
+
+OUTCOMES = ("hits", "misses", "false alarms", "correct rejections", "not judged")
 
 
 def labels(artifact: Artifact) -> Highlights:
@@ -38,49 +43,66 @@ def labels(artifact: Artifact) -> Highlights:
 
 def rankings(artifact: Artifact) -> Highlights:
     """What the method answered, without the truth."""
-    places, costs, novelty = (artifact.load(name) for name in ("places", "costs", "novelty"))
-    threshold = float(artifact.attrs["threshold"])
+    places, costs, novelty, confidence = (artifact.load(name) for name in ("places", "costs", "novelty", "confidence"))
     rows = [("queries", f"{len(places):,}, {places.shape[1]} places each")]
+    if not len(places):
+        return Highlights((Section("", tuple(rows)),))
+    told = np.isfinite(artifact.load("heading_deg")).mean()
+    rows += [
+        ("first answers", f"{_distinct(places[:, 0]):,} distinct places"),
+        ("heading", f"told for {100 * told:.3g} % of the queries"),
+        ("confidence", "told for none" if np.isnan(confidence).any() else _spread(confidence)),
+    ]
+    kinds = zip(artifact.attrs["kinds"], artifact.attrs["thresholds"], novelty.T, strict=True)
+    rejection = [
+        (kind, f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from {threshold:.4g} on")
+        for kind, threshold, values in kinds
+    ]
     warnings = []
-    if len(places):
-        low, mid, high = np.percentile(novelty, (5, 50, 95))
-        told = np.isfinite(artifact.load("heading_deg")).mean()
-        rows += [
-            ("novelty", f"5 % {low:.3g}, median {mid:.3g}, 95 % {high:.3g}"),
-            ("rejected", f"{100 * (novelty >= threshold).mean():.1f} % at the threshold {threshold:.4g}"),
-            ("first answers", f"{_distinct(places[:, 0]):,} distinct places"),
-            ("heading", f"told for {100 * told:.3g} % of the queries"),
-        ]
-        if (np.diff(costs, axis=1) < 0).any():
-            warnings.append("costs do not rise along the ranks: the method ranked wrongly, and its recall means nothing")
-        if len(places) > 1 and _distinct(places[:, 0]) == 1:
-            warnings.append("every query gets the same first answer: the model learned nothing, or the views are blank")
-    return Highlights((Section("", tuple(rows)),), tuple(warnings))
+    if (np.diff(costs, axis=1) < 0).any():
+        warnings.append("costs do not rise along the ranks: the method ranked wrongly, and its recall means nothing")
+    if len(places) > 1 and _distinct(places[:, 0]) == 1:
+        warnings.append("every query gets the same first answer: the model learned nothing, or the views are blank")
+    return Highlights((Section("", tuple(rows)), Section("novelty, the first kind in use", tuple(rejection))), tuple(warnings))
 
 
 def evaluations(artifact: Artifact) -> Highlights:
-    """How it fared."""
-    auc, seen, rank, outcome = (artifact.load(name) for name in ("auc", "seen", "true_rank", "outcome"))
-    error = artifact.load("error_m")
-    rows = [("queries", f"{len(seen):,}, {int(seen.sum()):,} seen and {int((~seen).sum()):,} unseen")]
-    tops = [n for n in (1, 5, 25) if n <= len(auc)]
-    rows.append(("AUC", ", ".join(f"top {n} {auc[n - 1]:.3f}" for n in tops)))
-    if seen.any():
-        rows.append(
-            (
-                "recall",
-                ", ".join(f"top {n} {((rank >= 0) & (rank < n))[seen].mean():.3f}" for n in tops) + " of the seen, none rejected",
-            )
-        )
-        rows.append(("error", f"median {metres(float(np.nanmedian(error[seen])))} of the seen queries' first answers"))
-    names = ("hits", "misses", "false alarms", "correct rejections")
-    counts = ", ".join(f"{int((outcome == code).sum()):,} {name}" for code, name in enumerate(names))
-    rows.append(("outcome", f"{counts} at the threshold {float(artifact.attrs['threshold']):.4g}"))
-    rows.append(
-        ("trained", f"on {artifact.attrs['train']}, tested on {artifact.attrs['sequence']}, {artifact.attrs['days']} days later")
+    """How it fared, by both protocols."""
+    evaluation = Evaluation.read(artifact)
+    numbers, attrs = summary(evaluation), artifact.attrs
+    rows = [
+        ("queries", f"{len(evaluation.answer):,}"),
+        ("trained", f"on {attrs['train']}, tested on {attrs['sequence']}, {evaluation.days} days later"),
+        ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
+    ]
+    sections = [Section("", tuple(rows))]
+    sections += [Section(f"by {name}", _protocol(evaluation.protocol(name), numbers[name])) for name in PROTOCOLS]
+    blind = [name for name in PROTOCOLS if len(evaluation.answer) and not evaluation.protocol(name).seen.any()]
+    warnings = (f"no query was seen in training by {' or '.join(blind)}: recall and AUC mean nothing there",) if blind else ()
+    return Highlights(tuple(sections), warnings)
+
+
+def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> tuple[tuple[str, str], ...]:
+    def told(name: str) -> str:
+        low, high = judgement.interval[NUMBERS.index(name)]
+        between = f" ({low:.3f}–{high:.3f})" if low <= high else ""
+        return "none" if numbers[name] is None else f"{numbers[name]:.3f}{between}"
+
+    judged = f"{int(judgement.seen.sum()):,} seen and {int(judgement.unseen.sum()):,} unseen"
+    outcomes = np.bincount(judgement.outcome, minlength=len(OUTCOMES))
+    return (
+        ("queries", judged),
+        ("recall", ", ".join(f"at {n} {told(f'recall_at_{n}')}" for n in (1, 5, 25)) + " of the seen, none rejected"),
+        ("oracle", f"{told('oracle')}: the nearest training anchor's answer"),
+        ("AUC", ", ".join(f"top {n} {told(f'auc_top{n}')}" for n in (1, 5, 25)) + f", exact {told('auc_exact_top1')}"),
+        ("rejection", f"AUROC {told('auroc')}, recall at 99 % precision {told('recall_at_99_precision')}"),
+        ("outcome", ", ".join(f"{count:,} {name}" for name, count in zip(OUTCOMES, outcomes, strict=True)) + " at the threshold"),
     )
-    warnings = () if seen.any() or not len(seen) else ("no query was seen in training: recall and AUC mean nothing here",)
-    return Highlights((Section("", tuple(rows)),), warnings)
+
+
+def _spread(values: NDArray[Any]) -> str:
+    low, mid, high = np.percentile(values, (5, 50, 95))
+    return f"5 % {low:.3g}, median {mid:.3g}, 95 % {high:.3g}"
 
 
 def _distinct(values: NDArray[Any]) -> int:

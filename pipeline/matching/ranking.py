@@ -1,7 +1,7 @@
 """The waist: what every method answers, whatever it looks at and however it learns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -13,7 +13,7 @@ from pipeline.frames import Poses, Stamps
 from pipeline.watch import Watch
 
 Model = Mapping[str, NDArray[Any]]
-"""What a method learned: named arrays, one of them `threshold`, the novelty from which it rejects a query as unseen."""
+"""What a method learned: named arrays, among them the evidence of its held-out blocks (matching.rejection)."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,19 @@ class Ranking:
     xy_m: NDArray[np.float64]
     """(query, k, 2) where each answer lies: the matched training row, or the place's mean one."""
     novelty: NDArray[np.float32]
-    """(query,) larger: more likely unseen."""
+    """(query, kind) larger: more likely unseen; the first kind is the one in use."""
+    confidence: NDArray[np.float32]
+    """(query,) chance that the first answer is right, if the query is seen; NaN where the method gives none."""
     heading_deg: NDArray[np.float32]
     """(query,) how the query is turned, NaN where the method cannot tell."""
+    kinds: tuple[str, ...]
+    """Name of each kind of novelty."""
+
+    def by(self, kind: str) -> Self:
+        """The same with this kind of novelty first."""
+        first = self.kinds.index(kind)
+        order = [first, *(column for column in range(len(self.kinds)) if column != first)]
+        return replace(self, novelty=self.novelty[:, order], kinds=tuple(self.kinds[column] for column in order))
 
 
 class Method(Protocol):

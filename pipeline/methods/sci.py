@@ -7,12 +7,14 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import entr, softmax
+from scipy.special import entr, logsumexp, softmax
 from torch import Tensor, nn
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.temperature import temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import LeNet, device
 from pipeline.settings import check, positive
@@ -22,7 +24,7 @@ from pipeline.watch import Watch
 
 @dataclass(frozen=True)
 class Sci:
-    """The paper's recipe; novelty is the normalised entropy of the softmax."""
+    """The paper's recipe."""
 
     view: str = "scan_context"
     n_way: int = 2
@@ -46,23 +48,15 @@ class Sci:
     held_out_every_m: float = 40.0
     held_out_length_m: float = 4.0
     """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
-    wanted_precision: float = 0.9
-    unseen_share: float = 0.2
-    """Share of unseen queries to expect when choosing the threshold."""
     neighbour_m: float = 20.0
-    """A held-out query counts as unseen once the places nearer than this are taken out of its softmax."""
+    """A held-out query counts as unseen once the places and training views nearer than this are forgotten."""
 
     def __post_init__(self) -> None:
         check(self, "method")
         positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
         positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
-        for name, share in (
-            ("dropout", self.dropout),
-            ("wanted_precision", self.wanted_precision),
-            ("unseen_share", self.unseen_share),
-        ):
-            if not 0 <= share <= 1:
-                raise ConfigError(f"method.{name}={share}: expected a share from 0 to 1")
+        if not 0 <= self.dropout <= 1:
+            raise ConfigError(f"method.dropout={self.dropout}: expected a share from 0 to 1")
 
     def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
         """Train on the views of the training sequence; raises ConfigError where n_way does not divide the sectors."""
@@ -79,17 +73,19 @@ class Sci:
         held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
         turns = torch.arange(self.n_way) * (sectors // self.n_way)
 
+        def turned(chosen: Tensor) -> Tensor:
+            """Heights of trained views: number i is view i // n_way at heading i % n_way."""
+            columns = (torch.arange(sectors) - turns[chosen % self.n_way, None]) % sectors
+            return heights[trained[chosen // self.n_way]].gather(2, columns[:, None].expand(-1, rings, -1))
+
         def batches(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
             """Every trained view at every heading, once, in a new order."""
             for chosen in torch.split(torch.randperm(len(trained) * self.n_way, generator=order), self.batch):
-                rows = trained[chosen // self.n_way]
-                columns = (torch.arange(sectors) - turns[chosen % self.n_way, None]) % sectors
-                turned = heights[rows].gather(2, columns[:, None].expand(-1, rings, -1))
-                if len(rows) > 1 or len(trained) * self.n_way == 1:  # a batch of one says nothing of the statistics
-                    yield self._images(turned, where), classes[rows].to(where)
+                if len(chosen) > 1 or len(trained) * self.n_way == 1:  # a batch of one says nothing of the statistics
+                    yield self._images(turned(chosen), where), classes[trained[chosen // self.n_way]].to(where)
 
-        def judge(net: nn.Module) -> tuple[float, float]:
-            logits = self._logits(net, heights[held])
+        def judge(net: LeNet) -> tuple[float, float]:
+            logits, _ = self._look(net, heights[held])
             loss = nn.functional.cross_entropy(logits, classes[held])
             return float(loss), float((logits.argmax(1) == classes[held]).float().mean())
 
@@ -109,13 +105,26 @@ class Sci:
                 watch=watch,
             )
             net.load_state_dict(result.weights)
-            logits = self._logits(net, heights[held]).numpy().astype(np.float64)
+            logits, features = self._look(net, heights[held])
+            _, memory = self._look(net, turned(torch.arange(len(trained) * self.n_way)))
         xy = views.world_T_anchor[:, :2, 3]
         place_xy = np.stack([np.bincount(places, xy[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1)
+        scores = logits.numpy().astype(np.float64)
+        likeness = (features @ memory.T).numpy().astype(np.float64)
+        softness = temperature(scores, places[held])
+        near_places = near(xy[held], place_xy, self.neighbour_m)
+        near_memory = near(xy[held], np.repeat(xy[trained.numpy()], self.n_way, axis=0), self.neighbour_m)
+        evidence = Evidence(
+            scores.argmax(axis=1) == places[held],
+            novelties(scores, softness, likeness.max(axis=1)),
+            novelties(np.where(near_places, -np.inf, scores), softness, np.where(near_memory, -1, likeness).max(axis=1)),
+        )
         return {
             **{f"net/{name}": value.cpu().contiguous().numpy() for name, value in result.weights.items()},
             "place_xy_m": place_xy,
-            "threshold": np.array(self._threshold(logits, places[held], xy[held], place_xy)),
+            "memory": memory.numpy(),
+            "temperature": np.array(softness),
+            **evidence.arrays(),
             "image_shape": np.array([rings, sectors]),
             "best_epoch": np.array(result.best_epoch),
             **{f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)},
@@ -133,14 +142,20 @@ class Sci:
             net.load_state_dict(
                 {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
             )
-            probability = softmax(self._logits(net.to(device()), heights).numpy().astype(np.float64), axis=1)
+            logits, features = self._look(net.to(device()), heights)
+            memory = torch.from_numpy(model["memory"].copy())
+            likest = [(part @ memory.T).amax(1) for part in torch.split(features, 512)]
+        scores, softness = logits.numpy().astype(np.float64), float(model["temperature"])
+        probability, novelty = softmax(scores, axis=1), novelties(scores, softness, torch.cat(likest).numpy())
         places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
         return Ranking(
             places.astype(np.int64),
             (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
             place_xy[places],
-            normalised_entropy(probability).astype(np.float32),
+            np.stack([*novelty.values()], axis=1).astype(np.float32),
+            softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
             np.full(len(places), np.nan, np.float32),
+            tuple(novelty),
         )
 
     def _images(self, heights: Tensor, where: torch.device) -> Tensor:
@@ -149,25 +164,26 @@ class Sci:
         return table[heights.to(where).long()].permute(0, 3, 1, 2)
 
     @torch.inference_mode()
-    def _logits(self, net: nn.Module, heights: Tensor) -> Tensor:
+    def _look(self, net: LeNet, heights: Tensor) -> tuple[Tensor, Tensor]:
+        """Logits (n, places) and features (n, 64) of length 1 of quantized heights (n, rings, sectors)."""
         net.eval()
         where = next(net.parameters()).device
-        parts = [net(self._images(part, where)).float().cpu() for part in torch.split(heights, self.batch)]
-        return torch.cat(parts) if parts else torch.empty(0, 1)
+        parts = [net.embed(self._images(part, where)) for part in torch.split(heights, self.batch)]
+        embedded = torch.cat(parts)
+        return net.head[3:](embedded).float().cpu(), nn.functional.normalize(embedded.float()).cpu()
 
-    def _threshold(
-        self, logits: NDArray[np.float64], places: NDArray[np.int64], xy_m: NDArray[np.float64], place_xy_m: NDArray[np.float64]
-    ) -> float:
-        """The threshold of the wanted precision on the held-out blocks, each query once as seen and once as unseen."""
-        near = np.linalg.norm(place_xy_m - xy_m[:, None], axis=2) < self.neighbour_m
-        near[near.all(axis=1)] = False
-        probability = softmax(logits, axis=1)
-        novelty = np.concatenate(
-            [normalised_entropy(probability), normalised_entropy(softmax(np.where(near, -np.inf, logits), axis=1))]
-        )
-        right = np.concatenate([probability.argmax(axis=1) == places, np.zeros(len(places), bool)])
-        weight = np.repeat([1 - self.unseen_share, self.unseen_share], len(places))
-        return holdout.threshold_for(self.wanted_precision, novelty.astype(np.float32).astype(np.float64), right, weight)
+
+def novelties(logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
+
+    The paper's comes first; the second is it at the held-out blocks' temperature; energy is Liu et al.'s, NeurIPS 2020.
+    """
+    return {
+        "entropy": normalised_entropy(softmax(logits, axis=1)),
+        "tempered_entropy": normalised_entropy(softmax(logits / softness, axis=1)),
+        "energy": -np.asarray(logsumexp(logits, axis=1)),
+        "feature_distance": 1 - likeness.astype(np.float64),
+    }
 
 
 def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:

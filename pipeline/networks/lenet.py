@@ -41,9 +41,14 @@ class LeNet(nn.Module):
                 module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, images: Tensor) -> Tensor:
-        features: Tensor = self.features(images.contiguous(memory_format=torch.channels_last))
-        logits: Tensor = self.head(features.contiguous())
+        logits: Tensor = self.head[3:](self.embed(images))
         return logits
+
+    def embed(self, images: Tensor) -> Tensor:
+        """What the last layer looks at (batch, 64)."""
+        features: Tensor = self.features(images.contiguous(memory_format=torch.channels_last))
+        embedded: Tensor = self.head[:3](features.contiguous())
+        return embedded
 
 
 def parameters(net: nn.Module) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import torch
@@ -18,8 +18,8 @@ from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.watch import Watch
 
+Net = TypeVar("Net", bound=nn.Module)
 Batches = Callable[[torch.Generator], Iterator[tuple[Tensor, Tensor]]]
-Judge = Callable[[nn.Module], tuple[float, float]]
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 
 
@@ -53,9 +53,9 @@ def autocast(where: torch.device, precision: Literal["auto", "bf16", "f32"]) -> 
 
 
 def fit(
-    net: nn.Module,
+    net: Net,
     batches: Batches,
-    judge: Judge,
+    judge: Callable[[Net], tuple[float, float]],
     *,
     epochs: int,
     steps: int,

@@ -1,4 +1,4 @@
-"""Where on the campus queries were placed right, placed wrong, or turned away."""
+"""Where on the campus queries were placed right, placed wrong, or turned away, by cells: the papers' protocol."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.reports.result import Result
-from pipeline.reports.style import STYLE, TEXT_WIDTH_IN, figure, panels
+from pipeline.reports.result import Result, some
+from pipeline.reports.style import STYLE, TEXT_WIDTH_IN, balanced, figure, panels
 
 OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, light ones seen and dark ones mostly unseen
     ("hit", "#6BB6E8", "o"),
@@ -19,10 +19,11 @@ OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, li
     ("false alarm", "#B2182B", "X"),
     ("correct rejection", "#1B3C73", "s"),
 )
-"""In the order of the codes of `Judgement.outcome`."""
+"""In the order of the codes of `Judgement.outcome`; by cells every query is judged."""
 DRAWN = (0, 3, 1, 2)
 """The many first, what went wrong on top."""
 COLUMNS = 5
+HEADING = "Outcomes by cells"
 
 
 @matplotlib.rc_context(STYLE)
@@ -32,10 +33,9 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool
     width_m, height_m = box[1] - box[0]
     height_in = float(np.clip(TEXT_WIDTH_IN * height_m / width_m, 2.2, 5.6))
     width_in = float(np.clip(height_in * width_m / height_m, 4.6, TEXT_WIDTH_IN))
-    fig = figure(width_in, height_in + 0.6, simulated)
+    fig = figure(width_in, height_in + 0.6, simulated, f"{result.method} on {result.label}, by cells")
     axis = fig.subplots()
     _draw(axis, result, train_xy_m, box, size=6.0)
-    axis.set_title(f"{result.method} on {result.label}", loc="left")
     _legend(fig, result)
     return fig
 
@@ -43,14 +43,11 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool
 @matplotlib.rc_context(STYLE)
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
     """All the maps at a glance, one panel a result, on one scale; the counts under each are in the legend's order."""
-    if not results:
-        raise InputError("a figure needs at least one result")
-    box = _box(results, train_xy_m)
+    box = _box(some(results), train_xy_m)
     width_m, height_m = box[1] - box[0]
-    columns = min(COLUMNS, len(results))
-    rows = -(-len(results) // columns)
-    panel_in = TEXT_WIDTH_IN / max(columns, 2)
-    fig = figure(panel_in * max(columns, 2), rows * (panel_in * height_m / width_m + 0.42) + 0.4, simulated)
+    rows, columns = balanced(len(results), COLUMNS)
+    panel_in = TEXT_WIDTH_IN / max(columns, 3)
+    fig = figure(panel_in * max(columns, 2), rows * (panel_in * height_m / width_m + 0.42) + 0.5, simulated, HEADING)
     several = len({result.method for result in results}) > 1
     for number, (axis, result) in enumerate(zip(panels(fig, len(results), columns, shared=False), results, strict=True)):
         _draw(axis, result, train_xy_m, box, size=1.6, bar=number == 0)
@@ -68,7 +65,7 @@ def _draw(
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
     for code in DRAWN:
         _, tint, marker = OUTCOMES[code]
-        chosen = result.judgement.xy_m[result.judgement.outcome == code]
+        chosen = result.evaluation.xy_m[result.evaluation.cells.outcome == code]
         order = 2 + DRAWN.index(code)
         axis.scatter(chosen[:, 0], chosen[:, 1], size, tint, marker=marker, linewidths=0, zorder=order, rasterized=True)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
@@ -79,7 +76,7 @@ def _draw(
 
 def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lowest and highest x and y (2, 2) in metres of all that is drawn, with a margin, and room below for the scale bar."""
-    everything = np.concatenate([train_xy_m, *(result.judgement.xy_m for result in results)])
+    everything = np.concatenate([train_xy_m, *(result.evaluation.xy_m for result in results)])
     if not len(everything):
         raise InputError("a map needs at least one training pose or query")
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -99,7 +96,7 @@ def _scale_bar(axis: Axes, box: NDArray[np.float64]) -> None:
 
 def _counts(result: Result) -> list[int]:
     """Queries of each outcome, in the order of `OUTCOMES`."""
-    return [int(number) for number in np.bincount(result.judgement.outcome, minlength=len(OUTCOMES))]
+    return [int(number) for number in np.bincount(result.evaluation.cells.outcome, minlength=len(OUTCOMES))]
 
 
 def _legend(fig: Figure, result: Result | None = None) -> None:

@@ -1,9 +1,12 @@
-"""What the figures and tables are made of: one method's judgement on one test sequence."""
+"""What the figures and tables are made of: one method's evaluation on one test sequence."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from pipeline.evaluation.judgement import Judgement
+from pipeline.errors import InputError
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.numbers import NUMBERS
 
 
 @dataclass(frozen=True)
@@ -13,9 +16,11 @@ class Result:
     method: str
     sequence: str
     """The test sequence, named by its date."""
-    numbers: Mapping[str, float | None]
-    """As `evaluation.judgement.summary` makes them."""
-    judgement: Judgement
+    numbers: Mapping[str, Any]
+    """As `evaluation.judgement.summary` makes them: by protocol, and of calibration."""
+    evaluation: Evaluation
+    wanted_precision: float | None = None
+    """What the thresholds were chosen for, on held-out blocks of training."""
 
     @property
     def days(self) -> int:
@@ -26,6 +31,25 @@ class Result:
     def label(self) -> str:
         """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
         return f"{self.sequence[:10]}, {self.days:+d} d"
+
+    def number(self, protocol: str, name: str) -> float | None:
+        """One number by one protocol; None where there is none."""
+        value = self.numbers[protocol][name]
+        return None if value is None else float(value)
+
+    def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
+        """Its 95 % interval, lowest and highest; None where there is none."""
+        if name not in NUMBERS:
+            return None
+        low, high = (float(bound) for bound in self.evaluation.protocol(protocol).interval[NUMBERS.index(name)])
+        return (low, high) if low <= high else None
+
+
+def some(results: Sequence[Result]) -> Sequence[Result]:
+    """The results, of which a figure needs one at least."""
+    if not results:
+        raise InputError("a figure needs at least one result")
+    return results
 
 
 def by_method(results: Sequence[Result]) -> dict[str, list[Result]]:

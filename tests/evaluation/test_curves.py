@@ -4,15 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.io import loadmat
+from sklearn import metrics
 
-from pipeline.evaluation.counts import Counts, count
-from pipeline.evaluation.curves import auc, precision_recall
+from pipeline.evaluation.counts import Counts, Sweep, count
+from pipeline.evaluation.curves import auc, auroc, f1_max, precision_recall, recall_at_precision
+from pipeline.evaluation.protocols import Truth
 
 # The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
 NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
 SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TRUE_RANK = np.array([0, 1, 0, -1, 0, -1])
+TOY = Truth(SEEN, ~SEEN, TRUE_RANK, SEEN)
 THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
 
 OFFICIAL = Path(__file__).parents[2].parent / "shared" / "real" / "nclt" / "official_sci_counts"
@@ -39,7 +44,7 @@ def official(sequence: str) -> Counts:
 
 def test_precision_and_recall_of_six_queries_by_hand() -> None:
     # hits 1 1 2 2 3 3, false alarms 0 1 1 2 2 3, misses 3 2 1 1 0 0 (test_counts.py)
-    precision, recall = precision_recall(count(TRUE_RANK, SEEN, NOVELTY, THRESHOLDS))
+    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS))
     np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
     np.testing.assert_allclose(recall[0], [1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
     assert precision.shape == recall.shape == (25, 6)
@@ -47,10 +52,10 @@ def test_precision_and_recall_of_six_queries_by_hand() -> None:
 
 def test_area_of_six_queries_by_hand() -> None:
     # Trapezoids: (1/12)(3/4) + (1/3)(7/12) + 0 + (1/3)(11/20) + 0 = 0.0625 + 0.194444 + 0.183333 = 0.440278
-    precision, recall = precision_recall(count(TRUE_RANK, SEEN, NOVELTY, THRESHOLDS))
+    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS))
     assert auc(precision, recall)[0] == pytest.approx(0.0625 + 7 / 36 + 11 / 60)
     # With threshold 0 in front, (recall 0, precision 1) joins: one more trapezoid of (1/4) · 1.
-    precision, recall = precision_recall(count(TRUE_RANK, SEEN, NOVELTY, np.r_[0.0, THRESHOLDS]))
+    precision, recall = precision_recall(count(TOY, NOVELTY, np.r_[0.0, THRESHOLDS]))
     assert (recall[0, 0], precision[0, 0]) == (0.0, 1.0)
     assert auc(precision, recall)[0] == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
 
@@ -62,9 +67,122 @@ def test_where_nothing_is_accepted_precision_is_one_and_recall_zero() -> None:
 
 def test_recall_reaches_one_when_everything_is_accepted_though_places_are_wrong() -> None:
     # Seen and accepted but misplaced is a false alarm, not a miss: one hit, no miss, one false alarm.
-    counts = count(np.array([0, -1]), np.array([True, True]), np.array([0.1, 0.2], np.float32), np.array([1.0]), top_n=1)
+    seen = np.array([True, True])
+    counts = count(Truth(seen, ~seen, np.array([0, -1]), seen), np.array([0.1, 0.2], np.float32), np.array([1.0]), top_n=1)
     precision, recall = precision_recall(counts)
     assert (recall.item(), precision.item()) == (1.0, 0.5)
+
+
+def test_a_misplaced_query_counts_against_the_usual_recall() -> None:
+    # The toy has 4 seen queries; hits are 1 1 2 2 3 3, and the one that is placed wrong is never recalled.
+    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS), seen=4)
+    assert recall[0].tolist() == [1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
+    np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])  # as by the authors' rule
+
+
+def exact(truth: Truth, novelty: np.ndarray, usual: bool) -> tuple[np.ndarray, np.ndarray]:
+    counts = Sweep(truth, novelty, np.ones((1, len(novelty)))).count(1)
+    precision, recall = precision_recall(counts, truth.seen.sum() if usual else None)
+    return precision[0], recall[0]
+
+
+def test_the_exact_curve_of_six_queries_by_hand() -> None:
+    # The toy's thresholds lie between its novelties, so with threshold 0 in front they give the exact curve.
+    precision, recall = exact(TOY, NOVELTY, usual=False)
+    np.testing.assert_allclose(precision, [1, 1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
+    np.testing.assert_allclose(recall, [0, 1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
+    assert auc(precision, recall) == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
+    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 / 1.6)  # at precision 3/5, recall 1
+    assert recall_at_precision(precision, recall, 0.99) == 1 / 4
+    assert recall_at_precision(precision, recall, 0.6) == 1.0
+
+
+def test_the_exact_usual_curve_of_six_queries_by_hand() -> None:
+    precision, recall = exact(TOY, NOVELTY, usual=True)
+    assert recall.tolist() == [0, 1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
+    # Trapezoids where recall moves: (1/4)(1) + (1/4)(7/12) + (1/4)(11/20)
+    assert auc(precision, recall) == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)
+    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 * 0.75 / 1.35)  # at precision 3/5, recall 3/4
+
+
+def test_where_no_threshold_is_precise_enough_recall_is_zero() -> None:
+    # The surest query is wrong: precision never exceeds 1/2, but for the start where nothing is accepted.
+    seen = np.array([True, True])
+    truth = Truth(seen, ~seen, np.array([1, 0]), seen)
+    assert recall_at_precision(*exact(truth, np.array([0.1, 0.2]), usual=False), 0.99) == 0.0
+
+
+def test_two_hundred_thresholds_come_near_the_exact_curve_and_few_do_not() -> None:
+    rng = np.random.default_rng(3)
+    seen = rng.random(500) < 0.8
+    novelty = (0.5 * rng.random(500) + 0.4 * ~seen).astype(np.float32)
+    truth = Truth(seen, ~seen, np.where(seen, rng.integers(0, 2, 500), -1), seen)
+    area = auc(*exact(truth, novelty, usual=False))
+
+    def off(thresholds: np.ndarray) -> float:
+        return float(abs(auc(*precision_recall(count(truth, novelty, thresholds)))[0] - area))
+
+    assert off(np.linspace(0, 1, 200)) < 0.005
+    assert off(np.linspace(0, 1, 4)) > 0.01
+    crowded = novelty / 1000  # all between the first two of 200 thresholds: the curve is one straight line
+    assert abs(auc(*exact(truth, crowded, usual=False)) - area) < 1e-12
+    assert abs(auc(*precision_recall(count(truth, crowded, np.linspace(0, 1, 200))))[0] - area) > 0.02
+
+
+def test_an_unseen_query_more_novel_than_seen_ones_by_hand() -> None:
+    # Unseen .4 is above three of the four seen (.1 .2 .3 .6), unseen .7 above all: 7 of 8 pairs.
+    assert auroc(Sweep(TOY, NOVELTY, np.ones((1, 6))).count(1)).tolist() == [7 / 8]
+    # All alike: every pair is a tie, counting half.
+    assert auroc(Sweep(TOY, np.zeros(6), np.ones((1, 6))).count(1)).tolist() == [0.5]
+
+
+def test_without_unseen_queries_there_is_nothing_to_tell_apart() -> None:
+    seen = np.ones(3, bool)
+    counts = Sweep(Truth(seen, ~seen, np.zeros(3, np.int64), seen), np.array([0.1, 0.2, 0.3]), np.ones((1, 3))).count(1)
+    assert np.isnan(auroc(counts)).all()
+
+
+QUERIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(0, 8)), min_size=2, max_size=40)
+
+
+def made(queries: list[tuple[bool, bool, int]]) -> tuple[Truth, np.ndarray]:
+    """Queries (seen, right, level of novelty), after one that is seen and right and one that is unseen, of the middle level."""
+    seen, right, level = (np.array(column) for column in zip((True, True, 4), (False, False, 4), *queries, strict=True))
+    return Truth(seen, ~seen, np.where(seen & right, 0, -1), seen), level / 8
+
+
+@given(QUERIES)
+def test_auroc_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
+    truth, novelty = made(queries)
+    found = auroc(Sweep(truth, novelty, np.ones((1, len(novelty)))).count(1)).item()
+    assert found == pytest.approx(metrics.roc_auc_score(truth.unseen, novelty))
+
+
+@given(QUERIES)
+def test_where_every_seen_query_is_right_the_curve_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
+    # scikit-learn's recall is of the right answers; those are the seen queries then, by either rule.
+    truth, novelty = made([(seen, True, level) for seen, _, level in queries])
+    precision, recall, _ = metrics.precision_recall_curve(truth.seen, -novelty)
+    for usual in (False, True):
+        ours = exact(truth, novelty, usual)
+        np.testing.assert_allclose(ours, [precision[::-1], recall[::-1]])
+        assert auc(*ours) == pytest.approx(metrics.auc(recall, precision))
+
+
+@given(QUERIES)
+def test_the_best_f1_is_that_of_the_best_threshold(queries: list[tuple[bool, bool, int]]) -> None:
+    truth, novelty = made(queries)
+    right = truth.true_rank == 0
+    best = {False: 0.0, True: 0.0}
+    for threshold in (*np.unique(novelty), np.inf):  # rejected from there on
+        accepted = novelty < threshold
+        hits, false_alarms = (accepted & right).sum(), (accepted & ~right).sum()
+        misses, misplaced = (~accepted & truth.seen).sum(), (accepted & truth.seen & ~right).sum()
+        for usual in best:
+            wanted = hits + misses + (misplaced if usual else 0)
+            best[usual] = max(best[usual], 2 * hits / (hits + false_alarms + wanted) if hits else 0.0)
+    for usual, f1 in best.items():
+        assert f1_max(*exact(truth, novelty, usual)) == pytest.approx(f1)
 
 
 def test_small_unsigned_counts_do_not_overflow() -> None:

@@ -1,105 +1,241 @@
-"""The judgement of one test sequence, and its numbers."""
+"""The judgement of one test sequence by both protocols, and its numbers."""
 
 import json
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
-from pipeline.evaluation.judgement import Judgement, judge, outcomes, rank_of, summary
+from pipeline import store
+from pipeline.errors import ArtifactError, InputError
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.judgement import Evaluation, Judgement, judge, outcomes, summary
+from pipeline.evaluation.numbers import MEASURES, NUMBERS
+from pipeline.evaluation.protocols import Distance, Truth
+from pipeline.matching.places import Labels
+from pipeline.matching.ranking import Ranking
 from pipeline.schemas import EVALUATIONS
 
-THRESHOLD = 0.5
+XY_M = np.array([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)], float)
+RANKING = Ranking(
+    places=np.array([[7, 1], [8, 1], [1, 9], [3, 1], [2, 1]]),
+    costs=np.array([[0.15, 0.9], [0.25, 0.9], [0.35, 0.9], [0.45, 0.9], [0.55, 0.9]], np.float32),
+    xy_m=np.zeros((5, 2, 2)),
+    novelty=np.array([[0.1, 5], [0.2, 1], [0.3, 3], [0.6, 2], [0.9, 4]], np.float32),
+    confidence=np.array([0.95, 0.95, 0.45, 0.95, 0.5], np.float32),
+    heading_deg=np.zeros(5, np.float32),
+    kinds=("entropy", "energy"),
+)
+LABELS = Labels(
+    places=np.array([7, 8, 9, 3, -1]),
+    cells=np.arange(10),
+    oracle=np.array([7, 8, 8, 3, 2]),
+    nearest_m=np.array([1.0, 1.0, 4.0, 6.0, 50.0]),
+    nearest_turn_deg=np.array([10.0, 180.0, -45.0, 46.0, 0.0]),
+)
 
 
-def poses(xy_m: list[tuple[float, float]]) -> Any:
+def drive(
+    ranking: Ranking = RANKING, labels: Labels = LABELS, xy_m: np.ndarray = XY_M, reject_from: tuple[float, ...] = (0.5, 4.5)
+) -> Evaluation:
+    """Five queries: right; right but turned around; true place second; right but rejected; unseen and rejected.
+
+    By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
+    """
     world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
     world_T_anchor[:, :2, 3] = xy_m
-    return world_T_anchor
+    return judge(ranking, reject_from, labels, world_T_anchor, 20, Distance(), Bootstrap(block_m=5.0, resamples=40))
 
 
-def drive(**changes: Any) -> Judgement:
-    """Five queries: right; right but turned around; true place second; right but rejected; unseen and rejected."""
-    arrays: dict[str, Any] = {
-        "places": np.array([[7, 1], [8, 1], [1, 9], [3, 1], [2, 1]]),
-        "answers_xy_m": np.zeros((5, 2, 2)),
-        "novelty": np.array([0.1, 0.2, 0.3, 0.6, 0.9], np.float32),
-        "true_places": np.array([7, 8, 9, 3, -1]),
-        "world_T_anchor": poses([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)]),
-        "oracle": np.array([7, 8, 8, 3, 2]),
-        "turn_deg": np.array([10.0, 180.0, -45.0, 46.0, 0.0]),
-        "threshold": THRESHOLD,
-    }
-    return judge(**(arrays | changes))
+def rows(whole: Any, index: slice) -> Any:
+    """Some rows of a ranking or of labels."""
+    arrays = {f.name: getattr(whole, f.name) for f in fields(whole) if f.name not in ("kinds", "cells")}
+    return replace(whole, **{name: array[index] for name, array in arrays.items()})
 
 
-def test_a_judgement_is_what_the_schema_of_evaluations_asks_for() -> None:
-    judgement = vars(drive())
-    assert judgement.keys() == EVALUATIONS.columns.keys()
-    lengths: dict[str, int] = {"xy": 2, "top_n": 25, "threshold": 200, "query": 5}
+def test_an_evaluation_is_what_its_schema_asks_for() -> None:
+    columns = drive().columns()
+    assert columns.keys() == EVALUATIONS.columns.keys()
+    lengths = {"protocol": 2, "xy": 2, "top_n": 25, "threshold": 200, "query": 5, "kind": 2, "bound": 2, "bound3": 3}
+    lengths |= {"number": len(NUMBERS), "measure": len(MEASURES)}
     for name, column in EVALUATIONS.columns.items():
-        assert judgement[name].dtype == np.dtype(column.dtype), name
-        assert judgement[name].shape == tuple(lengths[dim] for dim in column.dims), name
+        assert columns[name].dtype == np.dtype(column.dtype), name
+        assert columns[name].shape == tuple(lengths[dim] for dim in column.dims), name
 
 
 def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
     # accepted (novelty < .5): right, right, wrong; rejected: seen → miss, unseen → correct rejection
-    judgement = drive()
-    assert judgement.outcome.tolist() == [0, 0, 2, 1, 3]
-    assert judgement.true_rank.tolist() == [0, 0, 1, 0, -1]
-    assert judgement.seen.tolist() == [True, True, True, True, False]
-    assert judgement.error_m.tolist() == [5.0, 1.0, 10.0, 2.0, 50.0]
-    assert judgement.oracle_right.tolist() == [True, True, False, True, False]
+    evaluation = drive()
+    cells, distance = evaluation.cells, evaluation.distance
+    assert cells.outcome.tolist() == [0, 0, 2, 1, 3]
+    assert cells.true_rank.tolist() == [0, 0, 1, 0, -1]
+    assert cells.seen.tolist() == [True, True, True, True, False]
+    assert cells.oracle_right.tolist() == [True, True, False, True, False]
+    assert evaluation.error_m.tolist() == [5.0, 1.0, 10.0, 2.0, 50.0]
+    assert distance.outcome.tolist() == [0, 0, 0, 4, 3]
+    assert distance.true_rank.tolist() == [0, 0, 0, -1, -1]
+    assert distance.seen.tolist() == [True, True, True, False, False]
+    assert distance.unseen.tolist() == [False, False, False, False, True]
+    assert distance.oracle_right.tolist() == [True, True, True, False, False]
+    assert evaluation.answer.tolist() == [7, 8, 1, 3, 2]
 
 
 def test_the_numbers_of_five_queries_by_hand() -> None:
-    numbers = summary(drive(), THRESHOLD, days=20)
-    assert numbers["days"] == 20
-    assert (numbers["queries"], numbers["seen"], numbers["unseen"]) == (5, 4, 1)
-    assert (numbers["top1"], numbers["top5"], numbers["top25"]) == (3 / 4, 1.0, 1.0)
-    assert numbers["top1_same_heading"] == 1 / 2  # queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
-    assert numbers["top1_turned"] == 1.0  # queries 1 (180°) and 3 (46°)
-    assert (numbers["oracle_top1"], numbers["oracle_top1_same_heading"], numbers["oracle_top1_turned"]) == (3 / 4, 1 / 2, 1.0)
-    assert numbers["precision_at_threshold"] == 2 / 3  # two hits, one false alarm
-    assert numbers["recall_at_threshold"] == 2 / 3  # two hits, one miss
-    assert numbers["median_error_m"] == 3.5  # of 1, 2, 5 and 10; the unseen query's 50 does not count
-    assert numbers["auc_top1"] == drive().auc[0]
+    numbers = summary(drive())
+    cells, distance = numbers["cells"], numbers["distance"]
+    assert (numbers["days"], numbers["queries"]) == (20, 5)
+    assert tuple(cells) == tuple(distance) == ("seen", "unseen", *NUMBERS, "threshold")
+    assert (cells["seen"], cells["unseen"]) == (4, 1)
+    assert (cells["recall_at_1"], cells["recall_at_5"], cells["recall_at_25"]) == (3 / 4, 1.0, 1.0)
+    assert cells["recall_at_1_same_heading"] == 1 / 2  # queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
+    assert cells["recall_at_1_turned"] == 1.0  # queries 1 (180°) and 3 (46°)
+    assert (cells["oracle"], cells["oracle_same_heading"], cells["oracle_turned"]) == (3 / 4, 1 / 2, 1.0)
+    assert (cells["precision_at_threshold"], cells["recall_at_threshold"]) == (2 / 3, 2 / 3)  # two hits, false alarm, miss
+    assert cells["median_error_m"] == 3.5  # of 1, 2, 5 and 10; the unseen query's 50 does not count
+    assert cells["auroc"] == 1.0
+    assert cells["threshold"] == distance["threshold"] == 0.5
+    assert (distance["seen"], distance["unseen"]) == (3, 1)
+    assert (distance["recall_at_1"], distance["oracle"], distance["median_error_m"]) == (1.0, 1.0, 5.0)
+    assert (distance["precision_at_threshold"], distance["recall_at_threshold"]) == (1.0, 1.0)
 
 
-def test_outcomes_at_the_model_s_threshold_agree_with_the_counts_there() -> None:
-    judgement = drive(thresholds=np.array([0.0, THRESHOLD]))
-    at = [a[0, 1] for a in (judgement.hits, judgement.misses, judgement.false_alarms, judgement.correct_rejections)]
-    assert np.bincount(judgement.outcome, minlength=4).tolist() == at
+def test_calibration_is_of_the_seen_queries_by_cells() -> None:
+    # Right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1 holds 3 of .95, all right; .4 … .5 one of .45, wrong.
+    calibration = summary(drive())["calibration"]
+    assert calibration["ece"] == pytest.approx((3 * 0.05 + 0.45) / 4)
+    # 1 − cost: .85 .75 .55 right and .65 wrong, each in a bin of its own
+    assert calibration["ece_raw"] == pytest.approx((0.15 + 0.25 + 0.65 + 0.45) / 4)
 
 
-def test_numbers_of_an_all_unseen_sequence_are_valid_json() -> None:
-    numbers = summary(drive(true_places=np.full(5, -1)), float("inf"), days=0)
+def test_a_method_without_confidence_has_no_calibration() -> None:
+    numbers = summary(drive(replace(RANKING, confidence=np.full(5, np.nan, np.float32))))
+    assert numbers["calibration"] == {"ece_raw": None, "ece": None}
+
+
+def test_the_arrays_and_the_numbers_agree() -> None:
+    evaluation = drive()
+    for name in ("cells", "distance"):
+        numbers, judgement = summary(evaluation)[name], evaluation.protocol(name)
+        for n in (1, 5, 25):
+            assert judgement.recall_at[n - 1] == numbers[f"recall_at_{n}"]
+            assert judgement.auc[n - 1] == numbers[f"auc_top{n}"]
+        assert judgement.auc_exact[0] == numbers["auc_exact_top1"]
+        assert judgement.rejection[0, :, 0].tolist() == [numbers[measure] for measure in MEASURES]
+        indices = [NUMBERS.index(measure) for measure in MEASURES]
+        assert np.array_equal(judgement.rejection[0, :, 1:], judgement.interval[indices], equal_nan=True)
+        counts = (judgement.hits, judgement.misses, judgement.false_alarms, judgement.correct_rejections)
+        near = np.searchsorted(evaluation.thresholds, 0.5)  # no query's novelty lies between it and .5
+        assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [array[0, near] for array in counts]
+
+
+def test_each_kind_of_novelty_is_measured_at_its_own_threshold() -> None:
+    # energy rejects from 4.5 on: only query 0; accepted by cells are right 1, misplaced 2, right 3, unseen 4
+    energy = dict(zip(MEASURES, drive().cells.rejection[1, :, 0], strict=True))
+    assert energy["precision_at_threshold"] == 2 / 4
+    assert energy["recall_at_threshold"] == 2 / 3
+    assert energy["auroc"] == 3 / 4  # the unseen 4 is above 1, 2 and 3, and below 5
+
+
+def test_every_number_lies_in_its_interval() -> None:
+    rng = np.random.default_rng(2)
+    xy_m = np.stack([np.arange(400.0), np.zeros(400)], axis=1)
+    places = rng.integers(0, 4, (400, 3))
+    ranking = Ranking(
+        places,
+        np.sort(rng.random((400, 3)), axis=1).astype(np.float32),
+        xy_m[:, None] + rng.normal(0, 12, (400, 3, 2)),
+        rng.random((400, 1)).astype(np.float32),
+        rng.random(400).astype(np.float32),
+        np.zeros(400, np.float32),
+        ("entropy",),
+    )
+    labels = Labels(rng.integers(-1, 4, 400), np.arange(4), places[:, 1], rng.uniform(0, 30, 400), rng.uniform(-180, 180, 400))
+    evaluation = drive(ranking, labels, xy_m, (0.5,))
+    numbers = summary(evaluation)
+    for name in ("cells", "distance"):
+        low, high = evaluation.protocol(name).interval.T
+        found = np.array([numbers[name][number] for number in NUMBERS])
+        inside = (low <= found) & (found <= high)
+        assert [n for n, ok in zip(NUMBERS, inside, strict=True) if not ok] == []
+        assert (low < high)[NUMBERS.index("recall_at_1")]
+
+
+def test_an_all_unseen_sequence_gives_valid_json() -> None:
+    labels = replace(LABELS, places=np.full(5, -1), nearest_m=np.full(5, 99.0))
+    evaluation = drive(labels=labels, reject_from=(np.inf, np.inf))
+    numbers = summary(evaluation)
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
-    assert numbers["top1"] is numbers["oracle_top1"] is numbers["median_error_m"] is numbers["threshold"] is None
-    assert (numbers["precision_at_threshold"], numbers["recall_at_threshold"]) == (0.0, 0.0)  # all accepted, all false alarms
+    for name in ("cells", "distance"):
+        assert (numbers[name]["seen"], numbers[name]["unseen"], numbers[name]["precision_at_threshold"]) == (0, 5, 0.0)
+        assert {numbers[name][number] for number in NUMBERS if number != "precision_at_threshold"} == {None}
+        assert numbers[name]["threshold"] is None
+        assert np.isnan(evaluation.protocol(name).auc).all()
+    assert numbers["calibration"] == {"ece_raw": None, "ece": None}
 
 
-def test_the_share_of_a_heading_that_no_query_has_is_missing() -> None:
-    numbers = summary(drive(turn_deg=np.zeros(5)), THRESHOLD, days=1)
-    assert numbers["top1_turned"] is None
-    assert numbers["top1_same_heading"] == numbers["top1"]
+def test_a_threshold_that_rejects_everything_is_valid_json() -> None:
+    numbers = summary(drive(reject_from=(float(np.finfo(np.float64).min), 0.0)))
+    assert numbers["cells"]["threshold"] is numbers["cells"]["precision_at_threshold"] is None
+    assert numbers["cells"]["recall_at_threshold"] == 0.0
 
 
-def test_padding_in_a_ranking_is_not_the_place_of_an_unseen_query() -> None:
-    assert rank_of(np.array([-1, 4]), np.array([[-1, -1], [-1, 4]])).tolist() == [-1, 1]
+def test_a_sequence_without_unseen_queries_cannot_be_rejected_well_or_badly() -> None:
+    evaluation = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])
+    assert summary(evaluation)["cells"]["auroc"] is None
+    assert np.isnan(evaluation.cells.interval[NUMBERS.index("auroc")]).all()
+    assert np.isnan(evaluation.cells.rejection[:, MEASURES.index("auroc")]).all()
+    assert summary(evaluation)["cells"]["recall_at_1"] == 3 / 4
+
+
+def test_a_sequence_without_queries_is_judged_too() -> None:
+    numbers = summary(drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0]))
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+    assert (numbers["queries"], numbers["cells"]["recall_at_1"]) == (0, None)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    evaluation, path = drive(), tmp_path / "a.zarr"
+    attrs = {"sequence": "2012-02-04", "train": "2012-01-15", "wanted_precision": 0.99, "distance": {}, "bootstrap": {}}
+    with store.write(path, EVALUATIONS, **evaluation.attrs(), **attrs) as draft:
+        for name, column in evaluation.columns().items():
+            draft.put(name, column)
+    again = Evaluation.read(store.read(path, EVALUATIONS))
+    assert (again.kinds, again.reject_from, again.days) == (("entropy", "energy"), (0.5, 4.5), 20)
+    assert again.columns().keys() == evaluation.columns().keys()
+    for name, column in evaluation.columns().items():
+        assert np.array_equal(again.columns()[name], column, equal_nan=column.dtype.kind == "f"), name
+    assert isinstance(again.distance, Judgement)
+    assert summary(again) == summary(evaluation)
+
+
+def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path) -> None:
+    evaluation, path = drive(), tmp_path / "a.zarr"
+    attrs = evaluation.attrs() | {"numbers": list(NUMBERS[::-1]), "sequence": "a", "train": "b", "wanted_precision": 0.99, "distance": {}, "bootstrap": {}}
+    with store.write(path, EVALUATIONS, **attrs) as draft:
+        for name, column in evaluation.columns().items():
+            draft.put(name, column)
+    with pytest.raises(ArtifactError, match=r"a.zarr: its numbers are not today's; `dvc repro` it"):
+        Evaluation.read(store.read(path, EVALUATIONS))
 
 
 def test_a_query_at_the_threshold_is_rejected() -> None:
-    outcome = outcomes(np.array([0, 0]), np.array([True, True]), np.array([0.5, 0.25], np.float32), 0.5)
+    seen = np.array([True, True])
+    outcome = outcomes(Truth(seen, ~seen, np.zeros(2, np.int64), seen), np.array([0.5, 0.25], np.float32), 0.5)
     assert outcome.tolist() == [1, 0]
 
 
 def test_labels_of_another_sequence_are_refused() -> None:
     with pytest.raises(InputError, match="one row a query"):
-        drive(oracle=np.zeros(4, np.int64))
+        drive(labels=replace(LABELS, oracle=np.zeros(4, np.int64)))
 
 
-def test_a_threshold_that_accepts_nothing_has_a_recall_but_no_precision() -> None:
-    numbers = summary(drive(threshold=0.0), 0.0, days=1)
-    assert (numbers["precision_at_threshold"], numbers["recall_at_threshold"]) == (None, 0.0)
+def test_a_ranking_without_places_is_refused() -> None:
+    with pytest.raises(InputError, match="at least one place"):
+        drive(replace(RANKING, places=RANKING.places[:, :0]))
+
+
+def test_thresholds_of_another_method_are_refused() -> None:
+    with pytest.raises(InputError, match="2 columns of novelty, 2 kinds and 1 thresholds"):
+        drive(reject_from=(0.5,))

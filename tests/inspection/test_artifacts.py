@@ -6,18 +6,23 @@ import pytest
 
 from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.evaluation.numbers import MEASURES, NUMBERS
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.report import inspect
 from pipeline.schemas import ALL, SCANS, Schema
 from tests.inspection.scanner import scan
 
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
-LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25}
+LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2}
+LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound": 2, "bound3": 3}
+ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
+ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ROWS = 10
 
 
 def made(path: Path, schema: Schema, **given: np.ndarray) -> Path:
     """An artifact of any kind: rows of plausible numbers, unless given."""
-    with store.write(path, schema, **dict.fromkeys(schema.attrs, 1.0)) as draft:
+    with store.write(path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attrs}) as draft:
         for name, column in schema.columns.items():
             shape = [LENGTHS.get(dim, ROWS + dim.endswith("+1")) for dim in column.dims]
             draft.put(name, given.get(name, plain(name, shape, column.dtype)))
@@ -31,7 +36,7 @@ def plain(name: str, shape: list[int], dtype: str) -> np.ndarray:
         poses = np.tile(np.eye(4), (shape[0], 1, 1))
         poses[:, 0, 3] = 2.0 * np.arange(shape[0])  # 2 m a row along x: 18 m of path
         return poses
-    return np.ones(shape, dtype) if dtype != "?" else np.arange(shape[0]) % 2 == 0
+    return np.ones(shape, dtype) if dtype != "?" else np.indices(shape).sum(axis=0) % 2 == 0
 
 
 def scans(path: Path, cloud: np.ndarray, attrs: Mapping[str, object] | None = None) -> Path:
@@ -77,6 +82,44 @@ def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
     assert "55.0 %" in found.text()
     assert "4.50 m" in found.text()
     assert found.warnings[0].startswith("1 blank views")
+
+
+def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
+    schema = next(schema for schema in ALL if schema.kind == "rankings")
+    novelty = np.stack([np.linspace(0.1, 1.0, ROWS), np.ones(ROWS)], axis=1).astype(np.float32)
+    found = inspect(made(tmp_path / "a.zarr", schema, novelty=novelty, confidence=np.full(ROWS, np.nan, np.float32)))
+    text = found.text()
+    assert "rejects 60.0 % from 0.5 on" in text  # .5 … 1.0 are six of ten
+    assert "rejects 0.0 % from 2 on" in text
+    assert "confidence     told for none" in text
+    assert found.warnings[0].startswith("every query gets the same first answer")
+
+
+def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) -> None:
+    schema = next(schema for schema in ALL if schema.kind == "evaluations")
+    seen = np.stack([np.arange(ROWS) < 8, np.arange(ROWS) < 4])
+    unseen = np.stack([np.arange(ROWS) >= 8, np.arange(ROWS) >= 9])
+    true_rank = np.where(seen, np.stack([np.arange(ROWS) % 2, np.zeros(ROWS, int)]), -1)  # by cells every other is second
+    interval = np.full((2, len(NUMBERS), 2), np.nan)
+    interval[0, 0] = 0.25, 0.75
+    columns = {"seen": seen, "unseen": unseen, "true_rank": true_rank, "interval": interval}
+    found = inspect(made(tmp_path / "a.zarr", schema, **columns))
+    text = found.text()
+    assert "by cells" in text
+    assert "8 seen and 2 unseen" in text
+    assert "at 1 0.500 (0.250–0.750), at 5 1.000" in text
+    assert "by distance" in text
+    assert "4 seen and 1 unseen" in text
+    assert "at 1 1.000, at 5 1.000" in text
+    assert found.warnings == ()
+
+
+def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:
+    schema = next(schema for schema in ALL if schema.kind == "evaluations")
+    seen = np.stack([np.ones(ROWS, bool), np.zeros(ROWS, bool)])
+    found = inspect(made(tmp_path / "a.zarr", schema, seen=seen, unseen=~seen, true_rank=np.where(seen, 0, -1)))
+    assert "at 1 none" in found.text()
+    assert found.warnings == ("no query was seen in training by distance: recall and AUC mean nothing there",)
 
 
 def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:

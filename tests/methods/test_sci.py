@@ -9,11 +9,15 @@ import pytest
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking, Rows
-from pipeline.methods.sci import Sci, normalised_entropy
+from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.methods.sci import Sci, normalised_entropy, novelties
 from pipeline.watch import Watch
 
+KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, RINGS, SECTORS = 4, 12, 8, 24
-SMALL = Sci(epochs=16, batch=16, dropout=0.2, held_out_every_m=10, held_out_length_m=3, neighbour_m=5, precision="f32", threads=1)
+SMALL = Sci(
+    epochs=16, batch=16, dropout=0.2, held_out_every_m=10, held_out_length_m=3, neighbour_m=13, precision="f32", threads=1
+)
 
 
 def rows(seed: int, turn: int = 0, noise_m: float = 0.5, places: int = PLACES) -> Rows:
@@ -99,8 +103,26 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(model: Mo
         model, Rows(strange.images[len(TRUTH) :], strange.stamps_ns[len(TRUTH) :], strange.world_T_anchor[len(TRUTH) :]), 1
     )
     for novelty in (ranking.novelty, unknown.novelty):
-        assert ((novelty >= 0) & (novelty <= 1)).all()
-    assert np.median(unknown.novelty) > np.median(ranking.novelty)
+        assert ((novelty[:, :2] >= 0) & (novelty[:, :2] <= 1)).all()
+        assert ((novelty[:, 3] > -1e-6) & (novelty[:, 3] <= 2)).all()
+    assert ranking.kinds == KINDS
+    assert (np.median(unknown.novelty, axis=0) > np.median(ranking.novelty, axis=0)).all()
+
+
+def test_each_novelty_is_what_its_name_says() -> None:
+    # Logits (ln 2, ln 1, ln 1): probabilities .5 .25 .25, entropy 1.5 bits of log2 3; energy −ln 4. At temperature .5 the odds
+    # are squared: 4 1 1, so 2/3 1/6 1/6.
+    entropy, tempered, energy, distance = novelties(np.log([[2.0, 1.0, 1.0]]), 0.5, np.array([0.9])).values()
+    np.testing.assert_allclose(entropy, 1.5 / np.log2(3))
+    np.testing.assert_allclose(tempered, (2 / 3 * np.log2(1.5) + 1 / 3 * np.log2(6)) / np.log2(3))
+    np.testing.assert_allclose(energy, -np.log(4))
+    np.testing.assert_allclose(distance, 0.1)
+
+
+def test_confidence_is_the_highest_tempered_probability(model: Model) -> None:
+    everything = SMALL.localize(model, rows(3), k=PLACES)
+    odds = (1 - everything.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
+    np.testing.assert_allclose(everything.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
 
 
 def test_one_query_is_answered_as_in_a_crowd(model: Model, ranking: Ranking) -> None:
@@ -177,9 +199,14 @@ def test_views_of_another_shape_are_refused(model: Model) -> None:
         SMALL.localize(model, Rows(other.images[:, :, :12], other.stamps_ns, other.world_T_anchor), 1)
 
 
-def test_a_threshold_is_chosen_between_nothing_and_everything(model: Model) -> None:
-    # Held out and learned well: the known are told from the masked, and at least some are accepted.
-    assert 0 < float(model["threshold"].item()) <= 1
+def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:
+    evidence = Evidence.of(model)
+    assert evidence.right.all()
+    for kind in KINDS:
+        # Places are 12 m long: all that is nearer than neighbour_m = 13 includes the whole of the query's own.
+        assert (evidence.unseen[kind] > evidence.seen[kind]).mean() > 0.9
+    for threshold in Rejection().thresholds(model, KINDS):
+        assert threshold > ACCEPT_NOTHING
 
 
 @pytest.mark.parametrize("colormap", ["jet", "grey"])
@@ -194,8 +221,3 @@ def test_grey_images_are_learned_too(colormap: str) -> None:
 )
 def test_entropy_is_normalised_as_the_authors_do(probability: tuple[float, ...], entropy: float) -> None:
     np.testing.assert_allclose(normalised_entropy(np.array([probability], float)), [entropy], atol=5e-7)
-
-
-def test_a_precision_that_cannot_be_had_rejects_everything() -> None:
-    strict = replace(SMALL, unseen_share=1.0, epochs=1)
-    assert float(strict.learn(rows(2), TRUTH, Watch())["threshold"].item()) == 0

@@ -1,0 +1,60 @@
+"""How far a number would move had the robot driven other stretches of the same streets: 95 % intervals."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import settings
+
+BOUNDS = (2.5, 97.5)
+CHUNK = 1 << 17
+"""Weights held at once: a MB in each array between, whatever the number of queries."""
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Resamples blocks of the path, not queries: neighbouring queries see the same street, so their errors come in runs.
+
+    Percentile method. A number that no resample moves, such as a recall of 1, has an interval of no width: the path holds no
+    evidence of how it might fail.
+    """
+
+    block_m: float = 50.0
+    """Travelled metres that stay together; longer than a run of errors."""
+    resamples: int = 1000
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        settings.check(self, "bootstrap")
+        settings.positive("bootstrap", block_m=self.block_m, resamples=self.resamples)
+
+    def intervals(
+        self, numbers: Callable[[NDArray[np.float64]], NDArray[np.float64]], xy_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).
+
+        `numbers` turns weights (r, q) into (m, r). NaN for a number that all queries together leave undefined, and on a path
+        of a single block; resamples that leave it undefined are left out.
+        """
+        block = blocks(xy_m, self.block_m)
+        estimate = numbers(np.ones((1, len(xy_m))))[:, 0]
+        bounds = np.full((len(estimate), 2), np.nan)
+        count = block.max(initial=-1) + 1
+        if count < 2:
+            return bounds
+        drawn = np.random.default_rng(self.seed).multinomial(count, np.full(count, 1 / count), self.resamples)
+        step = max(1, CHUNK // len(block))
+        chunks = [numbers(drawn[i : i + step, block].astype(np.float64)) for i in range(0, self.resamples, step)]
+        for i, spread in enumerate(np.concatenate(chunks, axis=1)):
+            defined = spread[~np.isnan(spread)]
+            if len(defined) and not np.isnan(estimate[i]):
+                bounds[i] = np.percentile(defined, BOUNDS)
+        return bounds
+
+
+def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:
+    """The block (q,) of each position (q, 2) of a path: `block_m` of travelled metres each, numbered from 0 without gaps."""
+    travelled_m = np.cumsum(np.linalg.norm(np.diff(xy_m, axis=0, prepend=xy_m[:1]), axis=1))
+    return np.unique(travelled_m // block_m, return_inverse=True)[1]

@@ -1,0 +1,51 @@
+"""Whether a confidence means what it says: of the answers given with 80 %, are 80 % right?"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+BINS = 10
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Answers in bins of equal width of their confidence."""
+
+    confidence: NDArray[np.float64]
+    """(bin,) mean confidence; NaN in an empty bin."""
+    right: NDArray[np.float64]
+    """(bin,) share that is right; NaN in an empty bin."""
+    count: NDArray[np.int64]
+    """(bin,)."""
+
+
+def reliability(confidence: NDArray[Any], right: NDArray[np.bool_], bins: int = BINS) -> Reliability:
+    """Bins of answers with confidences (q,), each a chance between 0 and 1, that are `right` (q,) or not."""
+    if not chances(confidence):
+        raise InputError("a confidence is no chance between 0 and 1")
+    confidence = np.asarray(confidence, np.float64)
+    bin_of = (confidence * bins).astype(np.int64).clip(0, bins - 1)
+    count = np.bincount(bin_of, minlength=bins)
+    told, true = (np.bincount(bin_of, values, bins) / np.where(count > 0, count, np.nan) for values in (confidence, right))
+    return Reliability(told, true, count)
+
+
+def ece(confidence: NDArray[Any], right: NDArray[np.bool_], bins: int = BINS) -> float:
+    """Expected calibration error: how far confidence and share right are apart, over the bins by their counts; NaN of none.
+
+    NaN too where a confidence is no chance, as a descriptor's distance is not.
+    """
+    if len(confidence) == 0 or not chances(confidence):
+        return np.nan
+    found = reliability(confidence, right, bins)
+    return float(np.nansum(np.abs(found.confidence - found.right) * found.count) / found.count.sum())
+
+
+def chances(confidence: NDArray[Any]) -> bool:
+    """Whether all lie between 0 and 1, but for rounding."""
+    return bool(((confidence >= -ROUNDING) & (confidence <= 1 + ROUNDING)).all())

@@ -1,0 +1,134 @@
+"""The numbers that are compared, from weighted queries: weights of one give the estimate, a bootstrap's give its spread."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation.counts import Counts, Sweep, right
+from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
+from pipeline.evaluation.protocols import Truth
+
+NUMBERS = (
+    "recall_at_1",
+    "recall_at_5",
+    "recall_at_25",
+    "recall_at_1_same_heading",
+    "recall_at_1_turned",
+    "oracle",
+    "oracle_same_heading",
+    "oracle_turned",
+    "auc_top1",
+    "auc_top5",
+    "auc_top25",
+    "auc_exact_top1",
+    "f1_max",
+    "recall_at_99_precision",
+    "auroc",
+    "precision_at_threshold",
+    "recall_at_threshold",
+    "median_error_m",
+)
+"""recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
+were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
+every threshold there is. auroc: how well novelty tells unseen from seen. …_at_threshold: where the model itself rejects."""
+MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
+"""What is told of each kind of novelty."""
+PRECISE = 0.99
+SAME_HEADING_DEG = 45.0
+"""Turned at most this far against the nearest training anchor, a query drives the street as training did."""
+
+Weight = NDArray[np.float64]
+"""(r, q) how often each of q queries counts in each of r resamples."""
+Number = NDArray[np.float64]
+"""(r,) a number in each resample, NaN where it is of nothing."""
+
+
+@dataclass(frozen=True)
+class Queries:
+    """What was said of q queries, and what it is weighed by whatever the protocol."""
+
+    novelty: NDArray[np.float32]
+    """(q, kind); the first kind is the one in use."""
+    reject_from: tuple[float, ...]
+    """(kind,) the model's own thresholds."""
+    thresholds: NDArray[np.float64]
+    """(t,) of the papers' curve, over the first kind."""
+    error_m: NDArray[np.float64]
+    """(q,) from the query to its first answer."""
+    turn_deg: NDArray[np.float64]
+    """(q,) heading against the nearest training anchor's."""
+
+
+def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+    """Each of NUMBERS."""
+    sweep = Sweep(truth, queries.novelty[:, 0], weight)
+    columns, seen = sweep.columns(queries.thresholds), weight @ truth.seen
+    found = answers(truth, queries, weight) | rejection(truth, sweep, queries.reject_from[0], seen)
+    for n in (1, 5, 25):
+        found[f"auc_top{n}"] = where(seen, auc(*curve(truth, sweep.count(n, columns), seen)))
+    return {name: found[name] for name in NUMBERS}
+
+
+def measures(truth: Truth, queries: Queries, kind: int, weight: Weight) -> dict[str, Number]:
+    """Each of MEASURES of one kind of novelty."""
+    sweep = Sweep(truth, queries.novelty[:, kind], weight)
+    found = rejection(truth, sweep, queries.reject_from[kind], weight @ truth.seen)
+    return {name: found[name] for name in MEASURES}
+
+
+def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+    """How good the answers to the seen queries are, rejection ignored."""
+    seen, same = truth.seen, np.abs(queries.turn_deg) <= SAME_HEADING_DEG
+    good = {f"recall_at_{n}": right(truth, n) for n in (1, 5, 25)} | {"oracle": truth.oracle_right}
+    found = {name: share(flags, seen, weight) for name, flags in good.items()}
+    for name in ("recall_at_1", "oracle"):
+        found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
+        found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
+    found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
+    return found
+
+
+def rejection(truth: Truth, sweep: Sweep, reject_from: float, seen: Number) -> dict[str, Number]:
+    """How well one novelty tells right first answers from wrong ones and from unseen queries: MEASURES and F1max.
+
+    `seen` (r,) is the weight of the seen queries.
+    """
+    counts, column = sweep.count(1), sweep.columns(np.array([reject_from]))[0]
+    precision, recall = curve(truth, counts, seen)
+    accepted = counts.hits[:, column] + counts.false_alarms[:, column]
+    return {
+        "auroc": auroc(counts),
+        "auc_exact_top1": where(seen, auc(precision, recall)),
+        "f1_max": where(seen, f1_max(precision, recall)),
+        "recall_at_99_precision": where(seen, recall_at_precision(precision, recall, PRECISE)),
+        "precision_at_threshold": where(accepted, precision[:, column]),
+        "recall_at_threshold": where(seen, recall[:, column]),
+    }
+
+
+def curve(truth: Truth, counts: Counts, seen: Number) -> tuple[Curve, Curve]:
+    """Precision and recall (r, t) by the protocol's rule, with the weight of the seen queries (r,)."""
+    return precision_recall(counts, seen[:, None] if truth.usual_recall else None)
+
+
+def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:
+    """The share of `flags` (q,) among some of the queries (q,)."""
+    return ratio(weight @ (flags & among), weight @ among, empty=np.nan)
+
+
+def median(values: NDArray[np.float64], weight: Weight) -> Number:
+    """The median of values (q,), each counted as often as its weight, a whole number, says; NaN of none.
+
+    A value that is NaN, an answer without a position, counts as the largest.
+    """
+    ascending = np.r_[np.sort(values), np.nan]
+    running = np.cumsum(weight[:, np.argsort(values)], axis=1)
+    total = weight.sum(axis=1)
+    middle = [(running <= half[:, None]).sum(axis=1) for half in (np.ceil(total / 2) - 1, np.floor(total / 2))]
+    return where(total, (ascending[middle[0]] + ascending[middle[1]]) / 2)
+
+
+def where(whole: Number, value: Number) -> Number:
+    """The value where it is of something, else NaN."""
+    return np.where(whole > 0, value, np.nan)

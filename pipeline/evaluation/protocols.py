@@ -1,0 +1,68 @@
+"""What is true of each query: by the papers' grid cells, and by distance. Every number names which of the two it speaks of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import settings
+from pipeline.errors import ConfigError
+
+PROTOCOLS = ("cells", "distance")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is true of each of q queries under one protocol; a query neither seen nor unseen is not judged."""
+
+    seen: NDArray[np.bool_]
+    """(q,) training went there."""
+    unseen: NDArray[np.bool_]
+    """(q,) training never went there."""
+    true_rank: NDArray[np.int64]
+    """(q,) 0-based rank of the first right answer; −1 if not seen or not ranked."""
+    oracle_right: NDArray[np.bool_]
+    """(q,) seen, and answering the nearest training anchor would be right."""
+    usual_recall: bool = False
+    """Recall is of all seen queries; else, as the papers count, of the hits and misses alone."""
+
+
+def by_cells(places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]) -> Truth:
+    """The papers' protocol: the right answer is the query's cell, and a query is seen iff that is a place of training.
+
+    `places` (q, k) are the answers, cheapest first; `true_places` (q,) is −1 where training never went; `oracle` (q,) is the
+    place of the nearest training anchor.
+    """
+    seen = true_places >= 0
+    right = (places == true_places[:, None]) & seen[:, None]
+    return Truth(seen, ~seen, _first(right), seen & (oracle == true_places))
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The protocol by distance (conf/evaluate.yaml), which no border of a grid cell cuts."""
+
+    seen_m: float = 5.0
+    """Seen: a training anchor is nearer than this."""
+    correct_m: float = 15.0
+    """Right: the answer lies at most this far from the query."""
+    unseen_m: float = 15.0
+    """Unseen: every training anchor is farther than this; a query between is not judged."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "distance")
+        settings.positive("distance", seen_m=self.seen_m, correct_m=self.correct_m, unseen_m=self.unseen_m)
+        if self.seen_m > self.unseen_m:
+            raise ConfigError(f"distance.seen_m={self.seen_m}: expected at most distance.unseen_m={self.unseen_m}")
+
+    def truth(self, answers_xy_m: NDArray[np.float64], xy_m: NDArray[np.float64], nearest_m: NDArray[np.float64]) -> Truth:
+        """The truth of queries at `xy_m` (q, 2), answered with positions (q, k, 2), `nearest_m` (q,) from training."""
+        seen = nearest_m < self.seen_m
+        away_m = np.linalg.norm(answers_xy_m - xy_m[:, None], axis=2)
+        right = (away_m <= self.correct_m) & seen[:, None]
+        return Truth(seen, nearest_m > self.unseen_m, _first(right), seen & (nearest_m <= self.correct_m), usual_recall=True)
+
+
+def _first(right: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Rank (q,) of the first right answer of (q, k); −1 where none is."""
+    return np.where(right.any(axis=1), right.argmax(axis=1), -1)

@@ -1,0 +1,109 @@
+"""When to say "I have never been here": thresholds on novelty, chosen on what the training sequence held out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching.ranking import Model, Ranking
+from pipeline.settings import check
+
+ACCEPT_NOTHING = float(np.finfo(np.float32).min)
+"""The threshold that rejects every query; a novelty is a float32."""
+PREFIX = "held_out/"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How a model fared on h held-out queries, each asked twice: as it is, and with the places around it forgotten.
+
+    The second time it stands for a query that training never saw.
+    """
+
+    right: NDArray[np.bool_]
+    """(h,) the first answer was the true place; never, the second time."""
+    seen: Mapping[str, NDArray[np.float64]]
+    """Kind of novelty to its values (h,) as it is."""
+    unseen: Mapping[str, NDArray[np.float64]]
+    """The same with the places around it forgotten."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """As a part of a model."""
+        parts = {"right": self.right}
+        for name, kinds in (("seen", self.seen), ("unseen", self.unseen)):
+            parts |= {f"{name}/{kind}": values.astype(np.float32) for kind, values in kinds.items()}
+        return {PREFIX + name: array for name, array in parts.items()}
+
+    @classmethod
+    def of(cls, model: Model) -> Self:
+        """What a model holds of it; raises InputError where it holds none."""
+        if PREFIX + "right" not in model:
+            raise InputError(f"the model has no {PREFIX}right: a method must say how it fared on held-out blocks")
+        seen, unseen = (
+            {name.removeprefix(part): model[name].astype(np.float64) for name in model if name.startswith(part)}
+            for part in (f"{PREFIX}seen/", f"{PREFIX}unseen/")
+        )
+        return cls(model[PREFIX + "right"].astype(bool), seen, unseen)
+
+    def queries(self, kind: str, unseen_share: float) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+        """Novelty, right and weight of the 2 h queries, when a share of all queries is to be expected unseen."""
+        novelty = np.concatenate([self.seen[kind], self.unseen[kind]])
+        right = np.concatenate([self.right, np.zeros_like(self.right)])
+        return novelty, right, np.repeat([1 - unseen_share, unseen_share], len(self.right))
+
+
+def near(xy_m: NDArray[np.float64], others_m: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
+    """What to forget around each query: (h, m) whether others (m, 2) lie nearer than this to it (h, 2).
+
+    Nothing where all of them do: a query needs something to be compared with.
+    """
+    close = np.linalg.norm(others_m - xy_m[:, None], axis=2) < radius_m
+    return np.asarray(close & ~close.all(axis=1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Which novelty to reject by, and the precision to keep among what is accepted."""
+
+    novelty: str = "own"
+    """The method's own choice, or another of its kinds."""
+    wanted_precision: float = 0.9
+    unseen_share: float = 0.2
+    """Share of unseen queries to expect."""
+
+    def __post_init__(self) -> None:
+        check(self, "rejection")
+        for name in ("wanted_precision", "unseen_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"rejection.{name}={getattr(self, name)}: expected a share from 0 to 1")
+
+    def order(self, ranking: Ranking) -> Ranking:
+        """The ranking with the wanted kind of novelty first; raises ConfigError for one that the method has not."""
+        if self.novelty == "own":
+            return ranking
+        if self.novelty not in ranking.kinds:
+            raise ConfigError(f"rejection.novelty={self.novelty}: expected own or one of {', '.join(ranking.kinds)}")
+        return ranking.by(self.novelty)
+
+    def thresholds(self, model: Model, kinds: tuple[str, ...]) -> list[float]:
+        """The novelty to reject from, for each kind."""
+        evidence = Evidence.of(model)
+        return [threshold_for(self.wanted_precision, *evidence.queries(kind, self.unseen_share)) for kind in kinds]
+
+
+def threshold_for(precision: float, novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]) -> float:
+    """The largest threshold that keeps the wanted precision among what it accepts; ACCEPT_NOTHING where none does.
+
+    A query (n,) is accepted below the threshold, and then is `right` or a false alarm; `weight` (n,) says how many real
+    queries each stands for.
+    """
+    order = np.argsort(novelty, kind="stable")
+    ordered = novelty[order]
+    accepted = np.cumsum(weight[order])
+    kept = (accepted > 0) & (np.cumsum((weight * right)[order]) >= precision * accepted)
+    last = np.append(ordered[1:] > ordered[:-1], True)
+    good = np.flatnonzero(kept & last)
+    return float(np.nextafter(ordered[good[-1]], np.inf)) if len(good) else ACCEPT_NOTHING

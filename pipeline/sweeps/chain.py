@@ -1,0 +1,95 @@
+"""The chain of stages that dvc.yaml describes, written out for one list of names."""
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import ConfigError
+
+REFERENCE = re.compile(r"\$\{([\w.]+)\}")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage for one sequence, view, grid and method."""
+
+    stage: str
+    command: str
+    deps: tuple[str, ...]
+    """Files and folders of code, and artifacts."""
+    params: Mapping[str, tuple[str, ...]]
+    """Files in conf/ to the keys in them that count; none named means all."""
+    outs: tuple[str, ...]
+
+    @cached_property
+    def overrides(self) -> dict[str, str]:
+        """What its command line says, unquoted."""
+        pairs = (word.partition("=") for word in shlex.split(self.command)[3:])
+        return {key: value.strip("'") for key, _, value in pairs}
+
+    @cached_property
+    def choices(self) -> dict[str, str]:
+        """Those that choose a file of a group, such as grid=10m."""
+        return {key: value for key, value in self.overrides.items() if f"conf/{key}/{value}.yaml" in self.params}
+
+    @cached_property
+    def fields(self) -> dict[str, str]:
+        """The others: paths, and names such as the sequence's."""
+        return {key: value for key, value in self.overrides.items() if key not in self.choices}
+
+
+def expand(definition: Mapping[str, Any], names: Mapping[str, Any]) -> list[Step]:
+    """The steps of dvc.yaml as parsed, with `names` (conf/benchmark.yaml's, or others) in place of its list."""
+    steps = []
+    for stage, body in definition["stages"].items():
+        matrix = {key: _filled(values, {"benchmark": names}) for key, values in body.get("matrix", {}).items()}
+        for values in product(*matrix.values()):
+            known = {"benchmark": names, "item": dict(zip(matrix, values, strict=True))}
+            one = _filled({key: value for key, value in body.items() if key != "matrix"}, known)
+            params: dict[str, tuple[str, ...]] = {}
+            for entry in one.get("params", ()):
+                params |= {file: tuple(keys or ()) for file, keys in entry.items()}
+            outs = (*one.get("outs", ()), *one.get("metrics", ()))
+            steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, outs))
+    return steps
+
+
+def producers(steps: Sequence[Step]) -> dict[str, Step]:
+    """Artifact to the step that makes it."""
+    return {out: step for step in steps for out in step.outs}
+
+
+def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
+    """The artifacts that a step reads, and the steps that make them."""
+    return {dep: makers[dep] for dep in step.deps if dep in makers}
+
+
+def code(step: Step) -> list[Path]:
+    """The project's own files and folders that a step runs."""
+    return [Path(dep) for dep in step.deps if not dep.startswith("artifacts/")]
+
+
+def _filled(node: Any, known: Mapping[str, Any]) -> Any:
+    """A node with every ${a.b} replaced; one that stands alone becomes whatever it names, such as a list."""
+    if isinstance(node, Mapping):
+        return {_filled(key, known): _filled(value, known) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_filled(value, known) for value in node]
+    if not isinstance(node, str):
+        return node
+    whole = REFERENCE.fullmatch(node)
+    return _look_up(whole[1], known) if whole else REFERENCE.sub(lambda found: str(_look_up(found[1], known)), node)
+
+
+def _look_up(path: str, known: Mapping[str, Any]) -> Any:
+    value: Any = known
+    for key in path.split("."):
+        if not isinstance(value, Mapping) or key not in value:
+            raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/benchmark.yaml")
+        value = value[key]
+    return value

@@ -1,0 +1,75 @@
+"""What dvc.lock vouches for: artifacts made by this code, with these parameters, from inputs that it vouches for too."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.sweeps.chain import Step, code, inputs
+
+IGNORED = ("__pycache__", ".numba")
+
+
+class Ledger:
+    """The project's dvc.lock, as it stood when this was made."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        try:
+            stages = (yaml.safe_load((root / "dvc.lock").read_text()) or {})["stages"].values()
+        except (FileNotFoundError, yaml.YAMLError, KeyError, TypeError, AttributeError):
+            stages = ()  # nothing is vouched for, so a sweep builds all that it needs
+        self._made = {out["path"]: entry for entry in stages for out in entry.get("outs", ())}
+        self._digest = cache(lambda path: digest(root / path))
+        self._vouched: dict[str, bool] = {}
+
+    def vouches(self, step: Step, makers: Mapping[str, Step]) -> bool:
+        """Whether DVC would find this step's recipe unchanged; what its artifact holds by now is not looked at."""
+        if step.command not in self._vouched:
+            self._vouched[step.command] = self._unchanged(step, makers)
+        return self._vouched[step.command]
+
+    def _unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
+        entry = self._made.get(step.outs[0]) if step.outs else None
+        if entry is None or entry["cmd"] != step.command:
+            return False
+        recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
+        needed = inputs(step, makers)
+        return (
+            recorded.keys() == set(step.deps)
+            and entry.get("params", {}) == {file: self._params(file, keys) for file, keys in step.params.items()}
+            and all(recorded[path.as_posix()] == self._digest(path.as_posix()) for path in code(step))
+            and all(recorded[path] == self._recorded(path) for path in needed)
+            and all(self.vouches(maker, makers) for maker in needed.values())
+        )
+
+    def intact(self, step: Step) -> bool:
+        """Whether the artifacts of a step are on disk as they were made."""
+        return all(self._digest(out) == self._recorded(out) for out in step.outs)
+
+    def _recorded(self, path: str) -> str | None:
+        outs = self._made[path]["outs"] if path in self._made else ()
+        return next((out["md5"] for out in outs if out["path"] == path), None)
+
+    def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
+        found: dict[str, Any] = yaml.safe_load((self._root / file).read_text())
+        return {key: found[key] for key in keys if key in found} if keys else found
+
+
+def digest(path: Path) -> str | None:
+    """The digest of a file or folder as DVC records it (md5; of a folder, that of a list of its files' ones); None of neither."""
+    if path.is_file():
+        return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
+    if not path.is_dir():
+        return None
+    files = [file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)]
+    listing = sorted(({"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files), key=_relpath)
+    return hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
+
+
+def _relpath(entry: Mapping[str, str | None]) -> str:
+    return str(entry["relpath"])

@@ -1,0 +1,175 @@
+"""What a stage costs, kept beside its artifact and never inside it: an artifact's bytes hold no clock and no host.
+
+The trace of `artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`, which neither git nor DVC
+tracks: a clone that pulls the artifact has none. It tells of the last time that the artifact was built here.
+"""
+
+import json
+import os
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import psutil
+
+FOLDER = Path(".telemetry")
+MOST = 200
+"""Samples kept of one stage, however long it runs."""
+MB = 1e-6
+
+
+def beside(artifact: str | Path) -> Path:
+    """Where the trace of an artifact lies; raises ValueError for one that is not below the current folder."""
+    path = FOLDER / Path(artifact).absolute().relative_to(Path.cwd())
+    return path.with_name(f"{path.name}.json")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a process and all that it started used, from start to end."""
+
+    wall_s: float
+    cpu_s: float
+    peak_memory_mb: float
+    """Largest resident memory among the samples, processes added up (shared pages count in each)."""
+    seconds: Sequence[float] = ()
+    """(sample,) since the start."""
+    cpu_percent: Sequence[float] = ()
+    """(sample,) mean since the sample before; 100 is one core."""
+    memory_mb: Sequence[float] = ()
+    """(sample,) resident."""
+    gpu_memory_mb: Sequence[float] = ()
+    """(sample,) that torch holds on its current GPU; empty where it has none."""
+
+    @classmethod
+    def read(cls, artifact: str | Path) -> Self | None:
+        """None where there is no trace, or one that another version wrote."""
+        try:
+            return cls(**json.loads(beside(artifact).read_text()))
+        except (OSError, TypeError, ValueError):
+            return None
+
+    def write(self, artifact: str | Path) -> None:
+        """Whole or not at all."""
+        path = beside(artifact)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
+        scratch.write_text(json.dumps(asdict(self)))
+        scratch.replace(path)
+
+    def series(self) -> dict[str, list[tuple[int, float]]]:
+        """The samples over whole seconds, in the group that MLflow's page shows as system metrics."""
+        columns = {
+            "process_cpu_percentage": self.cpu_percent,
+            "process_memory_megabytes": self.memory_mb,
+            "gpu_memory_usage_megabytes": self.gpu_memory_mb,
+        }
+        steps = [round(second) for second in self.seconds]
+        return {
+            f"system/{name}": list(dict(zip(steps, column, strict=True)).items()) for name, column in columns.items() if column
+        }
+
+
+def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
+    """`train_wall_s`, `train_cpu_s`, `train_peak_memory_mb` and so on of each stage, its artifacts' traces put together.
+
+    A stage one of whose traces is not there has no cost: a part of a sum would be read as the whole.
+    """
+    numbers: dict[str, float] = {}
+    for stage, artifacts in stages.items():
+        traces = [Trace.read(artifact) for artifact in artifacts]
+        known = [trace for trace in traces if trace is not None]
+        if known and len(known) == len(traces):
+            numbers[f"{stage}_wall_s"] = sum(trace.wall_s for trace in known)
+            numbers[f"{stage}_cpu_s"] = sum(trace.cpu_s for trace in known)
+            numbers[f"{stage}_peak_memory_mb"] = max(trace.peak_memory_mb for trace in known)
+    return numbers
+
+
+class Sample(NamedTuple):
+    """A moment of a process and all that it started."""
+
+    at_s: float
+    """Since the start."""
+    cpu_s: float
+    """Used so far, since long before the start maybe."""
+    memory_mb: float
+    gpu_memory_mb: float | None
+
+
+@dataclass
+class Telemetry:
+    """Watch this process and what it starts while the block makes `artifact`, then write its trace; only if the block ends well.
+
+    Samples are taken every second at first; each time that `MOST` are full every second one goes and the pace halves. No
+    failure in here, a full disk among them, is the block's.
+    """
+
+    artifact: str | Path
+    every_s: float = 1.0
+    _samples: list[Sample] = field(default_factory=list)
+    _peak_mb: float = 0.0
+    _end: threading.Event = field(default_factory=threading.Event)
+
+    def __enter__(self) -> Self:
+        self._start_s = time.monotonic()
+        self._process = psutil.Process()
+        self._sample()
+        self._thread = threading.Thread(target=self._run, name="telemetry", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+        self._end.set()
+        self._thread.join()
+        if kind is None:
+            self._sample()
+            with suppress(Exception):
+                self._trace().write(self.artifact)
+
+    def _run(self) -> None:
+        while not self._end.wait(self.every_s):
+            self._sample()
+            if len(self._samples) >= MOST:
+                del self._samples[1::2]  # the first, which all are measured from, stays
+                self.every_s *= 2
+
+    def _sample(self) -> None:
+        cpu_s = memory_mb = 0.0
+        with suppress(Exception):
+            for process in (self._process, *self._process.children(recursive=True)):
+                with suppress(psutil.NoSuchProcess):
+                    cpu_s += sum(process.cpu_times()[:4])  # user and system, its own and of its children that ended
+                    memory_mb += process.memory_info().rss * MB
+            self._samples.append(Sample(time.monotonic() - self._start_s, cpu_s, memory_mb, _gpu_memory_mb()))
+            self._peak_mb = max(self._peak_mb, memory_mb)
+
+    def _trace(self) -> Trace:
+        first, *others = self._samples
+        last = others[-1]
+        if len(others) > 1 and last.at_s - others[-2].at_s < self.every_s / 2:
+            others.pop()  # too near to the one before for a rate
+        rates = [(new.cpu_s - old.cpu_s) / max(new.at_s - old.at_s, 1e-3) for old, new in pairwise([first, *others])]
+        return Trace(
+            wall_s=round(last.at_s, 3),
+            cpu_s=round(max(last.cpu_s - first.cpu_s, 0.0), 3),
+            peak_memory_mb=round(self._peak_mb, 1),
+            seconds=[round(sample.at_s, 3) for sample in others],
+            cpu_percent=[round(max(100 * rate, 0.0), 1) for rate in rates],
+            memory_mb=[round(sample.memory_mb, 1) for sample in others],
+            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in others] if last.gpu_memory_mb is not None else [],
+        )
+
+
+def _gpu_memory_mb() -> float | None:
+    """None unless the stage itself has torch use a GPU already; asking for it here would be what wakes it."""
+    cuda = getattr(sys.modules.get("torch"), "cuda", None)
+    used = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
+    return cuda.memory_reserved() * MB if cuda and used else None

@@ -1,0 +1,93 @@
+"""What a sweep's overrides make of each stage's settings."""
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import PurePath
+from typing import Any
+
+import yaml
+from hydra import compose
+from omegaconf import DictConfig, OmegaConf
+
+from pipeline.errors import ConfigError
+from pipeline.sweeps.chain import Step
+from pipeline.sweeps.job import Settings
+from stages import ROOT
+
+GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
+LISTED = ("world", "submap", "budget", "grid", "method", "view")
+"""Groups whose file conf/benchmark.yaml names."""
+
+
+def own_fields() -> dict[str, dict[str, Any]]:
+    """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
+    fields = {}
+    for path in sorted((ROOT / "stages").glob("[a-z]*.py")):
+        own = yaml.safe_load((ROOT / "conf" / f"{path.stem}.yaml").read_text())
+        fields[path.stem] = {key: value for key, value in own.items() if key not in ("defaults", "hydra") and value is not None}
+    return {name: own for name, own in fields.items() if own}
+
+
+def listed(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
+    """The names of conf/benchmark.yaml for a job of one grid and one method, as far as `said` does not name others."""
+    names: dict[str, Any] = OmegaConf.to_container(cfg.benchmark)
+    if said.get("dataset", names["dataset"]) != names["dataset"]:
+        raise ConfigError(f"dataset={said['dataset']}: conf/benchmark.yaml lists {names['dataset']}; `yearloc use` changes it")
+    names |= {group: said[group] for group in ("world", "submap", "budget") if group in said}
+    first = names["methods"][0]
+    method = said.get("method", first["name"])
+    view = said.get("view") or (cfg.method.view if "method" in said or "method.view" in said else first["view"])
+    return names | {
+        "grids": [said.get("grid", names["grids"][0])],
+        "methods": [{"name": method, "view": view}],
+        "views": [view],
+    }
+
+
+class Composer:
+    """What a job's overrides make of each step's settings."""
+
+    def __init__(self, overrides: Mapping[str, str]) -> None:
+        self._overrides = overrides
+
+    def settings(self, step: Step) -> Settings:
+        """All that the step's result depends on, but for its inputs and code."""
+        choices = tuple(f"{group}={choice}" for group, choice in step.choices.items())
+        files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
+        changes = tuple(self._changes(step))
+        values = _values(step.stage, choices + changes, files)
+        return Settings(values, not changes or values == _values(step.stage, choices, files))
+
+    def config(self, step: Step, fields: Any) -> DictConfig:
+        """The step's whole configuration, with `fields` for its paths and names."""
+        choices = [f"{group}={choice}" for group, choice in step.choices.items()]
+        return _composed(step.stage, (*choices, *self._changes(step), *(f"{field}='{value}'" for field, value in fields.items())))
+
+    def _changes(self, step: Step) -> list[str]:
+        """The overrides that speak of something in this step's configuration."""
+        groups = _composed(step.stage, ()).keys() & GROUPS
+        changes = []
+        for key, value in self._overrides.items():
+            head, dot, rest = key.partition(".")
+            if dot and head == step.stage:
+                changes.append(f"{rest}={value}")
+            elif head in groups and (dot or head not in LISTED):
+                changes.append(f"{key}={value}")
+        return changes
+
+
+@cache
+def _composed(stage: str, overrides: tuple[str, ...]) -> DictConfig:
+    return compose(stage, list(overrides))  # by the Hydra that runs the job
+
+
+@cache
+def _values(stage: str, overrides: tuple[str, ...], files: Any) -> dict[str, Any]:
+    """The stage's own fields and what it takes of each tracked group."""
+    everything: Any = OmegaConf.to_container(_composed(stage, overrides))
+    values = {key: value for key, value in everything.items() if key not in GROUPS}
+    for parts, keys in files:
+        if len(parts) == 3:
+            group = everything[parts[1]]
+            values[parts[1]] = {key: group.get(key) for key in keys} if keys else group
+    return values

@@ -1,0 +1,148 @@
+"""Many values of any setting: one job each, every artifact built once, one table at the end.
+
+python -m stages.sweep -m grid.cell_m=5,10,20 method.n_way=1,2,4
+"""
+
+import json
+import math
+import os
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import hydra
+import yaml
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pipeline import schemas, store
+from pipeline.errors import YearlocError
+from pipeline.evaluation.held_out import held_out_auc
+from pipeline.matching.rejection import Evidence
+from pipeline.sweeps.chain import Step, expand
+from pipeline.sweeps.job import Job
+from pipeline.sweeps.ledger import Ledger
+from pipeline.sweeps.shelf import Shelf
+from stages import ROOT
+from stages._settings import Composer, listed, own_fields
+
+SWEEPS = Path(".sweeps")
+WRONG = (YearlocError, HydraException, OmegaConfBaseException)
+"""What a person can put right."""
+
+ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
+
+
+@hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
+def job(cfg: DictConfig) -> float:
+    """One job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
+    of_hydra, begun, used = HydraConfig.get(), time.perf_counter(), time.process_time()
+    said = {key: value for key, _, value in (override.partition("=") for override in of_hydra.overrides.task)}
+    record: dict[str, Any] = {"number": int(of_hydra.job.num), "overrides": said, "error": None}
+    record |= {
+        "dataset": cfg.benchmark.dataset,
+        "simulated": cfg.dataset.simulated,
+        "tracking": dict(cfg.tracking),
+        "method": of_hydra.runtime.choices["method"],
+    }
+    try:
+        record |= _localised_for_a_year(cfg, said)
+    except WRONG as error:
+        said_best = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
+        record["error"] = " ".join(str(said_best).split())
+    except Exception as error:  # one job's bug is no reason to lose the others
+        traceback.print_exc()
+        record["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    record |= {"wall_s": time.perf_counter() - begun, "cpu_s": time.process_time() - used}
+    with store.replace(Path(of_hydra.sweep.dir, f"{record['number']}.json")) as scratch:
+        scratch.write_text(json.dumps(record, indent=1))
+    if record["error"]:
+        print(f"job {record['number']} failed: {record['error']}", file=sys.stderr, flush=True)
+    return float(record.get("held_out_auc", math.nan))
+
+
+def _localised_for_a_year(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
+    """What a job found out, and where its artifacts came from."""
+    composer = Composer(said)
+    steps = expand(yaml.safe_load((ROOT / "dvc.yaml").read_text()), listed(cfg, said))
+
+    def run(step: Step, fields: Mapping[str, str]) -> None:
+        line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
+        print(f"{step.stage}: {line}", flush=True)
+
+    found = Job(steps, Ledger(ROOT), Shelf(SWEEPS), composer.settings, run)
+    numbers = {}
+    for step in steps:
+        if step.stage == "evaluate":
+            metrics = next(out for out in step.outs if out.endswith(".json"))
+            numbers[step.fields["sequence"]] = json.loads(found.path(metrics).read_text())
+    (model,) = (found.path(step.outs[0]) for step in steps if step.stage == "train")
+    last = next(step for step in steps if step.stage == "localize")
+    kind = store.read(found.path(last.outs[0]), schemas.RANKINGS).attrs["kinds"][0]
+    rejection = composer.config(last, {}).rejection
+    counts = {"from_dvc": found.from_dvc, "from_sweeps": found.from_sweeps, "built": found.built}
+    auc = held_out_auc(Evidence.of(store.read_model(model)), kind, rejection.unseen_share)
+    return {"numbers": numbers, "held_out_auc": auc, "model": str(model), **{name: dict(of) for name, of in counts.items()}}
+
+
+def main() -> None:
+    """Run the jobs, wherever the launcher says, and tell what came of all of them."""
+    folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
+    given, names = sys.argv[1:], yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
+    usual = {group: names[group] for group in ("dataset", "world", "submap", "budget")}
+    usual |= {"grid": names["grids"][0], "method": names["methods"][0]["name"]}
+    said = {word.partition("=")[0].removeprefix("benchmark.").removesuffix("s") for word in given}
+    usual = {group: choice for group, choice in usual.items() if group not in said}
+    given = [word for word in given if word not in ("-m", "--multirun")]
+    flags = [] if any(word.startswith("-") for word in given) else ["-m"]
+    sys.argv[1:] = [*flags, *given, f"hydra.sweep.dir={folder}", *(f"{group}={choice}" for group, choice in usual.items())]
+    begun = time.perf_counter()
+    job()
+    records = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"), key=lambda path: int(path.stem))]
+    if records:
+        told = _told(folder, records, usual)
+        cpu_s, failed = sum(record["cpu_s"] for record in records), sum(record["error"] is not None for record in records)
+        print(f"{told}; {len(records)} jobs, {failed} failed, {time.perf_counter() - begun:.0f} s, {cpu_s:.0f} CPU-s")
+        print(f"sweep: table and figure in {folder}")
+        sys.exit(1 if failed else 0)
+
+
+def _told(folder: Path, records: Sequence[Mapping[str, Any]], usual: Mapping[str, str]) -> str:
+    """Prints one table of all jobs, draws it, and shows it in MLflow; says where the artifacts came from."""
+    from pipeline.reports.sweep import Job as Line
+    from pipeline.reports.sweep import Sweep
+    from pipeline.reports.trials import record as trials
+    from pipeline.tracking import publish
+
+    lines = []
+    for one in records:
+        own = {key: value for key, value in one["overrides"].items() if key not in usual}
+        lines.append(Line(one["number"], own, one.get("numbers"), one.get("held_out_auc"), one["error"]))
+    first = records[0]
+    sweep = Sweep(lines, first["dataset"], first["simulated"])
+    sweep.write(folder)
+    print(sweep.text())
+    figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
+    runs = [trials(sweep, first["method"], figures)]
+    done = publish(Path(first["tracking"]["database"]), f"yearloc {first['dataset']}", runs)
+    sources = {
+        name: sum((Counter(one.get(name, {})) for one in records), Counter()) for name in ("from_dvc", "from_sweeps", "built")
+    }
+    listed = (f"{of.total()} {name.replace('_', ' ')}" + (f" ({_listing(of)})" if of else "") for name, of in sources.items())
+    return f"artifacts: {', '.join(listed)}; MLflow: {done.written} runs written, {done.kept} there already"
+
+
+def _listing(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{number} {stage}" for stage, number in counts.items())
+
+
+if __name__ == "__main__":
+    main()

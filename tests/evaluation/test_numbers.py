@@ -1,0 +1,151 @@
+"""The compared numbers, from weighted queries."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.evaluation.counts import count
+from pipeline.evaluation.curves import auc, precision_recall
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, measures, median, numbers
+from pipeline.evaluation.protocols import Truth
+
+# The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
+SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
+TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
+QUERIES = Queries(
+    novelty=np.array([[0.1, 7], [0.2, 7], [0.3, 7], [0.4, 9], [0.6, 8], [0.7, 8]], np.float32),
+    reject_from=(0.5, 7.5),
+    thresholds=np.array([0.0, 0.15, 0.25, 0.35, 0.5, 0.65, 1.0]),
+    error_m=np.array([1.0, 40.0, 2.0, 90.0, 4.0, 80.0]),
+    turn_deg=np.array([10.0, -45.0, 46.0, 0.0, 180.0, 0.0]),
+)
+EVERYONE = np.ones((1, 6))
+
+
+def told(truth: Truth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE) -> dict[str, float]:
+    return {name: value.item() for name, value in numbers(truth, queries, weight).items()}
+
+
+def test_the_numbers_of_six_queries_by_hand() -> None:
+    found = told()
+    assert tuple(found) == NUMBERS
+    assert (found["recall_at_1"], found["recall_at_5"], found["recall_at_25"]) == (3 / 4, 1.0, 1.0)
+    assert found["recall_at_1_same_heading"] == 1 / 2  # queries 0 (10°) and 1 (−45°, still the same), of which 0 is right
+    assert found["recall_at_1_turned"] == 1.0  # queries 2 (46°) and 4 (180°)
+    assert (found["oracle"], found["oracle_same_heading"], found["oracle_turned"]) == (3 / 4, 1.0, 1 / 2)
+    assert found["auc_top1"] == found["auc_exact_top1"] == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)  # test_curves.py
+    assert found["f1_max"] == pytest.approx(0.75)
+    assert found["recall_at_99_precision"] == 1 / 4
+    assert found["auroc"] == 7 / 8
+    assert found["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
+    assert found["recall_at_threshold"] == 2 / 3  # two hits, one miss
+    assert found["median_error_m"] == 3.0  # of 1, 2, 4 and 40
+
+
+def test_by_the_usual_recall_a_misplaced_query_is_not_recalled() -> None:
+    found = told(replace(TOY, usual_recall=True))
+    assert found["recall_at_threshold"] == 2 / 4  # two hits of four seen
+    assert found["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
+    assert found["f1_max"] == pytest.approx(2 / 3)
+    assert found["precision_at_threshold"] == 1 / 2
+
+
+def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
+    first, second = ({name: value.item() for name, value in measures(TOY, QUERIES, kind, EVERYONE).items()} for kind in (0, 1))
+    assert tuple(first) == MEASURES
+    assert first == {name: told()[name] for name in MEASURES}
+    # The second kind accepts queries 0, 1, 2 below 7.5: two hits, a false alarm, and the seen query 4 missed.
+    assert (second["precision_at_threshold"], second["recall_at_threshold"]) == (2 / 3, 2 / 3)
+    assert second["auroc"] == (4 + 3.5) / 8  # 9 is above all four seen; 8 above three and level with one
+
+
+def test_the_area_is_that_of_the_authors_counts() -> None:
+    rng = np.random.default_rng(1)
+    seen = rng.random(400) < 0.8
+    truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
+    novelty, thresholds = rng.random((400, 1)).astype(np.float32), np.linspace(0, 1, 200)
+    found = told(truth, Queries(novelty, (0.5,), thresholds, rng.random(400), rng.random(400)), np.ones((1, 400)))
+    areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
+    assert [found[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
+
+
+def test_a_threshold_that_accepts_nothing_has_a_recall_but_no_precision() -> None:
+    found = told(queries=replace(QUERIES, reject_from=(0.0, 0.0)))
+    assert np.isnan(found["precision_at_threshold"])
+    assert found["recall_at_threshold"] == 0.0
+
+
+def test_a_threshold_without_end_accepts_all() -> None:
+    found = told(queries=replace(QUERIES, reject_from=(np.inf, np.inf)))
+    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == (3 / 6, 1.0)
+
+
+def test_without_a_seen_query_only_precision_is_defined() -> None:
+    nobody = np.zeros(6, bool)
+    found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
+    assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
+    assert all(np.isnan(value) for value in found.values())
+
+
+def test_without_an_unseen_query_only_auroc_is_missing() -> None:
+    found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
+    assert [name for name, value in found.items() if np.isnan(value)] == ["auroc"]
+
+
+def test_a_heading_that_no_query_has_is_missing() -> None:
+    found = told(queries=replace(QUERIES, turn_deg=np.zeros(6)))
+    assert np.isnan(found["recall_at_1_turned"])
+    assert np.isnan(found["oracle_turned"])
+    assert found["recall_at_1_same_heading"] == found["recall_at_1"]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 3),  # weight
+            st.sampled_from(["seen", "unseen", "between"]),
+            st.integers(-1, 8),  # rank
+            st.integers(0, 6),  # level of novelty
+            st.integers(0, 50),  # error
+            st.sampled_from([0.0, 180.0]),
+        ),
+        min_size=1,
+        max_size=25,
+    ),
+    st.booleans(),
+)
+def test_a_weight_is_a_number_of_equal_queries(rows: list[tuple[int, str, int, int, int, float]], usual: bool) -> None:
+    weight, where, rank, level, error_m, turn_deg = (np.array(column) for column in zip(*rows, strict=True))
+
+    def of(index: np.ndarray, weight: np.ndarray) -> dict[str, float]:
+        seen, unseen = where[index] == "seen", where[index] == "unseen"
+        truth = Truth(seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual)
+        novelty = (level[index, None] / 6).astype(np.float32)
+        return told(truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), error_m[index] / 2, turn_deg[index]), weight)
+
+    weighted = of(np.arange(len(rows)), weight[None].astype(float))
+    repeated = of(np.repeat(np.arange(len(rows)), weight), np.ones((1, weight.sum())))
+    assert weighted == pytest.approx(repeated, nan_ok=True)
+
+
+def test_each_resample_has_its_own_numbers() -> None:
+    weight = np.array([[1, 1, 1, 1, 1, 1], [2, 0, 1, 0, 1, 3], [0, 0, 0, 1, 0, 1]], float)
+    together = numbers(TOY, QUERIES, weight)
+    for i, row in enumerate(weight):
+        assert told(weight=row[None]) == pytest.approx({name: value[i] for name, value in together.items()}, nan_ok=True)
+
+
+@given(st.lists(st.tuples(st.floats(-100, 100), st.integers(0, 4)), min_size=1, max_size=20))
+def test_a_weighted_median_is_that_of_the_repeated_values(pairs: list[tuple[float, int]]) -> None:
+    values, weight = (np.array(column) for column in zip(*pairs, strict=True))
+    expected = np.median(np.repeat(values, weight)) if weight.any() else np.nan
+    np.testing.assert_allclose(median(values, weight[None].astype(float)), [expected])
+
+
+def test_an_answer_without_a_position_errs_the_most() -> None:
+    values = np.array([np.nan, 1.0, 2.0, np.nan])
+    assert median(values, np.array([[1, 1, 1, 0]], float)).tolist() == [2.0]  # of 1, 2 and no end
+    assert np.isnan(median(values, np.array([[1, 0, 1, 1]], float))).all()

@@ -1,0 +1,24 @@
+"""Temperature scaling finds how over-confident a network is."""
+
+import numpy as np
+from scipy.special import softmax
+
+from pipeline.matching.temperature import temperature
+
+
+def test_logits_blown_up_by_a_factor_are_cooled_by_it() -> None:
+    # Classes drawn from the very probabilities that the logits say are calibrated at T = 1, and at T = 3 once tripled.
+    rng = np.random.default_rng(0)
+    logits = rng.normal(0, 2, (4000, 10))
+    classes = np.array([rng.choice(10, p=p) for p in softmax(logits, axis=1)])
+    assert abs(temperature(logits, classes) - 1) < 0.08
+    assert abs(temperature(3 * logits, classes) / 3 - 1) < 0.08
+
+
+def test_a_forgotten_class_has_no_say() -> None:
+    logits = np.array([[2.0, 1.0, -np.inf], [0.5, 1.0, -np.inf]])
+    assert temperature(logits, np.array([0, 0])) == temperature(logits[:, :2], np.array([0, 0]))
+
+
+def test_no_rows_leave_the_logits_as_they_are() -> None:
+    assert temperature(np.empty((0, 5)), np.empty(0, np.int64)) == 1.0

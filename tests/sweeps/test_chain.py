@@ -1,0 +1,64 @@
+"""dvc.yaml is read as DVC reads it."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+from dvc.repo import Repo
+
+from pipeline.errors import ConfigError
+from pipeline.sweeps.chain import code, expand, inputs, producers
+
+ROOT = Path(__file__).parents[2]
+DEFINITION = yaml.safe_load((ROOT / "dvc.yaml").read_text())
+NAMES = yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
+STEPS = expand(DEFINITION, NAMES)
+
+
+def of(deps: list[object], kind: bool) -> list[object]:
+    return [dep for dep in deps if (type(dep).__name__ == "ParamsDependency") == kind]
+
+
+def test_every_stage_is_the_one_that_dvc_finds() -> None:
+    theirs = {stage.cmd: stage for stage in Repo(ROOT).index.stages}
+    assert theirs.keys() == {step.command for step in STEPS}
+    for step in STEPS:
+        stage = theirs[step.command]
+        assert {dep.def_path for dep in of(stage.deps, False)} == set(step.deps)
+        assert {dep.def_path: tuple(dep.params) for dep in of(stage.deps, True)} == step.params
+        assert {out.def_path for out in stage.outs} == set(step.outs)
+
+
+def test_other_names_make_another_chain() -> None:
+    names = NAMES | {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper"}]}
+    steps = expand(DEFINITION, names)
+    (evaluate,) = [step for step in steps if step.stage == "evaluate"]
+    assert evaluate.outs[0] == "artifacts/evaluate/campus/5m/sci/2013-04-05.zarr"
+    (train,) = [step for step in steps if step.stage == "train"]
+    assert "artifacts/views/campus/scan_context_paper/2012-01-15.zarr" in train.deps
+
+
+def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
+    (step,) = [s for s in STEPS if s.stage == "labels" and s.overrides["sequence"] == "2012-02-04"]
+    assert step.choices == {"dataset": "campus", "grid": "10m"}
+    assert step.fields == {
+        "sequence": "2012-02-04",
+        "submaps": "artifacts/submaps/campus/2012-02-04.zarr",
+        "training": "artifacts/submaps/campus/2012-01-15.zarr",
+        "out": "artifacts/labels/campus/10m/2012-02-04.zarr",
+    }
+    assert step.params["conf/dataset/campus.yaml"] == ("box",)
+
+
+def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
+    (step,) = [s for s in STEPS if s.stage == "train"]
+    makers = inputs(step, producers(STEPS))
+    assert {maker.stage for maker in makers.values()} == {"views", "labels"}
+    assert Path("stages/train.py") in code(step)
+    assert not makers.keys() & {path.as_posix() for path in code(step)}
+    assert len(makers) + len(code(step)) == len(step.deps)
+
+
+def test_a_name_that_is_not_listed_is_one_line() -> None:
+    with pytest.raises(ConfigError, match=r"\$\{benchmark.budget\}"):
+        expand(DEFINITION, {key: value for key, value in NAMES.items() if key != "budget"})

@@ -1,0 +1,183 @@
+"""A job takes what it can from DVC and from the shelf, and builds what its settings touch."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.sweeps.chain import Step, expand
+from pipeline.sweeps.job import Job, Settings
+from pipeline.sweeps.ledger import Ledger, digest
+from pipeline.sweeps.shelf import Shelf
+
+CHAIN = yaml.safe_load("""
+stages:
+  scans:
+    cmd: python -m stages.scans root=artifacts/logs sequence='day' out=artifacts/scans/day.txt
+    deps: [code/scans.py]
+    params: [conf/scans.yaml: ]
+    outs: [artifacts/scans/day.txt]
+  views:
+    cmd: python -m stages.views view=small scans=artifacts/scans/day.txt out=artifacts/views/day.txt
+    deps: [code/views, artifacts/scans/day.txt]
+    params: [conf/view/small.yaml: ]
+    outs: [artifacts/views/day.txt]
+  train:
+    cmd: python -m stages.train views=artifacts/views/day.txt out=artifacts/train/model.txt log=artifacts/train/log.txt
+    deps: [code/train.py, artifacts/views/day.txt]
+    params: [conf/train.yaml: [rate]]
+    outs: [artifacts/train/model.txt]
+    metrics: [artifacts/train/log.txt]
+""")
+
+
+class Project:
+    """A toy project in which a stage writes its inputs, settings and code into its outputs, and a dvc.lock of it."""
+
+    def __init__(self, root: Path) -> None:
+        self.steps = expand(CHAIN, {})
+        self.ran: list[str] = []
+        for name, text in {
+            "code/scans.py": "1",
+            "code/views/a.py": "1",
+            "code/train.py": "1",
+            "conf/scans.yaml": "grain: 1\n",
+            "conf/view/small.yaml": "rings: 4\n",
+            "conf/train.yaml": "rate: 1\nother: 1\n",
+        }.items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_text(text)
+        self.root = root
+
+    def run(self, step: Step, fields: Mapping[str, str]) -> None:
+        self.ran.append(step.stage)
+        read = [Path(value).read_text() for key, value in fields.items() if key in ("scans", "views")]
+        for key in ("out", "log"):
+            if key in fields:
+                Path(fields[key]).parent.mkdir(parents=True, exist_ok=True)
+                Path(fields[key]).write_text(f"{step.stage} {self.values(step)} of {read}")
+
+    def values(self, step: Step, **changes: int) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for file, keys in step.params.items():
+            all_of_it = yaml.safe_load(Path(file).read_text())
+            found |= {key: all_of_it[key] for key in keys} if keys else all_of_it
+        return found | {key: value for key, value in changes.items() if key in found}
+
+    def repro(self) -> None:
+        """What DVC would do and record."""
+        stages = {}
+        for step in self.steps:
+            self.run(step, step.fields)
+            files = {file: yaml.safe_load(Path(file).read_text()) for file in step.params}
+            stages[step.stage] = {
+                "cmd": step.command,
+                "deps": [{"path": dep, "md5": digest(Path(dep))} for dep in step.deps],
+                "params": {file: {key: files[file][key] for key in keys or files[file]} for file, keys in step.params.items()},
+                "outs": [{"path": out, "md5": digest(Path(out))} for out in step.outs],
+            }
+        Path("dvc.lock").write_text(yaml.safe_dump({"schema": "2.0", "stages": stages}))
+        self.ran.clear()
+
+    def job(self, **changes: int) -> Job:
+        def settings(step: Step) -> Settings:
+            return Settings(self.values(step, **changes), self.values(step, **changes) == self.values(step))
+
+        return Job(self.steps, Ledger(self.root), Shelf(Path(".sweeps")), settings, self.run)
+
+
+MODEL = "artifacts/train/model.txt"
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
+    monkeypatch.chdir(tmp_path)
+    return Project(tmp_path)
+
+
+def test_a_job_of_unchanged_settings_is_dvcs_own(project: Project) -> None:
+    project.repro()
+    job = project.job()
+    assert job.path(MODEL) == Path(MODEL)
+    assert project.ran == []
+    assert job.from_dvc == {"train": 1}
+
+
+def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
+    project.repro()
+    job = project.job(rings=8)
+    assert "train {'rate': 1} of" in job.path(MODEL).read_text()
+    assert project.ran == ["views", "train"]
+    assert (job.from_dvc, job.built) == ({"scans": 1}, {"views": 1, "train": 1})
+    assert job.path(MODEL).is_relative_to(".sweeps/train")
+
+
+def test_a_second_job_takes_all_from_the_first(project: Project) -> None:
+    project.repro()
+    first = project.job(rings=8).path(MODEL)
+    project.ran.clear()
+    job = project.job(rings=8)
+    assert job.path(MODEL) == first
+    assert project.ran == []
+    assert (job.from_sweeps, job.built) == ({"train": 1}, {})
+    other = project.job(rings=8, rate=2)
+    assert other.path(MODEL) != first
+    assert project.ran == ["train"]
+
+
+def test_without_dvc_everything_is_built_and_the_same(project: Project) -> None:
+    built = project.job().path(MODEL).read_text()
+    assert project.ran == ["scans", "views", "train"]
+    project.repro()
+    assert Path(MODEL).read_text().replace("'", "") == built.replace("'", "")
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "ran"),
+    [
+        ("code/train.py", "2", ["train"]),
+        ("code/views/a.py", "2", ["views", "train"]),
+        ("code/views/b.py", "new", ["views", "train"]),
+        ("conf/view/small.yaml", "rings: 5\n", ["views", "train"]),
+        ("conf/train.yaml", "rate: 2\nother: 1\n", ["train"]),
+        ("conf/train.yaml", "rate: 1\nother: 2\n", []),  # a key that does not count
+        ("code/views/__pycache__/a.pyc", "bytes", []),
+        ("dvc.lock", "torn: [", ["scans", "views", "train"]),
+        ("artifacts/train/model.txt", "damaged", ["train"]),
+        ("artifacts/views/day.txt", "damaged, but what was made of it before is whole", []),
+    ],
+)
+def test_an_edit_since_the_last_repro_is_seen(project: Project, path: str, text: str, ran: list[str]) -> None:
+    project.repro()
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+    project.job().path(MODEL)
+    assert project.ran == ran
+
+
+def test_a_damaged_input_is_not_read(project: Project) -> None:
+    project.repro()
+    Path("artifacts/views/day.txt").write_text("damaged")
+    assert "damaged" not in project.job(rate=2).path(MODEL).read_text()
+    assert project.ran == ["views", "train"]
+
+
+def test_an_artifacts_folder_is_found_through_its_parent(project: Project) -> None:
+    # `root` names the folder that the logs lie in; a step that makes no such artifact keeps it as it stands.
+    step = project.steps[0]
+    assert project.job()._given(step, {"artifacts/logs/day": ".sweeps/logs/k/day"})["root"] == ".sweeps/logs/k"
+    assert project.job()._given(step, {})["root"] == "artifacts/logs"
+
+
+def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
+    # A folder's is the md5 of the JSON list of its files, sorted by path.
+    (tmp_path / "d/sub").mkdir(parents=True)
+    (tmp_path / "d/b").write_text("2")
+    (tmp_path / "d/sub/a").write_text("1")
+    one, two = (hashlib.md5(text.encode()).hexdigest() for text in "12")
+    listing = f'[{{"md5": "{two}", "relpath": "b"}}, {{"md5": "{one}", "relpath": "sub/a"}}]'
+    assert digest(tmp_path / "d") == hashlib.md5(listing.encode()).hexdigest() + ".dir"
+    assert digest(tmp_path / "d/b") == two
+    assert digest(tmp_path / "none") is None
