@@ -42,4 +42,4 @@ benchmarks: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns
+	rm -rf .venv artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry

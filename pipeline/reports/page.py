@@ -100,7 +100,7 @@ def report(
     others = len(tables.sequences(results).rows)
     setup = [f"- trained on the one sequence {train}, tested on {others} others", f"- grid cells of {cell_m:g} m"]
     for method, parameters in methods.items():
-        settings = ", ".join(f"{name} {value}" for name, value in parameters.items())
+        settings = ", ".join(f"{name} {value}" for name, value in parameters.items() if not name.startswith("_"))
         setup.append(f"- method `{method}`" + (f": {settings}" if settings else ""))
     blocks = [
         f"# Localising in {dataset}\n",

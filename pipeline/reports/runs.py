@@ -33,7 +33,7 @@ def record(study: "Study", method: str, group: Sequence[Result], figures: Path, 
     }
     children = [
         RunRecord(
-            f"{method} {study.grid} {result.sequence}",
+            result.sequence,
             tags | {"sequence": result.sequence},
             params | {"test": result.sequence},
             {name: [(result.days, value)] for name, value in metrics(result).items()},

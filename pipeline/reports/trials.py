@@ -1,49 +1,40 @@
 """A sweep as the runs that MLflow shows: one parent, and a child a job with its metrics over the days since training."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pipeline.reports.style import colour
 from pipeline.reports.sweep import Job, Sweep
-from pipeline.reports.tables import present
+from pipeline.reports.tables import mean, present
 from pipeline.tracking import RunRecord
 
-PARENT = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"))
-"""What the parent charts of each job: protocol and number, as the mean over the test sequences; steps are the jobs' numbers."""
+CHARTED = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"))
+"""What the parent charts of each job: protocol and number, as the mean over the test sequences."""
 
 
 def record(sweep: Sweep, method: str, figures: Sequence[Path]) -> RunRecord:
-    """The runs of one sweep, named by what was swept."""
-    swept = {name: ",".join(dict.fromkeys(job.told(name) for job in sweep.jobs)) for name in sweep.swept()}
-    name = " ".join(f"{key}={values}" for key, values in (swept | sweep.fixed()).items())
-    tags = {
-        "mlflow.runColor": colour(method),
-        "dataset": sweep.dataset,
-        "method": method,
-        "data": "simulated" if sweep.simulated else "recorded",
+    """The runs of one sweep, named by what was swept; the steps of the parent's own metrics are the jobs' numbers."""
+    values = {name: ",".join(dict.fromkeys(job.told(name) for job in sweep.jobs)) for name in sweep.swept()} | sweep.fixed()
+    tags = {"dataset": sweep.dataset, "method": method, "data": "simulated" if sweep.simulated else "recorded"}
+    means = {
+        f"sweep/{protocol}_{name}": [(job.number, mean(job.values(protocol, name))) for job in sweep.jobs]
+        for protocol, name in CHARTED
     }
-    series = {
-        f"sweep/{protocol}_{number}": [(job.number, value) for job in sweep.jobs for value in _mean(job, protocol, number)]
-        for protocol, number in PARENT
-    }
-    series["sweep/held_out_auc"] = [(job.number, value) for job in sweep.jobs for value in present([job.held_out_auc])]
+    means["sweep/held_out_auc"] = [(job.number, job.held_out_auc) for job in sweep.jobs]
+    series = {name: [(step, one) for step, value in points for one in present([value])] for name, points in means.items()}
     children = [
         RunRecord(
-            f"job {job.number}: " + " ".join(f"{key}={value}" for key, value in job.overrides.items()),
+            _short(job.overrides) or f"job {job.number}",
             tags | ({"error": job.error} if job.error else {}),
             job.overrides,
             _over_days(job),
         )
         for job in sweep.jobs
     ]
-    return RunRecord(
-        f"sweep {name}"[:240], tags, swept | sweep.fixed(), {k: v for k, v in series.items() if v}, figures, children
-    )
+    return RunRecord(f"sweep {_short(values)}"[:240], tags, values, {k: v for k, v in series.items() if v}, figures, children)
 
 
-def _mean(job: Job, protocol: str, number: str) -> list[float]:
-    values = job.values(protocol, number)
-    return [sum(values) / len(values)] if values else []
+def _short(values: Mapping[str, str]) -> str:
+    return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
 
 
 def _over_days(job: Job) -> dict[str, list[tuple[int, float]]]:

@@ -212,7 +212,14 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 
 def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path) -> None:
     evaluation, path = drive(), tmp_path / "a.zarr"
-    attrs = evaluation.attrs() | {"numbers": list(NUMBERS[::-1]), "sequence": "a", "train": "b", "wanted_precision": 0.99, "distance": {}, "bootstrap": {}}
+    attrs = evaluation.attrs() | {
+        "numbers": list(NUMBERS[::-1]),
+        "sequence": "a",
+        "train": "b",
+        "wanted_precision": 0.99,
+        "distance": {},
+        "bootstrap": {},
+    }
     with store.write(path, EVALUATIONS, **attrs) as draft:
         for name, column in evaluation.columns().items():
             draft.put(name, column)

@@ -120,7 +120,7 @@ def test_runs_hold_the_year_the_training_and_a_child_a_sequence(study: Study, dr
     assert run.series["train/loss"] == [(1, 2.0), (2, 1.0)]
     assert {"calibration/ece", "calibration/ece_raw", "cells/auc_top1", "rejection/entropy_recall"} <= run.series.keys()
     assert {path.name for path in run.figures} == {name for name in FILES if name.endswith(".svg") and "outcomes_" not in name}
-    assert [child.name for child in run.children] == ["sci 10m 2012-02-04", "sci 10m 2012-03-17"]
+    assert [child.name for child in run.children] == ["2012-02-04", "2012-03-17"]
     assert [path.name for path in run.children[0].figures] == ["outcomes_sci_2012-02-04.svg"]
     assert run.children[1].series["cells/auroc"] == [(62, pytest.approx(0.9))]
 
