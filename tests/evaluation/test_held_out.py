@@ -21,7 +21,7 @@ def test_never_right_is_nothing() -> None:
 
 
 def test_an_unseen_query_counts_by_the_share_to_expect() -> None:
-    # The unseen one, of weight u, is accepted first: precision 0 at recall 0; then the right one, of weight 1 − u: precision 1 − u
+    # The unseen one, of weight u, is first: precision 0 at recall 0; then the right one, of weight 1 − u: precision 1 − u
     # at recall 1. The area is the one trapezoid between.
     for share in (0.2, 0.5):
         found = held_out_auc(evidence([True], [0.2], [0.1]), "entropy", share)
