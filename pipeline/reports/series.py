@@ -1,4 +1,4 @@
-"""Plain data for `dvc plots diff`: csv with a row a point."""
+"""Plain data for `dvc plots diff`: csv with a row a point, each naming its method and, where it was, that it is simulated."""
 
 from collections.abc import Iterable, Sequence
 
@@ -8,28 +8,32 @@ YEAR = ("method", "sequence", "days", "auc_top1", "recall_at_1", "recall_at_1_by
 CURVE = ("method", "sequence", "threshold", "recall", "precision")
 
 
-def year(results: Sequence[Result]) -> str:
+def year(results: Sequence[Result], simulated: bool) -> str:
     """A row a method and test sequence: the days since training and the main numbers, by cells unless named otherwise."""
     shown = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"), ("cells", "oracle"))
     return _csv(
         YEAR,
         (
-            (r.method, r.sequence, r.days, *(r.number(*name) for name in shown))
+            (_made(r, simulated), r.sequence, r.days, *(r.number(*name) for name in shown))
             for group in by_method(results).values()
             for r in group
         ),
     )
 
 
-def precision_recall(results: Sequence[Result]) -> str:
+def precision_recall(results: Sequence[Result], simulated: bool) -> str:
     """A row a method, test sequence and threshold of the papers' curve: top-1, by cells."""
     rows = (
-        (r.method, r.sequence, *point)
+        (_made(r, simulated), r.sequence, *point)
         for group in by_method(results).values()
         for r in group
         for point in zip(r.evaluation.thresholds, r.evaluation.cells.recall[0], r.evaluation.cells.precision[0], strict=True)
     )
     return _csv(CURVE, rows)
+
+
+def _made(result: Result, simulated: bool) -> str:
+    return f"{result.method} (simulated)" if simulated else result.method
 
 
 def _csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

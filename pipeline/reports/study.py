@@ -128,8 +128,8 @@ class Study:
         )
         (folder / "report.md").write_text(told)
         (folder / "results.txt").write_text(self.table())
-        (folder / "year.csv").write_text(series.year(self.results))
-        (folder / "precision_recall.csv").write_text(series.precision_recall(self.results))
+        (folder / "year.csv").write_text(series.year(self.results, self.simulated))
+        (folder / "precision_recall.csv").write_text(series.precision_recall(self.results, self.simulated))
 
     def table(self) -> str:
         """The results for a terminal."""

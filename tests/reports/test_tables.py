@@ -175,11 +175,13 @@ def test_the_terminal_sees_both_protocols_named_above_their_tables() -> None:
 
 @pytest.mark.parametrize(("made", "header"), [(series.year, series.YEAR), (series.precision_recall, series.CURVE)])
 def test_plain_data_has_a_header_and_a_row_a_point(made: Any, header: tuple[str, ...]) -> None:
-    lines = made(RESULTS).splitlines()
+    lines = made(RESULTS, False).splitlines()
     assert lines[0] == ",".join(header)
     assert len(lines) == 1 + len(RESULTS) * (1 if header is series.YEAR else 200)
     assert all(line.count(",") == len(header) - 1 for line in lines)
 
 
 def test_the_year_as_plain_data() -> None:
-    assert series.year([by_hand("sci", "2012-02-04", 20, oracle=None)]).splitlines()[1] == "sci,2012-02-04,20,0.8,0.75,0.8,"
+    one = [by_hand("sci", "2012-02-04", 20, oracle=None)]
+    assert series.year(one, False).splitlines()[1] == "sci,2012-02-04,20,0.8,0.75,0.8,"
+    assert series.year(one, True).splitlines()[1].startswith("sci (simulated),")
