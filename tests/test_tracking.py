@@ -1,6 +1,5 @@
 """MLflow holds each run once, however often it is published."""
 
-import multiprocessing
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -293,20 +292,20 @@ def test_a_run_whose_model_somebody_deleted_is_written_anew(
     assert len(models(database, done.experiment_id)) == 1
 
 
-def publish_three(database: Path) -> None:
-    publish(database, "together", [RunRecord(f"run {number}", {}, {}, {"cells/auc_top1": [(20, 0.5)]}) for number in range(3)])
+PUBLISH_THREE = """
+import sys
+from pathlib import Path
+from pipeline.tracking import RunRecord, publish
+
+publish(Path(sys.argv[1]), "together", [RunRecord(f"run {n}", {}, {}, {"cells/auc_top1": [(20, 0.5)]}) for n in range(3)])
+"""
 
 
 def test_two_processes_that_publish_at_once_write_each_run_once(database: Path) -> None:
     """Neither finds the experiment when it starts."""
     publish(database, "apart", [])  # the database is there
-    spawn = multiprocessing.get_context("spawn")
-    both = [spawn.Process(target=publish_three, args=(database,)) for _ in range(2)]
-    for process in both:
-        process.start()
-    for process in both:
-        process.join()
-    assert [process.exitcode for process in both] == [0, 0]
+    both = [subprocess.Popen([sys.executable, "-c", PUBLISH_THREE, str(database)]) for _ in range(2)]
+    assert [process.wait() for process in both] == [0, 0]
     experiment = client(database).get_experiment_by_name("together")
     runs = client(database).search_runs([experiment.experiment_id])
     assert sorted(run.info.run_name for run in runs) == ["run 0", "run 1", "run 2"]
