@@ -80,6 +80,11 @@ class RunRecord:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+def experiment_of(dataset: str, simulated: bool) -> str:
+    """The name of a data set's experiment, which heads every page of it."""
+    return f"yearloc {dataset}" + (" (simulated)" if simulated else "")
+
+
 @dataclass(frozen=True)
 class Published:
     """What a call of `publish` did; runs include children."""

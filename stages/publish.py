@@ -20,7 +20,8 @@ def main(cfg: DictConfig) -> str:
         study = gather(cfg, grid)
         figures = Path(cfg.artifacts, "report", study.dataset, grid)
         runs += [with_model(cfg, grid, run) for run in study.runs(figures, {method: colour(method) for method in study.recipes})]
-    done = tracking.publish(Path(cfg.tracking.database), f"yearloc {cfg.benchmark.dataset}", runs)
+    name = tracking.experiment_of(cfg.benchmark.dataset, cfg.dataset.simulated)
+    done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = dashboard.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
 

@@ -120,7 +120,7 @@ def _told(folder: Path, records: Sequence[Mapping[str, Any]], usual: Mapping[str
     from pipeline.reports.sweep import Job as Line
     from pipeline.reports.sweep import Sweep
     from pipeline.reports.trials import record as trials
-    from pipeline.tracking import publish
+    from pipeline.tracking import experiment_of, publish
 
     lines = []
     for one in records:
@@ -132,7 +132,7 @@ def _told(folder: Path, records: Sequence[Mapping[str, Any]], usual: Mapping[str
     print(sweep.text())
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     runs = [trials(sweep, first["method"], figures)]
-    done = publish(Path(first["tracking"]["database"]), f"yearloc {first['dataset']}", runs)
+    done = publish(Path(first["tracking"]["database"]), experiment_of(first["dataset"], first["simulated"]), runs)
     sources = {
         name: sum((Counter(one.get(name, {})) for one in records), Counter()) for name in ("from_dvc", "from_sweeps", "built")
     }

@@ -14,7 +14,7 @@ from safetensors.numpy import save_file
 from pipeline import dashboard
 from pipeline.errors import ConfigError, InputError
 from pipeline.served import Served
-from pipeline.tracking import KEY, Published, RunRecord, publish
+from pipeline.tracking import KEY, Published, RunRecord, experiment_of, publish
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated"),  # SQLAlchemy 2.1 about MLflow 3.17
@@ -309,3 +309,8 @@ def test_two_processes_that_publish_at_once_write_each_run_once(database: Path) 
     experiment = client(database).get_experiment_by_name("together")
     runs = client(database).search_runs([experiment.experiment_id])
     assert sorted(run.info.run_name for run in runs) == ["run 0", "run 1", "run 2"]
+
+
+def test_an_experiment_says_in_its_name_that_the_data_is_simulated() -> None:
+    assert experiment_of("campus", simulated=True) == "yearloc campus (simulated)"
+    assert experiment_of("nclt", simulated=False) == "yearloc nclt"
