@@ -48,7 +48,7 @@ class RunRecord:
     tags: Mapping[str, str]
     params: Mapping[str, object]
     series: Mapping[str, Sequence[tuple[int, float]]]
-    """Metric name, such as `test/auc_top1`, to its points (step, value); steps are days since training, or epochs."""
+    """Metric name, such as `cells/auc_top1`, to its points (step, value); steps are days since training, or epochs."""
     figures: Sequence[Path] = ()
     children: Sequence["RunRecord"] = ()
     """One level deep: the page nests no further."""

@@ -19,12 +19,16 @@ LISTED = ("world", "submap", "budget", "grid", "method", "view")
 """Groups whose file conf/benchmark.yaml names."""
 
 
+TELLING = ("report", "publish", "sweep")
+"""Stages that tell of results: a sweep does that itself, so no setting of theirs is one of a job."""
+
+
 def own_fields() -> dict[str, dict[str, Any]]:
     """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
     fields = {}
-    for path in sorted((ROOT / "stages").glob("[a-z]*.py")):
-        own = yaml.safe_load((ROOT / "conf" / f"{path.stem}.yaml").read_text())
-        fields[path.stem] = {key: value for key, value in own.items() if key not in ("defaults", "hydra") and value is not None}
+    for stage in sorted(path.stem for path in (ROOT / "stages").glob("[a-z]*.py") if path.stem not in TELLING):
+        own = yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text())
+        fields[stage] = {key: value for key, value in own.items() if key not in ("defaults", "hydra") and value is not None}
     return {name: own for name, own in fields.items() if own}
 
 

@@ -9,8 +9,8 @@ import os
 import sys
 import time
 import traceback
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from pipeline.matching.rejection import Evidence
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
 from pipeline.sweeps.ledger import Ledger
+from pipeline.sweeps.record import Record, cost, read
 from pipeline.sweeps.shelf import Shelf
 from stages import ROOT
 from stages._settings import Composer, listed, own_fields
@@ -46,27 +47,21 @@ def job(cfg: DictConfig) -> float:
     """One job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
     of_hydra, begun, used = HydraConfig.get(), time.perf_counter(), time.process_time()
     said = {key: value for key, _, value in (override.partition("=") for override in of_hydra.overrides.task)}
-    record: dict[str, Any] = {"number": int(of_hydra.job.num), "overrides": said, "error": None}
-    record |= {
-        "dataset": cfg.benchmark.dataset,
-        "simulated": cfg.dataset.simulated,
-        "tracking": dict(cfg.tracking),
-        "method": of_hydra.runtime.choices["method"],
-    }
+    who = cfg.benchmark.dataset, cfg.dataset.simulated, of_hydra.runtime.choices["method"], cfg.tracking.database
+    record = Record(int(of_hydra.job.num), said, *who)
     try:
-        record |= _localised_for_a_year(cfg, said)
+        record = replace(record, **_localised_for_a_year(cfg, said))
     except WRONG as error:
-        said_best = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
-        record["error"] = " ".join(str(said_best).split())
+        plainest = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
+        record = replace(record, error=" ".join(str(plainest).split()))
     except Exception as error:  # one job's bug is no reason to lose the others
         traceback.print_exc()
-        record["error"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    record |= {"wall_s": time.perf_counter() - begun, "cpu_s": time.process_time() - used}
-    with store.replace(Path(of_hydra.sweep.dir, f"{record['number']}.json")) as scratch:
-        scratch.write_text(json.dumps(record, indent=1))
-    if record["error"]:
-        print(f"job {record['number']} failed: {record['error']}", file=sys.stderr, flush=True)
-    return float(record.get("held_out_auc", math.nan))
+        record = replace(record, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
+    record = replace(record, wall_s=time.perf_counter() - begun, cpu_s=time.process_time() - used)
+    record.write(Path(of_hydra.sweep.dir))
+    if record.error:
+        print(f"job {record.number} failed: {record.error}", file=sys.stderr, flush=True)
+    return math.nan if record.held_out_auc is None else record.held_out_auc
 
 
 def _localised_for_a_year(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
@@ -84,13 +79,12 @@ def _localised_for_a_year(cfg: DictConfig, said: Mapping[str, str]) -> dict[str,
         if step.stage == "evaluate":
             metrics = next(out for out in step.outs if out.endswith(".json"))
             numbers[step.fields["sequence"]] = json.loads(found.path(metrics).read_text())
-    (model,) = (found.path(step.outs[0]) for step in steps if step.stage == "train")
+    (model,) = (store.read_model(found.path(step.outs[0])) for step in steps if step.stage == "train")
     last = next(step for step in steps if step.stage == "localize")
     kind = store.read(found.path(last.outs[0]), schemas.RANKINGS).attrs["kinds"][0]
     rejection = composer.config(last, {}).rejection
-    counts = {"from_dvc": found.from_dvc, "from_sweeps": found.from_sweeps, "built": found.built}
-    auc = held_out_auc(Evidence.of(store.read_model(model)), kind, rejection.unseen_share)
-    return {"numbers": numbers, "held_out_auc": auc, "model": str(model), **{name: dict(of) for name, of in counts.items()}}
+    counts = {name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")}
+    return {"numbers": numbers, "held_out_auc": held_out_auc(Evidence.of(model), kind, rejection.unseen_share), **counts}
 
 
 def main() -> None:
@@ -106,42 +100,30 @@ def main() -> None:
     sys.argv[1:] = [*flags, *given, f"hydra.sweep.dir={folder}", *(f"{group}={choice}" for group, choice in usual.items())]
     begun = time.perf_counter()
     job()
-    records = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"), key=lambda path: int(path.stem))]
-    if records:
-        told = _told(folder, records, usual)
-        cpu_s, failed = sum(record["cpu_s"] for record in records), sum(record["error"] is not None for record in records)
-        print(f"{told}; {len(records)} jobs, {failed} failed, {time.perf_counter() - begun:.0f} s, {cpu_s:.0f} CPU-s")
-        print(f"sweep: table and figure in {folder}")
-        sys.exit(1 if failed else 0)
+    if records := read(folder):
+        _tell(folder, records, usual)
+        print(f"{cost(records)}, {time.perf_counter() - begun:.0f} s\nsweep: table and figure in {folder}")
+        sys.exit(1 if any(record.error for record in records) else 0)
 
 
-def _told(folder: Path, records: Sequence[Mapping[str, Any]], usual: Mapping[str, str]) -> str:
-    """Prints one table of all jobs, draws it, and shows it in MLflow; says where the artifacts came from."""
+def _tell(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> None:
+    """One table and one figure of all jobs, and their runs in MLflow."""
+    from pipeline.reports import trials
     from pipeline.reports.sweep import Job as Line
     from pipeline.reports.sweep import Sweep
-    from pipeline.reports.trials import record as trials
     from pipeline.tracking import experiment_of, publish
 
     lines = []
     for one in records:
-        own = {key: value for key, value in one["overrides"].items() if key not in usual}
-        lines.append(Line(one["number"], own, one.get("numbers"), one.get("held_out_auc"), one["error"]))
+        own = {key: value for key, value in one.overrides.items() if key not in usual}
+        lines.append(Line(one.number, own, one.numbers, one.held_out_auc, one.error))
     first = records[0]
-    sweep = Sweep(lines, first["dataset"], first["simulated"])
+    sweep = Sweep(lines, first.dataset, first.simulated)
     sweep.write(folder)
-    print(sweep.text())
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
-    runs = [trials(sweep, first["method"], figures)]
-    done = publish(Path(first["tracking"]["database"]), experiment_of(first["dataset"], first["simulated"]), runs)
-    sources = {
-        name: sum((Counter(one.get(name, {})) for one in records), Counter()) for name in ("from_dvc", "from_sweeps", "built")
-    }
-    listed = (f"{of.total()} {name.replace('_', ' ')}" + (f" ({_listing(of)})" if of else "") for name, of in sources.items())
-    return f"artifacts: {', '.join(listed)}; MLflow: {done.written} runs written, {done.kept} there already"
-
-
-def _listing(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{number} {stage}" for stage, number in counts.items())
+    runs = [trials.record(sweep, first.method, figures)]
+    done = publish(Path(first.database), experiment_of(first.dataset, first.simulated), runs)
+    print(f"{sweep.text()}\nMLflow: {done.written} runs written, {done.kept} there already")
 
 
 if __name__ == "__main__":

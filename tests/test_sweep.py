@@ -76,7 +76,7 @@ def test_the_table_the_figure_and_mlflow_hold_every_job(built: Clone, cells: Swe
     assert "simulated" in table.lower()
     assert "simulated campus" in (cells.folder / "sweep.svg").read_text()
     assert all(f"{sum(cells.value(job)) / 2:.3f}" in cells.out for job in (0, 1))
-    assert "3 runs" in cells.out  # a parent and two jobs
+    assert "MLflow: 3 runs" in cells.out  # a parent and two jobs
 
 
 def test_a_views_field_builds_its_own_views_and_nothing_before_them(built: Clone) -> None:
@@ -143,6 +143,7 @@ def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> No
     ("override", "said"),
     [
         ("grid.cel_m=5", "cel_m"),
+        ("report.cells=5m", "report"),  # no job reads it
         ("dataset=nclt", "yearloc use"),
     ],
 )

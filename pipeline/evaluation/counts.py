@@ -40,7 +40,7 @@ def count(truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], 
     return Counts(hits, misses, accepted - hits, correct_rejections)
 
 
-class Sweep:
+class ExactCounts:
     """Weighted counts as the threshold rises past every distinct novelty: the exact curve, of which any other is a part.
 
     Column 0 rejects all; column i accepts the i smallest distinct novelties.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
-from pipeline.evaluation.counts import TOP_N, Sweep, count, right, spread
+from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import PROTOCOLS, Distance, Truth, by_cells
@@ -155,14 +155,14 @@ def _judgement(truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootst
     of_kinds = np.concatenate([told(everyone), bounds], axis=1)[len(NUMBERS) :]
     counts, seen = count(truth, novelty, queries.thresholds), everyone @ truth.seen
     precision, recall = curve(truth, counts, seen)
-    sweep = Sweep(truth, novelty, everyone)
-    exact = [auc(*curve(truth, sweep.count(n), seen)) for n in range(1, TOP_N + 1)]
+    exact = ExactCounts(truth, novelty, everyone)
+    areas = [auc(*curve(truth, exact.count(n), seen)) for n in range(1, TOP_N + 1)]
     return Judgement(
         **vars(counts),
         precision=precision,
         recall=recall,
         auc=where(seen, auc(precision, recall)),
-        auc_exact=where(seen, np.concatenate(exact)),
+        auc_exact=where(seen, np.concatenate(areas)),
         recall_at=np.concatenate([share(right(truth, n), truth.seen, everyone) for n in range(1, TOP_N + 1)]),
         true_rank=truth.true_rank,
         seen=truth.seen,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation.counts import Counts, Sweep, right
+from pipeline.evaluation.counts import Counts, ExactCounts, right
 from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
 from pipeline.evaluation.protocols import Truth
 
@@ -62,18 +62,18 @@ class Queries:
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Each of NUMBERS."""
-    sweep = Sweep(truth, queries.novelty[:, 0], weight)
-    columns, seen = sweep.columns(queries.thresholds), weight @ truth.seen
-    found = answers(truth, queries, weight) | rejection(truth, sweep, queries.reject_from[0], seen)
+    exact = ExactCounts(truth, queries.novelty[:, 0], weight)
+    columns, seen = exact.columns(queries.thresholds), weight @ truth.seen
+    found = answers(truth, queries, weight) | rejection(truth, exact, queries.reject_from[0], seen)
     for n in (1, 5, 25):
-        found[f"auc_top{n}"] = where(seen, auc(*curve(truth, sweep.count(n, columns), seen)))
+        found[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
     return {name: found[name] for name in NUMBERS}
 
 
 def measures(truth: Truth, queries: Queries, kind: int, weight: Weight) -> dict[str, Number]:
     """Each of MEASURES of one kind of novelty."""
-    sweep = Sweep(truth, queries.novelty[:, kind], weight)
-    found = rejection(truth, sweep, queries.reject_from[kind], weight @ truth.seen)
+    exact = ExactCounts(truth, queries.novelty[:, kind], weight)
+    found = rejection(truth, exact, queries.reject_from[kind], weight @ truth.seen)
     return {name: found[name] for name in MEASURES}
 
 
@@ -89,12 +89,12 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     return found
 
 
-def rejection(truth: Truth, sweep: Sweep, reject_from: float, seen: Number) -> dict[str, Number]:
+def rejection(truth: Truth, exact: ExactCounts, reject_from: float, seen: Number) -> dict[str, Number]:
     """How well one novelty tells right first answers from wrong ones and from unseen queries: MEASURES and F1max.
 
     `seen` (r,) is the weight of the seen queries.
     """
-    counts, column = sweep.count(1), sweep.columns(np.array([reject_from]))[0]
+    counts, column = exact.count(1), exact.columns(np.array([reject_from]))[0]
     precision, recall = curve(truth, counts, seen)
     accepted = counts.hits[:, column] + counts.false_alarms[:, column]
     return {

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.evaluation.counts import Sweep
+from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.numbers import curve
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.reports.result import Result, by_method, by_sequence, some
@@ -51,7 +51,7 @@ def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) 
 def exact(result: Result, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Precision and recall of the first answer at every distinct novelty in use, from nothing accepted to everything."""
     truth, novelty = result.evaluation.truth(protocol), result.evaluation.novelty[:, 0]
-    counts = Sweep(truth, novelty, np.ones((1, len(novelty)))).count(1)
+    counts = ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)
     precision, recall = curve(truth, counts, np.array([float(truth.seen.sum())]))
     return precision[0], recall[0]
 

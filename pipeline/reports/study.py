@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Protocol, Self
@@ -20,7 +20,7 @@ from pipeline.tracking import RunRecord
 
 
 class Find(Protocol):
-    """Where an artifact lies: a DVC study and a job of a sweep keep theirs in different folders.
+    """Where an artifact lies.
 
     `kind` is a stage (submaps, labels, views, train, evaluate) or metrics, the json beside an evaluation. Submaps and labels are
     of a sequence, a model is of a method, and views, evaluations and metrics are of both.
@@ -83,9 +83,9 @@ class Study:
     cell_m: float
     find: Find
     """Where the views lie, which are opened only when they are drawn."""
-    distance: Distance = field(default_factory=Distance)
-    """What the evaluations were judged by; the defaults where they do not tell."""
-    bootstrap: Bootstrap = field(default_factory=Bootstrap)
+    distance: Distance
+    """What the evaluations were judged by."""
+    bootstrap: Bootstrap
 
     @classmethod
     def gather(
@@ -103,7 +103,7 @@ class Study:
         track = store.read(find("submaps", train), schemas.SUBMAPS).load("world_T_anchor")[:, :2, 3]
         labels = store.read(find("labels", train), schemas.LABELS)
         places, cell_m = labels.load("places"), float(labels.attrs["cell_m"])
-        judged = Distance(**rules.get("distance", {})), Bootstrap(**rules.get("bootstrap", {}))
+        judged = Distance(**rules["distance"]), Bootstrap(**rules["bootstrap"])
         return cls(dataset, grid, train, simulated, results, models, track, places, cell_m, find, *judged)
 
     @property

@@ -95,7 +95,8 @@ class Sweep:
         made = "simulated campus" if self.simulated else self.dataset
         fixed = "".join(f", {name}={value}" for name, value in self.fixed().items())
         count = max((len(job.numbers or {}) for job in self.jobs), default=0)
-        head = f"{made}: {len(self.jobs)} jobs{fixed}; means over {count} test sequences ± standard deviation"
+        jobs = "1 job" if len(self.jobs) == 1 else f"{len(self.jobs)} jobs"
+        head = f"{made}: {jobs}{fixed}; means over {count} test sequences ± standard deviation"
         parts = (head, self.table().text().rstrip(), "\n".join(self.failures()), "\n".join(self.findings()))
         return "\n\n".join(filter(None, parts)) + "\n"
 

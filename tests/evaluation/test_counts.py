@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.errors import InputError
-from pipeline.evaluation.counts import Sweep, count, spread
+from pipeline.evaluation.counts import ExactCounts, count, spread
 from pipeline.evaluation.protocols import Truth
 
 # The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
@@ -68,7 +68,7 @@ def test_a_query_neither_seen_nor_unseen_is_in_no_count() -> None:
     counts = count(truth, novelty, np.array([0.0, 1.0]), top_n=1)
     found = [a[0].tolist() for a in (counts.hits, counts.misses, counts.false_alarms, counts.correct_rejections)]
     assert found == [[0, 1], [1, 0], [0, 1], [1, 0]]  # all rejected, all accepted: two queries each time
-    swept = Sweep(truth, novelty, np.ones((1, 3))).count(1)
+    swept = ExactCounts(truth, novelty, np.ones((1, 3))).count(1)
     assert swept.hits.tolist() == [[0, 1, 1, 1]]
     assert swept.false_alarms.tolist() == [[0, 0, 1, 1]]
 
@@ -76,22 +76,22 @@ def test_a_query_neither_seen_nor_unseen_is_in_no_count() -> None:
 def test_a_sweep_accepts_one_distinct_novelty_after_another() -> None:
     # Novelties .1 .2 .2 .5 in another order: columns reject all, accept .1, accept both .2 at once, accept all.
     truth = cells(np.array([0, -1, 0, 0]), np.array([True, False, True, True]))
-    sweep = Sweep(truth, np.array([0.2, 0.2, 0.5, 0.1], np.float32), np.ones((1, 4)))
-    counts = sweep.count(1)
+    exact = ExactCounts(truth, np.array([0.2, 0.2, 0.5, 0.1], np.float32), np.ones((1, 4)))
+    counts = exact.count(1)
     assert counts.hits.tolist() == [[0, 1, 2, 3]]
     assert counts.misses.tolist() == [[3, 2, 1, 0]]
     assert counts.false_alarms.tolist() == [[0, 0, 1, 1]]
     assert counts.correct_rejections.tolist() == [[1, 1, 0, 0]]
-    assert sweep.columns(np.array([0.0, 0.1, 0.15, 0.3, 0.5, 0.6])).tolist() == [0, 0, 1, 2, 2, 3]
+    assert exact.columns(np.array([0.0, 0.1, 0.15, 0.3, 0.5, 0.6])).tolist() == [0, 0, 1, 2, 2, 3]
 
 
 @given(st.lists(st.tuples(st.integers(-1, 6), st.booleans(), st.integers(0, 12)), max_size=30))
 def test_a_sweep_with_weights_of_one_counts_as_the_authors_do(queries: list[tuple[int, bool, int]]) -> None:
     rank, seen, level = (np.array(column) for column in zip(*queries, strict=True)) if queries else np.zeros((3, 0), int)
     truth, novelty, thresholds = cells(rank, seen.astype(bool)), (level / 12).astype(np.float32), np.linspace(0, 1, 25)
-    counts, sweep = count(truth, novelty, thresholds, top_n=5), Sweep(truth, novelty, np.ones((1, len(queries))))
+    counts, exact = count(truth, novelty, thresholds, top_n=5), ExactCounts(truth, novelty, np.ones((1, len(queries))))
     for n in (1, 5):
-        swept = sweep.count(n, sweep.columns(thresholds))
+        swept = exact.count(n, exact.columns(thresholds))
         for name, column in vars(counts).items():
             assert vars(swept)[name].tolist() == [column[n - 1].tolist()], name
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 from sklearn import metrics
 
-from pipeline.evaluation.counts import Counts, Sweep, count
+from pipeline.evaluation.counts import Counts, ExactCounts, count
 from pipeline.evaluation.curves import auc, auroc, f1_max, precision_recall, recall_at_precision
 from pipeline.evaluation.protocols import Truth
 
@@ -81,7 +81,7 @@ def test_a_misplaced_query_counts_against_the_usual_recall() -> None:
 
 
 def exact(truth: Truth, novelty: np.ndarray, usual: bool) -> tuple[np.ndarray, np.ndarray]:
-    counts = Sweep(truth, novelty, np.ones((1, len(novelty)))).count(1)
+    counts = ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)
     precision, recall = precision_recall(counts, truth.seen.sum() if usual else None)
     return precision[0], recall[0]
 
@@ -131,14 +131,14 @@ def test_two_hundred_thresholds_come_near_the_exact_curve_and_few_do_not() -> No
 
 def test_an_unseen_query_more_novel_than_seen_ones_by_hand() -> None:
     # Unseen .4 is above three of the four seen (.1 .2 .3 .6), unseen .7 above all: 7 of 8 pairs.
-    assert auroc(Sweep(TOY, NOVELTY, np.ones((1, 6))).count(1)).tolist() == [7 / 8]
+    assert auroc(ExactCounts(TOY, NOVELTY, np.ones((1, 6))).count(1)).tolist() == [7 / 8]
     # All alike: every pair is a tie, counting half.
-    assert auroc(Sweep(TOY, np.zeros(6), np.ones((1, 6))).count(1)).tolist() == [0.5]
+    assert auroc(ExactCounts(TOY, np.zeros(6), np.ones((1, 6))).count(1)).tolist() == [0.5]
 
 
 def test_without_unseen_queries_there_is_nothing_to_tell_apart() -> None:
     seen = np.ones(3, bool)
-    counts = Sweep(Truth(seen, ~seen, np.zeros(3, np.int64), seen), np.array([0.1, 0.2, 0.3]), np.ones((1, 3))).count(1)
+    counts = ExactCounts(Truth(seen, ~seen, np.zeros(3, np.int64), seen), np.array([0.1, 0.2, 0.3]), np.ones((1, 3))).count(1)
     assert np.isnan(auroc(counts)).all()
 
 
@@ -154,7 +154,7 @@ def made(queries: list[tuple[bool, bool, int]]) -> tuple[Truth, np.ndarray]:
 @given(QUERIES)
 def test_auroc_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
     truth, novelty = made(queries)
-    found = auroc(Sweep(truth, novelty, np.ones((1, len(novelty)))).count(1)).item()
+    found = auroc(ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)).item()
     assert found == pytest.approx(metrics.roc_auc_score(truth.unseen, novelty))
 
 
