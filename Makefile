@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 
 demo: .venv/ready
 	@yearloc repair
-	@yearloc use campus world=demo --keep
+	@yearloc use campus town world=demo --keep
 	dvc repro
 	@yearloc results
 
@@ -25,7 +25,8 @@ test: .venv/ready
 
 # yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
 dashboard: .venv/ready
-	@python -m stages.publish dataset=$$(yearloc use) tracking.port=$(PORT)
+	@for study in $$(yearloc use | cut -d: -f1); do \
+		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) || exit 1; done
 	@echo "Ctrl-C stops the server. Where yearloc.localhost is unknown, put 127.0.0.1 in its place."
 	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 \
 		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \

@@ -1,4 +1,4 @@
-"""conf/benchmark.yaml, the one list of names that the DAG expands to: proposed from what is on disk."""
+"""conf/benchmark.yaml, the one list of names that the DAG expands to: studies proposed from what is on disk, and spelled out."""
 
 import re
 from collections.abc import Mapping
@@ -11,29 +11,44 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
+from pipeline.studies import expand
 
-HEAD = "# The one list of names, which dvc.yaml expands to; `yearloc use campus|nclt|kitti` writes it anew.\n"
+HEAD = """\
+# The one list of names. `yearloc use campus town` writes it; change `studies` by hand, and `yearloc use` spells them out anew.
+"""
+SPELLED_OUT = "  # What the studies come to: dvc.yaml expands to these.\n"
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
+SAFE_NAME = re.compile(r"\w[\w.+-]*")
+"""Of a sequence: it becomes part of stage names and paths."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A list for conf/benchmark.yaml, and what a person should know about it."""
+    """A study for conf/benchmark.yaml, and what a person should know about it."""
 
-    names: dict[str, Any]
+    study: dict[str, Any]
     notes: list[str]
 
-    def text(self) -> str:
-        """The file's content, one name a line."""
-        lines = []
-        for name, value in self.names.items():
-            shown = yaml.safe_dump(value, default_flow_style=True, width=1_000).removesuffix("...\n").strip()
-            lines.append(f"  {name}: {shown}\n")
-        return f"{HEAD}benchmark:\n{''.join(lines)}"
+
+def text(studies: Mapping[str, Mapping[str, Any]]) -> str:
+    """The file's content, one study, drive, view, … a line. Raises ConfigError for a study that lacks a word."""
+    try:
+        lists = expand(studies)
+    except KeyError as error:
+        raise ConfigError(f"conf/benchmark.yaml: a study lacks {error.args[0]}; `yearloc use DATASET` writes one anew") from None
+    dataset, study = next(iter(studies.items()))
+    first = f"  first: {dataset}/{study['grids'][0]}  # what `dvc plots` shows\n"
+    listed = "".join(map(_block, lists, lists.values()))
+    return f"{HEAD}benchmark:\n{_block('studies', studies)}{SPELLED_OUT}{first}{listed}"
+
+
+def _block(name: str, members: Mapping[str, Any]) -> str:
+    lines = [yaml.safe_dump(dict(member), default_flow_style=True, width=10_000, sort_keys=False) for member in members.values()]
+    return f"  {name}:\n" + "".join(f"    {key}: {line}" for key, line in zip(members, lines, strict=True))
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The list for data set `name`; options are root, log, train, tests (with commas), world and budget.
+    """The study of data set `name`; options are root, log, train, tests (with commas), world and budget.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
@@ -42,45 +57,41 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
     dataset = yaml.safe_load(path.read_text())
-    allowed = {"world", "budget"} if dataset["simulated"] else {"root", "log", "train", "tests", "budget"}
+    allowed = {"world", "tests", "budget"} if dataset["simulated"] else {"root", "log", "train", "tests", "budget"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
-    found = _simulated(name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
-    study, places = dataset["study"], found.names
+    found = _simulated(conf, name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
+    study, places = dataset["study"], found.study
+    for sequence in [places["train"], *places["tests"]]:
+        if not SAFE_NAME.fullmatch(sequence):
+            raise ConfigError(f"sequence {sequence}: a name of letters, digits and ._+- is needed; rename its folder")
     views = {method: yaml.safe_load((conf / "method" / f"{method}.yaml").read_text())["view"] for method in study["methods"]}
-    names = {
-        "dataset": name,
-        "formats": study["formats"],
-        "world": places["world"],
-        "source": places["source"],
-        "options": places["options"],
-        "root": places["root"],
-        "train": places["train"],
-        "tests": places["tests"],
-        "sequences": [places["train"], *places["tests"]],
-        "submap": study["submap"],
-        "views": sorted(set(views.values())),
-        "grids": study["grids"],
-        "methods": [{"name": method, "view": view} for method, view in views.items()],
-        "budget": options.get("budget", places["budget"]),
-    }
-    if not (conf / "budget" / f"{names['budget']}.yaml").is_file():
-        raise ConfigError(f"budget={names['budget']}: expected tiny, demo or full")
-    return Proposal(names, found.notes)
+    methods = [{"name": method, "view": view} for method, view in views.items()]
+    budget = options.get("budget", places["budget"])
+    if not (conf / "budget" / f"{budget}.yaml").is_file():
+        raise ConfigError(f"budget={budget}: expected tiny, demo or full")
+    return Proposal(
+        {**places, "submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget}, found.notes
+    )
 
 
-def _simulated(name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+def _simulated(conf: Path, name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+    usual: Mapping[str, list[str]] = dataset["study"]["tests"]
     world = options.get("world", "demo")
-    if world not in dataset["study"]["tests"]:
-        raise ConfigError(f"world={world}: expected one of {', '.join(dataset['study']['tests'])}")
+    if world not in usual:
+        raise ConfigError(f"world={world}: expected one of {', '.join(usual)}")
+    driven = yaml.safe_load((conf / "world" / f"{name}_{world}.yaml").read_text())["sequences"]
+    tests = options["tests"].split(",") if "tests" in options else list(usual[world])
+    if unknown := [test for test in tests if test.removesuffix("-b") not in driven]:
+        raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
     places = {
-        "world": world,
+        "world": f"{name}_{world}",
         "source": "world",
-        "options": "",
+        "heeds": "simulated",
         "root": f"artifacts/logs/{name}",
         "train": dataset["study"]["train"],
-        "tests": list(dataset["study"]["tests"][world]),
-        "budget": {"tiny": "tiny", "demo": "demo"}.get(world, "full"),
+        "tests": tests,
+        "budget": world if world in ("tiny", "demo") else "full",
     }
     return Proposal(places, [])
 
@@ -101,7 +112,7 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
     reader: Reader = locate(settings.pop("_target_"))(**settings)  # type: ignore[operator]
     lacking = reader.sequences(root)
     if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected its folders as the archives unpack")
+        raise ConfigError(f"root={root}: no {name} sequence there; expected {dataset['study']['expected']}")
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
     train, tests = dataset["study"]["train"], list(dataset["study"]["tests"])
@@ -109,7 +120,8 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
         log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
         train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
-    train, tests = options.get("train", train), options["tests"].split(",") if "tests" in options else tests
+    train = options.get("train", train or (whole or [""])[0])
+    tests = options["tests"].split(",") if "tests" in options else tests or [sequence for sequence in whole if sequence != train]
     if train not in whole:
         known = ", ".join(whole) or "none"
         raise ConfigError(f"the training sequence {train} cannot be read below {root}: give train=, one of {known}")
@@ -119,9 +131,9 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
     if not tests:
         raise ConfigError(f"no test sequence can be read below {root}: give tests=, some of {', '.join(whole)}")
     places = {
-        "world": name,
+        "world": "recorded",
         "source": "readers",
-        "options": f"\"world.root='{root}'\"",
+        "heeds": "reader",
         "root": str(root),
         "train": train,
         "tests": tests,

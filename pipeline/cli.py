@@ -18,7 +18,7 @@ Learn a place from LiDAR on one day, localise in it for a year.
 The work itself is a chain of stages that DVC runs: `dvc repro` builds whatever is out of date, from raw logs to a report.
 This command chooses what the chain runs on, and looks at what it made.
 
-  yearloc use campus                         the simulated campus (no data needed); world=tiny|demo|year
+  yearloc use campus town                    the simulated campus and town (no data needed); world=tiny|demo|year
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack; train=DATE tests=DATE,DATE
   yearloc use kitti root=/data/kitti log=00  KITTI odometry: the first part of one log against the rest
   yearloc inspect artifacts/scans/campus/2012-01-15.zarr
@@ -31,10 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    use = commands.add_parser("use", help="choose a data set: check what is on disk and write conf/benchmark.yaml")
-    use.add_argument("dataset", nargs="?", help="campus, nclt or kitti: a file in conf/dataset; without it, print the one in use")
-    use.add_argument("options", nargs="*", metavar="KEY=VALUE", help="root, log, train, tests, world, budget")
-    use.add_argument("--keep", action="store_true", help="leave a list of this data set and world as it is, additions and all")
+    use = commands.add_parser("use", help="choose data sets: check what is on disk and write conf/benchmark.yaml")
+    options = "names of files in conf/dataset, and root, log, train, tests, world, budget; without any, the studies in use"
+    use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
+    use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
+    use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
     look.add_argument("path", type=Path, metavar="FILE-OR-ARTIFACT")
     look.add_argument("--format", choices=("nclt", "kitti"), help="whose .bin file it is, where its folder does not tell")
@@ -49,25 +50,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.benchmark import propose
+    from pipeline.benchmark import propose, text
 
     conf = _conf()
-    if given.dataset is None:
-        print(_names(conf / "benchmark.yaml")["dataset"])
-        return
-    pairs = [option.partition("=") for option in given.options]
-    if odd := [key for key, sign, _ in pairs if not sign]:
-        raise ConfigError(f"{odd[0]}: options are written KEY=VALUE")
-    proposal = propose(conf, given.dataset, {key: value for key, _, value in pairs})
     path = conf / "benchmark.yaml"
-    present = _names(path) if path.is_file() else {}
-    kept = given.keep and all(present.get(key) == proposal.names[key] for key in ("dataset", "world"))
-    if not kept and (not path.is_file() or path.read_text() != proposal.text()):
-        path.write_text(proposal.text())
-    names = present if kept else proposal.names
-    for note in proposal.notes:
+    datasets = [word for word in given.words if "=" not in word]
+    options = dict(word.split("=", 1) for word in given.words if "=" in word)
+    if options and not datasets:
+        raise ConfigError(f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`")
+    present = _studies(path) if given.add or given.keep or not datasets else {}
+    proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
+    wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
+    same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
+    studies = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
+    if not path.is_file() or path.read_text() != text(studies):
+        path.write_text(text(studies))
+    for note in (note for proposal in proposals.values() for note in proposal.notes):
         print(f"  {note}")
-    print(f"conf/benchmark.yaml: {names['dataset']}, trained on {names['train']}, tested on {', '.join(names['tests'])}")
+    for name, study in studies.items():
+        print(f"{name}: trained on {study['train']}, tested on {', '.join(study['tests'])}")
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -77,15 +78,16 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
-    names = _names(_conf() / "benchmark.yaml")
-    for grid in names["grids"]:
-        folder = Path("artifacts/report", names["dataset"], grid)
-        if not (folder / "results.txt").is_file():
-            raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
-        print((folder / "results.txt").read_text())
-        for path in [folder / "report.md", *sorted(folder.glob("*.svg"))]:
-            print(f"  {path}")
-    print("\ndashboard: make dashboard")
+    for dataset, study in _studies(_conf() / "benchmark.yaml").items():
+        for grid in study["grids"]:
+            folder = Path("artifacts/report", dataset, grid)
+            if not (folder / "results.txt").is_file():
+                raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
+            print((folder / "results.txt").read_text())
+            for path in [folder / "report.md", *sorted(folder.glob("*.svg"))]:
+                print(f"  {path}")
+            print()
+    print("dashboard: make dashboard")
 
 
 def _repair(given: argparse.Namespace) -> None:
@@ -133,6 +135,14 @@ def _conf() -> Path:
     return conf
 
 
-def _names(path: Path) -> dict[str, Any]:
-    names: dict[str, Any] = yaml.safe_load(path.read_text())["benchmark"]
-    return names
+def _studies(path: Path) -> dict[str, dict[str, Any]]:
+    """The studies of a conf/benchmark.yaml, as they are written there; none where there is no such file."""
+    if not path.is_file():
+        return {}
+    try:
+        studies = yaml.safe_load(path.read_text())["benchmark"]["studies"]
+        if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
+            return studies
+    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+        pass
+    raise ConfigError(f"{path}: expected `benchmark:` with `studies:`; `yearloc use campus` writes it anew")

@@ -35,11 +35,11 @@ SCANS = Schema(
     1,
     {
         "points": Column(
-            "i2", ("point", "xyz"), "in units of grain_m, vehicle frame (x forward, y left, z up, ground at 0)", 32_768
+            "i2", ("point", "xyz"), "in units of grain_m, vehicle frame (x forward, y left, z up)", 32_768
         ),
-        "offsets": Column("i8", ("scan+1",), "scan i is points[offsets[i]:offsets[i + 1]]"),
+        "offsets": Column("i8", ("scan+1",), "scan (or sweep of a 2-D LiDAR) i is points[offsets[i]:offsets[i + 1]]"),
         "stamps_ns": Column("i8", ("scan",), "nanoseconds since 1970"),
-        "world_T_scan": Column("f8", ("scan", "row", "col"), "ground truth at the stamp"),
+        "world_T_scan": Column("f8", ("scan", "row", "col"), "ground truth at the stamp; NaN where odometry alone is known"),
         "odom_T_scan": Column("f8", ("scan", "row", "col"), "the log's own odometry at the stamp; NaN where it has none"),
     },
     {
@@ -50,11 +50,18 @@ SCANS = Schema(
 )
 SUBMAPS = Schema(
     "submaps",
-    1,
+    2,
     {
-        "scans": Column("i8", ("submap",), "the scan that makes it: a row of the scans artifact, whose frame is the anchor's"),
+        "first": Column("i8", ("submap",), "the oldest scan that it gathers: a row of the scans artifact"),
+        "scans": Column("i8", ("submap",), "the newest, whose frame is the anchor's"),
+        "ground_m": Column("f8", ("submap",), "height of the ground in that frame, taken off all heights"),
+        "used": Column("?", ("scan",), "scans that go into the submaps around them"),
         "stamps_ns": Column("i8", ("submap",), "of the anchor, nanoseconds since 1970"),
         "world_T_anchor": Column("f8", ("submap", "row", "col"), "ground truth of the anchor"),
+    },
+    {
+        "layout": "the column of the scans artifact whose poses lay a submap's scans out",
+        "left_out": "anchors that make no submap: reason to count",
     },
 )
 VIEWS = Schema(

@@ -10,6 +10,7 @@ from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.errors import ConfigError
+from pipeline.studies import expand
 from pipeline.sweeps.chain import Step
 from pipeline.sweeps.job import Settings
 from stages import ROOT
@@ -33,19 +34,17 @@ def own_fields() -> dict[str, dict[str, Any]]:
 
 
 def listed(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
-    """The names of conf/benchmark.yaml for a job of one grid and one method, as far as `said` does not name others."""
-    names: dict[str, Any] = OmegaConf.to_container(cfg.benchmark)
-    if said.get("dataset", names["dataset"]) != names["dataset"]:
-        raise ConfigError(f"dataset={said['dataset']}: conf/benchmark.yaml lists {names['dataset']}; `yearloc use` changes it")
-    names |= {group: said[group] for group in ("world", "submap", "budget") if group in said}
-    first = names["methods"][0]
+    """The lists of conf/benchmark.yaml for a job of one study, grid and method, as far as `said` does not name others."""
+    studies: Any = OmegaConf.to_container(cfg.benchmark)["studies"]
+    dataset = said.get("dataset", next(iter(studies)))
+    if dataset not in studies:
+        raise ConfigError(f"dataset={dataset}: conf/benchmark.yaml lists {', '.join(studies)}; `yearloc use` changes it")
+    study = studies[dataset] | {group: said[group] for group in ("world", "submap", "budget") if group in said}
+    first = study["methods"][0]
     method = said.get("method", first["name"])
     view = said.get("view") or (cfg.method.view if "method" in said or "method.view" in said else first["view"])
-    return names | {
-        "grids": [said.get("grid", names["grids"][0])],
-        "methods": [{"name": method, "view": view}],
-        "views": [view],
-    }
+    own = {"grids": [said.get("grid", study["grids"][0])], "methods": [{"name": method, "view": view}]}
+    return {"studies": {dataset: study | own}, **expand({dataset: study | own})}
 
 
 class Composer:

@@ -16,11 +16,11 @@ from stages.report import gather
 @stage("publish")
 def main(cfg: DictConfig) -> str:
     runs = []
-    for grid in cfg.benchmark.grids:
+    for grid in cfg.benchmark.studies[cfg.study].grids:
         study = gather(cfg, grid)
-        figures = Path(cfg.artifacts, "report", study.dataset, grid)
+        figures = Path(cfg.artifacts, "report", cfg.study, grid)
         runs += [with_model(cfg, grid, run) for run in study.runs(figures, {method: colour(method) for method in study.recipes})]
-    name = tracking.experiment_of(cfg.benchmark.dataset, cfg.dataset.simulated)
+    name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = dashboard.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
@@ -28,13 +28,13 @@ def main(cfg: DictConfig) -> str:
 
 def with_model(cfg: DictConfig, grid: str, run: tracking.RunRecord) -> tracking.RunRecord:
     """A method's run, and with it the model, how its training went, and what its stages cost where they ran here."""
-    names, method = cfg.benchmark, run.tags["method"]
-    (view,) = (listed.view for listed in names.methods if listed.name == method)
-    at = {stage: Path(cfg.artifacts, stage, names.dataset) for stage in ("views", "train", "localize", "evaluate")}
+    words, method = cfg.benchmark.studies[cfg.study], run.tags["method"]
+    (view,) = (listed.view for listed in words.methods if listed.name == method)
+    at = {stage: Path(cfg.artifacts, stage, cfg.study) for stage in ("views", "train", "localize", "evaluate")}
     model = at["train"] / grid / f"{method}.safetensors"
-    artifacts = {"views": [at["views"] / view / f"{name}.zarr" for name in names.sequences], "train": [model]}
+    artifacts = {"views": [at["views"] / view / f"{name}.zarr" for name in (words.train, *words.tests)], "train": [model]}
     artifacts |= {
-        stage: [at[stage] / grid / method / f"{name}.zarr" for name in names.tests] for stage in ("localize", "evaluate")
+        stage: [at[stage] / grid / method / f"{name}.zarr" for name in words.tests] for stage in ("localize", "evaluate")
     }
     trace = Trace.read(model)
     series = {f"cost/{name}": [(0, value)] for name, value in costs(artifacts).items()}

@@ -6,6 +6,7 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.reports.study import Study, folders
+from pipeline.studies import spelled_out
 from stages import stage
 
 
@@ -18,11 +19,11 @@ def main(cfg: DictConfig) -> str:
 
 
 def gather(cfg: DictConfig, grid: str) -> Study:
-    """The study of conf/benchmark.yaml at one cell size."""
-    names = cfg.benchmark
-    views = {method.name: method.view for method in names.methods}
-    find = folders(Path(cfg.artifacts), names.dataset, grid, views)
-    return Study.gather(find, names.dataset, grid, names.train, names.tests, list(views), cfg.dataset.simulated)
+    """One study of conf/benchmark.yaml at one cell size."""
+    words = spelled_out(cfg.benchmark)[cfg.study]
+    views = {method.name: method.view for method in words.methods}
+    find = folders(Path(cfg.artifacts), cfg.study, grid, views)
+    return Study.gather(find, cfg.study, grid, words.train, words.tests, list(views), cfg.dataset.simulated)
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ def job(cfg: DictConfig) -> float:
     """One job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
     of_hydra, begun, used = HydraConfig.get(), time.perf_counter(), time.process_time()
     said = {key: value for key, _, value in (override.partition("=") for override in of_hydra.overrides.task)}
-    who = cfg.benchmark.dataset, cfg.dataset.simulated, of_hydra.runtime.choices["method"], cfg.tracking.database
+    who = of_hydra.runtime.choices["dataset"], cfg.dataset.simulated, of_hydra.runtime.choices["method"], cfg.tracking.database
     record = Record(int(of_hydra.job.num), said, *who)
     try:
         record = replace(record, **_localised_for_a_year(cfg, said))
@@ -90,9 +90,11 @@ def _localised_for_a_year(cfg: DictConfig, said: Mapping[str, str]) -> dict[str,
 def main() -> None:
     """Run the jobs, wherever the launcher says, and tell what came of all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-    given, names = sys.argv[1:], yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
-    usual = {group: names[group] for group in ("dataset", "world", "submap", "budget")}
-    usual |= {"grid": names["grids"][0], "method": names["methods"][0]["name"]}
+    given, studies = sys.argv[1:], yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]["studies"]
+    dataset = next((word.removeprefix("dataset=") for word in given if word.startswith("dataset=")), next(iter(studies)))
+    study = studies.get(dataset, {})
+    usual = {"dataset": dataset, **{group: study[group] for group in ("world", "submap", "budget") if study}}
+    usual |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]} if study else {}
     said = {word.partition("=")[0].removeprefix("benchmark.").removesuffix("s") for word in given}
     usual = {group: choice for group, choice in usual.items() if group not in said}
     given = [word for word in given if word not in ("-m", "--multirun")]

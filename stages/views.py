@@ -11,10 +11,9 @@ from stages import Bars, stage
 @stage("views")
 def main(cfg: DictConfig) -> str:
     scans, submaps = store.read(cfg.scans, schemas.SCANS), store.read(cfg.submaps, schemas.SUBMAPS)
-    drawing = Drawing(scans, submaps.load("scans"), instantiate(cfg.view))
+    drawing = Drawing(scans, submaps, instantiate(cfg.view))
     with store.write(cfg.out, schemas.VIEWS) as out:
-        blocks = instantiate(cfg.compute).rows(drawing, len(drawing), BLOCK)
-        for images in Bars().track(blocks, -(-len(drawing) // BLOCK), "draw"):
+        for images in Bars().track(drawing.blocks(instantiate(cfg.compute)), -(-len(drawing) // BLOCK), "draw"):
             out.append("images", images)
         for name in ("stamps_ns", "world_T_anchor"):
             out.put(name, submaps.load(name))

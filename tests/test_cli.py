@@ -25,8 +25,14 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def names(project: Path) -> dict[str, object]:
-    return yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]
+def studies(project: Path) -> dict[str, dict[str, object]]:
+    return yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]["studies"]
+
+
+def study(project: Path) -> dict[str, object]:
+    """The only one."""
+    (only,) = studies(project).values()
+    return only
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -42,18 +48,42 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_use_campus_writes_the_list_of_each_world(project):
     for world, tests in (("tiny", 2), ("demo", 5), ("year", 10)):
         main(["use", "campus", f"world={world}"])
-        assert len(names(project)["tests"]) == tests
-        assert names(project)["sequences"] == [names(project)["train"], *names(project)["tests"]]
+        assert len(study(project)["tests"]) == tests
+        assert study(project)["world"] == f"campus_{world}"
 
 
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):
     main(["use", "campus", "world=demo"])
-    path = project / "conf/benchmark.yaml"
-    path.write_text(path.read_text().replace("'2013-04-05']", "'2013-04-05', '2013-02-23']"))
+    add_a_test(project)
     main(["use", "campus", "world=demo", "--keep"])
-    assert "2013-02-23" in names(project)["tests"]
+    assert "2013-02-23" in study(project)["tests"]
     main(["use", "campus", "world=tiny", "--keep"])
-    assert "2013-02-23" not in names(project)["tests"]
+    assert "2013-02-23" not in study(project)["tests"]
+
+
+def add_a_test(project: Path) -> Path:
+    path = project / "conf/benchmark.yaml"
+    path.write_text(path.read_text().replace("'2013-04-05'], ", "'2013-04-05', '2013-02-23'], ", 1))
+    return path
+
+
+def test_a_study_changed_by_hand_is_spelled_out_anew(project):
+    main(["use", "campus"])
+    path = add_a_test(project)
+    assert "campus-10m-sci-2013-02-23" not in path.read_text()
+    main(["use"])
+    assert "campus-10m-sci-2013-02-23" in path.read_text()
+
+
+def test_studies_stand_side_by_side(project, capsys):
+    main(["use", "campus", "town", "world=tiny"])
+    assert list(studies(project)) == ["campus", "town"]
+    assert "town: trained on 2014-07-14-14-49-50" in capsys.readouterr().out
+    nclt(project / "data", "2012-01-15", "2012-02-04")
+    main(["use", "nclt", f"root={project / 'data'}", "--add"])
+    assert list(studies(project)) == ["campus", "town", "nclt"]
+    main(["use", "nclt", f"root={project / 'data'}"])
+    assert list(studies(project)) == ["nclt"]
 
 
 def nclt(root: Path, *dates: str) -> None:
@@ -68,8 +98,8 @@ def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys
     (root / "2012-03-17/velodyne_sync").mkdir(parents=True)
     main(["use", "nclt", f"root={root}"])
     said = capsys.readouterr().out
-    assert names(project)["tests"] == ["2012-02-04", "2012-08-20"]
-    assert names(project)["root"] == str(root)
+    assert study(project)["tests"] == ["2012-02-04", "2012-08-20"]
+    assert study(project)["root"] == str(root)
     assert "2012-03-17: lacks groundtruth_2012-03-17.csv" in said
     assert "2013-04-05: not below" in said
 
@@ -81,18 +111,20 @@ def test_use_kitti_splits_one_log(project):
     for path in ("sequences/07/calib.txt", "sequences/07/times.txt", "poses/07.txt"):
         (root / path).touch()
     main(["use", "kitti", f"root={root}"])
-    assert (names(project)["train"], names(project)["tests"]) == ("07-a", ["07-b"])
+    assert (study(project)["train"], study(project)["tests"]) == ("07-a", ["07-b"])
 
 
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["use", "moon"], "expected one of campus, kitti, nclt"),
+        (["use", "moon"], "expected one of bag, campus"),
         (["use", "nclt"], "root=FOLDER"),
         (["use", "nclt", "root=/nowhere"], "no such folder"),
         (["use", "campus", "world=huge"], "tiny, demo, year"),
         (["use", "campus", "root=/data"], "no option root"),
-        (["use", "campus", "tiny"], "KEY=VALUE"),
+        (["use", "campus", "tiny"], "no data set tiny"),
+        (["use", "root=/data"], "of which data set?"),
+        (["use", "campus", "tests=2011-01-01"], "conf/world/campus_demo.yaml drives 2012-01-15"),
         (["use", "campus", "budget=rich"], "tiny, demo or full"),
         (["inspect", "nothing.bin"], "nothing.bin"),
         (["results"], "dvc repro"),
@@ -100,6 +132,14 @@ def test_use_kitti_splits_one_log(project):
 )
 def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, arguments, part):
     assert part in refused(capsys, *arguments)
+
+
+def test_an_old_or_broken_list_is_written_anew(project, capsys):
+    for text in ("benchmark: {dataset: campus}\n", "benchmark: [\n", ""):
+        (project / "conf/benchmark.yaml").write_text(text)
+        assert "yearloc use campus" in refused(capsys, "use")
+        main(["use", "campus"])
+        assert list(studies(project)) == ["campus"]
 
 
 def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):

@@ -74,7 +74,7 @@ def test_the_table_the_figure_and_mlflow_hold_every_job(built: Clone, cells: Swe
     table = (cells.folder / "sweep.md").read_text()
     assert "grid.cell_m" in table
     assert "simulated" in table.lower()
-    assert "simulated campus" in (cells.folder / "sweep.svg").read_text()
+    assert "simulated, not recorded" in (cells.folder / "sweep.svg").read_text()
     assert all(f"{sum(cells.value(job)) / 2:.3f}" in cells.out for job in (0, 1))
     assert "MLflow: 3 runs" in cells.out  # a parent and two jobs
 

@@ -1,18 +1,40 @@
-"""Submaps: which scans make one, and around which pose. A 3D scan is its own submap."""
+"""Submaps: which scans make one, around which pose, and how high the ground lies there."""
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
 from pipeline.frames import Poses
-from pipeline.settings import check
+from pipeline.mapping.gathering import Gathering, Layout
+from pipeline.settings import check, positive
+from pipeline.store import Artifact
+from pipeline.watch import Watch
+
+
+@dataclass(frozen=True)
+class Submaps:
+    """The submaps of one sequence, in order of time. A submap gathers the scans `first` to `scans`, both included."""
+
+    layout: Layout
+    """The poses that lay the scans of a submap out around its anchor."""
+    first: NDArray[np.int64]
+    """(submap,) the oldest scan."""
+    scans: NDArray[np.int64]
+    """(submap,) the newest scan, whose frame is the anchor's."""
+    ground_m: NDArray[np.float64]
+    """(submap,) height of the ground in that frame."""
+    used: NDArray[np.bool_]
+    """(scan,) whether a scan goes into the submaps around it."""
+    left_out: Counter[str] = field(default_factory=Counter)
+    """Anchors that make no submap: reason to count."""
 
 
 @dataclass(frozen=True)
 class SingleScan:
-    """One scan a submap, one submap every `step_m` of path."""
+    """One scan a submap, one submap every `step_m` of path; the reader has put the ground at 0."""
 
     step_m: float = 1.0
 
@@ -21,9 +43,77 @@ class SingleScan:
         if not self.step_m >= 0:
             raise ConfigError(f"submap.step_m={self.step_m}: expected a length, or 0 for every scan")
 
+    def cut(self, scans: Artifact, watch: Watch) -> Submaps:
+        """The submaps of a scans artifact."""
+        world_T_scan = scans.load("world_T_scan")
+        rows = self.anchors(world_T_scan)
+        return Submaps("world_T_scan", rows, rows, np.zeros(len(rows)), np.ones(len(world_T_scan), bool))
+
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
         return sample_path(world_T_scan[:, :3, 3], self.step_m) if self.step_m > 0 else np.arange(len(world_T_scan))
+
+
+@dataclass(frozen=True)
+class Accumulated:
+    """All scans, or sweeps of a 2-D LiDAR, of the last `window_m` of path, in the newest one's frame (METHODS 2.9)."""
+
+    step_m: float = 1.0
+    """Path between two submaps."""
+    window_m: float = 80.0
+    layout: Layout = "odom_T_scan"
+    """The poses that lay out the scans and measure the path: the log's odometry, or its truth."""
+    still_m: float = 0.01
+    """A scan less than this of path after the last one used is left out: minutes at a red light show nothing new."""
+    ground_percentile: float = 5.0
+    """The ground is this percentile of the heights within `ground_radius_m` of the anchor; −1: the reader has put it at 0."""
+    ground_radius_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        check(self, "submap")
+        positive("submap", window_m=self.window_m, still_m=self.still_m, ground_radius_m=self.ground_radius_m)
+        if not self.step_m >= self.still_m:
+            raise ConfigError(f"submap.step_m={self.step_m}: expected at least still_m={self.still_m}")
+        if self.ground_percentile != -1 and not 0 <= self.ground_percentile <= 100:
+            raise ConfigError(f"submap.ground_percentile={self.ground_percentile}: expected 0 to 100, or -1")
+
+    def cut(self, scans: Artifact, watch: Watch) -> Submaps:
+        """The submaps of a scans artifact; an anchor without a place, a whole window or any ground makes none, and is counted."""
+        start_T_scan = scans.load(self.layout)
+        first, rows, left_out = self.windows(start_T_scan, scans.load("world_T_scan"))
+        used = np.zeros(len(start_T_scan), bool)
+        used[sample_path(start_T_scan[:, :3, 3], self.still_m)] = True
+        used[first] = used[rows] = True
+        ground_m = np.zeros(len(rows))
+        if self.ground_percentile >= 0 and len(rows):
+            gathered = Gathering(scans, self.layout, first, rows, ground_m, used)
+            ground_m = np.array([self._ground_m(points) for points in watch.track(gathered, len(rows), "find the ground")])
+            left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
+        found = np.isfinite(ground_m)
+        return Submaps(self.layout, first[found], rows[found], ground_m[found], used, +left_out)
+
+    def windows(self, start_T_scan: Poses, world_T_scan: Poses) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
+        """First and last scan (submap,) of each window, and the anchors that have none: reason to count.
+
+        A row of `start_T_scan` (scan, 4, 4) that holds a NaN is a break: no window reaches across it.
+        """
+        xyz_m = start_T_scan[:, :3, 3]
+        rows = sample_path(xyz_m, self.step_m)
+        known = np.isfinite(xyz_m).all(axis=1)
+        breaks = np.cumsum(~known)
+        steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+        path_m = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
+        unbroken = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
+        from_m = path_m[rows] - self.window_m
+        whole = path_m[unbroken] <= from_m + 1e-9
+        placed = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
+        left_out = Counter({"window not yet whole": int((~whole).sum()), "no true pose": int((whole & ~placed).sum())})
+        first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), unbroken)
+        return first[whole & placed], rows[whole & placed], left_out
+
+    def _ground_m(self, points_m: NDArray[np.float64]) -> float:
+        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.ground_radius_m
+        return float(np.percentile(points_m[near, 2], self.ground_percentile)) if near.any() else np.nan
 
 
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:

@@ -15,14 +15,18 @@ from pipeline.frames import Poses, Stamps, Trajectory
 
 @dataclass(frozen=True)
 class Log:
-    """An opened log. Frames: vehicle and world are x forward, y left, z up, ground at z = 0."""
+    """An opened log: its scans, or the sweeps of its 2-D LiDAR. Frames: vehicle and world are x forward, y left, z up.
+
+    Ground is at z = 0, but for the vehicle frame of a log whose sweeps are to be accumulated: a submap finds the ground itself.
+    Each row has one of the two poses at least.
+    """
 
     stamps_ns: Stamps
     """(scan,) strictly increasing."""
     world_T_scan: Poses
-    """(scan, 4, 4) ground truth at the stamps."""
+    """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the INS."""
     odom_T_scan: Poses
-    """(scan, 4, 4) the log's odometry at the stamps, NaN where it has none."""
+    """(scan, 4, 4) the log's odometry at the stamps; NaN where it has none, and in the first row after a break in it."""
     points: Callable[[int], NDArray[np.floating]]
     """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is broken."""
     skipped: Counter[str]

@@ -1,4 +1,4 @@
-"""Where on the campus queries were placed right, placed wrong, or turned away, by cells: the papers' protocol."""
+"""Where in the world queries were placed right, placed wrong, or turned away, by cells: the papers' protocol."""
 
 from collections.abc import Sequence
 

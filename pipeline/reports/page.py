@@ -9,7 +9,7 @@ from pipeline.reports import findings, tables
 from pipeline.reports.result import Result
 
 SIMULATED = (
-    "**Simulated campus, not recorded data.** Every number below was measured in a world that this project made up and swept\n"
+    "**Simulated, not recorded data.** Every number below was measured in a world that this project made up and swept\n"
     "with a simulated sensor: it shows how the methods compare, not how they would do on a real site.\n"
 )
 HOW_TO_READ = {

@@ -133,7 +133,7 @@ class Study:
 
     def table(self) -> str:
         """The results for a terminal."""
-        made = "simulated campus" if self.simulated else self.dataset
+        made = f"simulated {self.dataset}" if self.simulated else self.dataset
         head = f"{made}, trained on {self.train} alone, cells of {self.cell_m:g} m"
         return page.text(head, self.results, self.cell_m, self.distance)
 

@@ -43,7 +43,7 @@ WIDE_IN = 6.0
 """From this width on, a heading and the line about simulation stand beside each other."""
 DPI = 200
 """Of PNG files, and of the dense points within an SVG."""
-SIMULATED = "simulated campus, not recorded data"
+SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"
 """The grey of what is said in passing."""
 VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}

@@ -92,7 +92,7 @@ class Sweep:
 
     def text(self) -> str:
         """The table for a terminal."""
-        made = "simulated campus" if self.simulated else self.dataset
+        made = f"simulated {self.dataset}" if self.simulated else self.dataset
         fixed = "".join(f", {name}={value}" for name, value in self.fixed().items())
         count = max((len(job.numbers or {}) for job in self.jobs), default=0)
         jobs = "1 job" if len(self.jobs) == 1 else f"{len(self.jobs)} jobs"
@@ -109,7 +109,7 @@ class Sweep:
             save(response.draw(self.jobs, self.swept(), self.simulated), folder / "sweep.svg")
         parts = (
             f"# A sweep on {self.dataset}\n",
-            "**Simulated campus, not recorded data.**\n" if self.simulated else "",
+            "**Simulated, not recorded data.**\n" if self.simulated else "",
             "".join(f"- all jobs: {name}={value}\n" for name, value in self.fixed().items()),
             self.table().markdown(),
             "Means over the test sequences ± standard deviation; held-out AUC: by cells, on held-out blocks of training.\n",

@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ REFERENCE = re.compile(r"\$\{([\w.]+)\}")
 
 @dataclass(frozen=True)
 class Step:
-    """One stage for one sequence, view, grid and method."""
+    """One instance of a stage: for one sequence, view, grid and method."""
 
     stage: str
     command: str
@@ -44,13 +43,12 @@ class Step:
 
 
 def expand(definition: Mapping[str, Any], names: Mapping[str, Any]) -> list[Step]:
-    """The steps of dvc.yaml as parsed, with `names` (conf/benchmark.yaml's, or others) in place of its list."""
+    """The steps of dvc.yaml as parsed, with `names` (conf/benchmark.yaml's, or others) in place of its lists."""
     steps = []
     for stage, body in definition["stages"].items():
-        matrix = {key: _filled(values, {"benchmark": names}) for key, values in body.get("matrix", {}).items()}
-        for values in product(*matrix.values()):
-            known = {"benchmark": names, "item": dict(zip(matrix, values, strict=True))}
-            one = _filled({key: value for key, value in body.items() if key != "matrix"}, known)
+        listed = _filled(body["foreach"], {"benchmark": names}) if "foreach" in body else {"": None}
+        for key, item in listed.items():
+            one = _filled(body.get("do", body), {"benchmark": names, "key": key, "item": item})
             params: dict[str, tuple[str, ...]] = {}
             for entry in one.get("params", ()):
                 params |= {file: tuple(keys or ()) for file, keys in entry.items()}

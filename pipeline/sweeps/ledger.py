@@ -57,7 +57,7 @@ class Ledger:
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
         found: dict[str, Any] = yaml.safe_load((self._root / file).read_text())
-        return {key: found[key] for key in keys if key in found} if keys else found
+        return {key: _within(found, key) for key in keys if _within(found, key) is not None} if keys else found
 
 
 def digest(path: Path) -> str | None:
@@ -69,6 +69,13 @@ def digest(path: Path) -> str | None:
     files = [file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)]
     listing = sorted(({"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files), key=_relpath)
     return hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
+
+
+def _within(values: Any, key: str) -> Any:
+    """The value at a key with dots, None where there is none."""
+    for part in key.split("."):
+        values = values.get(part) if isinstance(values, dict) else None
+    return values
 
 
 def _relpath(entry: Mapping[str, str | None]) -> str:

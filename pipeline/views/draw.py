@@ -1,11 +1,14 @@
-"""Drawing the views of a block of submaps."""
+"""Drawing the views of submaps."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.compute import Compute
+from pipeline.mapping.gathering import Gathering
 from pipeline.store import Artifact
 
 BLOCK = 64
@@ -13,19 +16,35 @@ BLOCK = 64
 
 @dataclass(frozen=True)
 class Drawing:
-    """Draws rows of a submaps artifact: called with a first row and the row after the last."""
+    """Draws the rows of a submaps artifact from the points of a scans artifact."""
 
     scans: Artifact
-    rows: NDArray[np.int64]
-    """(submap,) the scan that makes each."""
+    submaps: Artifact
     view: Callable[[NDArray[np.float64]], NDArray[np.float32]]
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return int(self.submaps["scans"].shape[0])
 
-    def __call__(self, start: int, stop: int) -> NDArray[np.float32]:
-        """Images (stop − start, …) of these submaps; their points are read in one slice."""
-        rows = self.rows[start:stop]
+    def blocks(self, compute: Compute) -> Iterator[NDArray[np.float32]]:
+        """Images (BLOCK or fewer, …) of one block of submaps after the other.
+
+        Submaps of one scan each are drawn side by side; those that share scans in order, so that each scan is laid out once.
+        """
+        rows = self.submaps.load("scans")
+        if (self.submaps["first"][:] == rows).all():
+            yield from compute.rows(self._single, len(rows), BLOCK)
+            return
+        images = map(self.view, self._gathered())
+        while block := list(islice(images, BLOCK)):
+            yield np.stack(block)
+
+    def _gathered(self) -> Gathering:
+        columns = {name: self.submaps.load(name) for name in ("first", "ground_m", "used")}
+        return Gathering(self.scans, self.submaps.attrs["layout"], last=self.submaps.load("scans"), **columns)
+
+    def _single(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Images (stop − start, …) of submaps of one scan each; their points are read in one slice."""
+        rows = np.asarray(self.submaps["scans"][start:stop])
         offsets = np.asarray(self.scans["offsets"][rows[0] : rows[-1] + 2])
         points = np.asarray(self.scans["points"][offsets[0] : offsets[-1]])
         grain_m = float(self.scans.attrs["grain_m"])

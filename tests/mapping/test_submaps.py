@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import ConfigError
-from pipeline.mapping.submaps import SingleScan, sample_path
+from pipeline.mapping.submaps import Accumulated, SingleScan, sample_path
 
 NAN = float("nan")
 
@@ -54,16 +54,64 @@ def test_samples_are_known_and_at_least_a_step_of_path_apart(xs: list[float], st
     assert (np.diff(travelled[np.concatenate([[0], rows]).astype(int)]) >= step_m - 1e-9).all()
 
 
+def poses(*xs: float) -> np.ndarray:
+    """Poses along x, not turned; a NaN is a pose that is not known."""
+    found = np.tile(np.eye(4), (len(xs), 1, 1))
+    found[:, 0, 3] = xs
+    found[np.isnan(xs)] = np.nan
+    return found
+
+
+def windows(*xs: float, placed: np.ndarray | None = None, window_m: float = 2.0) -> tuple[list[int], list[int], dict[str, int]]:
+    truth = poses(*np.arange(float(len(xs)))) if placed is None else placed
+    first, last, left_out = Accumulated(step_m=1.0, window_m=window_m).windows(poses(*xs), truth)
+    return first.tolist(), last.tolist(), +left_out
+
+
+def test_a_window_reaches_back_over_its_length_of_odometry() -> None:
+    # Anchors at 1, 2, 3, 4 m; the first with 2 m behind it is at 2 m.
+    assert windows(0, 1, 2, 3, 4) == ([0, 1, 2], [2, 3, 4], {"window not yet whole": 1})
+    assert windows(0, 0.5, 1, 1.5, 2, 2.5, 3) == ([0, 2], [4, 6], {"window not yet whole": 1})
+
+
+def test_no_window_reaches_across_a_break_in_the_odometry() -> None:
+    # After the break the path is counted anew: 10, 11, 12 is the first whole window.
+    assert windows(0, 1, 2, NAN, 10, 11, 12, 13) == ([0, 4, 5], [2, 6, 7], {"window not yet whole": 2})
+    assert windows(NAN, 0, 1, 2) == ([1], [3], {"window not yet whole": 1})
+
+
+def test_an_anchor_without_a_place_makes_no_submap_but_its_scans_serve_others() -> None:
+    placed = poses(0, 1, NAN, 3, 4)
+    assert windows(0, 1, 2, 3, 4, placed=placed) == ([1, 2], [3, 4], {"window not yet whole": 1, "no true pose": 1})
+
+
+@given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=60), st.floats(0.5, 20))
+@settings(max_examples=60, deadline=None)
+def test_a_window_is_unbroken_and_the_shortest_that_is_long_enough(xs: list[float], window_m: float) -> None:
+    first, last, left_out = windows(*xs, window_m=window_m)
+    steps = np.abs(np.diff(xs))
+    assert len(last) + sum(left_out.values()) == len(sample_path(path(*xs), 1.0))
+    for a, b in zip(first, last, strict=True):
+        assert np.isfinite(xs[a : b + 1]).all()
+        assert steps[a:b].sum() <= window_m + 1e-6
+        assert a == 0 or np.isnan(xs[a - 1]) or steps[a - 1 : b].sum() > window_m - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("step_m", 0.0), ("window_m", -1.0), ("layout", "gps"), ("ground_percentile", 101.0), ("ground_radius_m", NAN)],
+)
+def test_a_setting_of_no_sense_is_named(field: str, value: object) -> None:
+    with pytest.raises(ConfigError, match=field):
+        Accumulated(**{field: value})
+
+
 def test_a_scan_is_its_own_submap() -> None:
-    poses = np.tile(np.eye(4), (5, 1, 1))
-    poses[:, :3, 3] = path(0, 0.5, 1, 1.5, 2)
-    assert SingleScan().anchors(poses).tolist() == [2, 4]
+    assert SingleScan().anchors(poses(0, 0.5, 1, 1.5, 2)).tolist() == [2, 4]
 
 
 def test_a_step_of_zero_takes_every_scan() -> None:
-    poses = np.tile(np.eye(4), (4, 1, 1))
-    poses[:, 0, 3] = [0, 0, 1, 5]
-    assert SingleScan(0.0).anchors(poses).tolist() == [0, 1, 2, 3]
+    assert SingleScan(0.0).anchors(poses(0, 0, 1, 5)).tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("step_m", [-1.0, NAN])

@@ -41,9 +41,12 @@ def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with store.write(find("views", sequence, "sci"), schemas.VIEWS) as draft:
             for name, column in (("images", images), ("stamps_ns", np.arange(n)), ("world_T_anchor", poses(xy_m))):
                 draft.put(name, column)
-    with store.write(find("submaps", TRAIN), schemas.SUBMAPS) as draft:
-        for name, column in (("scans", np.arange(50)), ("stamps_ns", np.arange(50)), ("world_T_anchor", poses(TRAIN_XY_M))):
+    rows = np.arange(50)
+    with store.write(find("submaps", TRAIN), schemas.SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+        for name, column in (("first", rows), ("scans", rows), ("stamps_ns", rows), ("world_T_anchor", poses(TRAIN_XY_M))):
             draft.put(name, column)
+        draft.put("ground_m", np.zeros(50))
+        draft.put("used", np.ones(50, bool))
     with store.write(find("labels", TRAIN), schemas.LABELS, days=0, cell_m=10.0, x_m=[0, 100], y_m=[0, 10]) as draft:
         draft.put("cells", np.arange(10))
         for name, column in (("places", TRAIN_PLACES), ("oracle", TRAIN_PLACES)):
@@ -91,7 +94,7 @@ def test_a_study_draws_every_figure_and_links_it_in_the_report(drawn: Path) -> N
     assert {path.name for path in drawn.iterdir()} == FILES
     report = (drawn / "report.md").read_text()
     assert all(f"]({name})" in report for name in FILES if name.endswith(".svg"))
-    assert all("simulated campus" in path.read_text() for path in drawn.glob("*.svg"))
+    assert all("simulated, not recorded" in path.read_text() for path in drawn.glob("*.svg"))
 
 
 def test_a_study_is_written_the_same_each_time(study: Study, drawn: Path, tmp_path: Path) -> None:

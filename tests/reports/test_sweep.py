@@ -43,7 +43,7 @@ def test_held_out_blocks_choose_within_each_grid_since_grids_cannot_be_compared_
 def test_the_page_holds_the_table_the_failure_and_the_caveat(tmp_path: Path) -> None:
     SWEEP.write(tmp_path)
     page = (tmp_path / "sweep.md").read_text()
-    assert "**Simulated campus, not recorded data.**" in page
+    assert "**Simulated, not recorded data.**" in page
     assert SWEEP.table().markdown() in page
     assert "- job 3 failed: n_way=7" in page
     assert "within one grid only" in page

@@ -162,7 +162,7 @@ def test_the_report_explains_the_protocols_by_the_distances_that_were_used_and_o
 
 
 def test_the_report_says_first_that_its_data_was_simulated_and_only_then() -> None:
-    assert page(simulated=True).splitlines()[2].startswith("**Simulated campus, not recorded data.**")
+    assert page(simulated=True).splitlines()[2].startswith("**Simulated, not recorded data.**")
     assert "imulated" not in page(simulated=False)
 
 

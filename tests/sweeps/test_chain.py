@@ -7,6 +7,7 @@ import yaml
 from dvc.repo import Repo
 
 from pipeline.errors import ConfigError
+from pipeline.studies import expand as spelled_out
 from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]
@@ -30,8 +31,9 @@ def test_every_stage_is_the_one_that_dvc_finds() -> None:
 
 
 def test_other_names_make_another_chain() -> None:
-    names = NAMES | {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper"}]}
-    steps = expand(DEFINITION, names)
+    other = {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper"}]}
+    studies = {"campus": NAMES["studies"]["campus"] | other}
+    steps = expand(DEFINITION, {"studies": studies, "first": "campus/5m", **spelled_out(studies)})
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
     assert evaluate.outs[0] == "artifacts/evaluate/campus/5m/sci/2013-04-05.zarr"
     (train,) = [step for step in steps if step.stage == "train"]
@@ -51,7 +53,7 @@ def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
 
 
 def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
-    (step,) = [s for s in STEPS if s.stage == "train"]
+    step = next(s for s in STEPS if s.stage == "train")
     makers = inputs(step, producers(STEPS))
     assert {maker.stage for maker in makers.values()} == {"views", "labels"}
     assert Path("stages/train.py") in code(step)
@@ -60,5 +62,5 @@ def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
 
 
 def test_a_name_that_is_not_listed_is_one_line() -> None:
-    with pytest.raises(ConfigError, match=r"\$\{benchmark.budget\}"):
-        expand(DEFINITION, {key: value for key, value in NAMES.items() if key != "budget"})
+    with pytest.raises(ConfigError, match=r"\$\{benchmark.models\}"):
+        expand(DEFINITION, {key: value for key, value in NAMES.items() if key != "models"})

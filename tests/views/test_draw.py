@@ -1,5 +1,6 @@
 """Drawing blocks of submaps from a scans artifact."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from pipeline import store
 from pipeline.compute import Compute
-from pipeline.schemas import SCANS
+from pipeline.schemas import SCANS, SUBMAPS
+from pipeline.views import draw
 from pipeline.views.draw import Drawing
 
 LENGTHS = (3, 0, 5, 2, 4)
@@ -26,24 +28,44 @@ def scans(tmp_path: Path) -> store.Artifact:
     return store.read(tmp_path / "a.zarr", SCANS)
 
 
+@pytest.fixture
+def drawing(tmp_path: Path, scans: store.Artifact) -> Callable[..., Drawing]:
+    """Submaps of single scans, given as rows."""
+
+    def draw(*rows: int) -> Drawing:
+        path = tmp_path / f"submaps{rows}.zarr"
+        with store.write(path, SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+            for name in ("first", "scans", "stamps_ns"):
+                draft.put(name, np.array(rows, np.int64))
+            draft.put("ground_m", np.zeros(len(rows)))
+            draft.put("used", np.ones(5, bool))
+            draft.put("world_T_anchor", np.tile(np.eye(4), (len(rows), 1, 1)))
+        return Drawing(scans, store.read(path, SUBMAPS), summary)
+
+    return draw
+
+
 def summary(points_m: np.ndarray) -> np.ndarray:
     """How many points, and the sum of their x."""
     return np.array([len(points_m), points_m[:, 0].sum()], np.float32)
 
 
-def test_each_submap_is_drawn_from_its_own_points_in_metres(scans: store.Artifact) -> None:
-    drawing = Drawing(scans, np.array([0, 2, 3, 4]), summary)
-    assert len(drawing) == 4
-    np.testing.assert_allclose(drawing(0, 4), [[3, 3], [5, 15], [2, 8], [4, 20]], rtol=1e-6)
-    np.testing.assert_allclose(drawing(1, 3), [[5, 15], [2, 8]], rtol=1e-6)
+def images(drawing: Drawing, workers: int = 1) -> np.ndarray:
+    return np.concatenate(list(drawing.blocks(Compute(workers=workers))))
 
 
-def test_a_scan_without_points_is_drawn_too(scans: store.Artifact) -> None:
-    np.testing.assert_allclose(Drawing(scans, np.array([1]), summary)(0, 1), [[0, 0]])
+def test_each_submap_is_drawn_from_its_own_points_in_metres(drawing: Callable[..., Drawing]) -> None:
+    assert len(drawing(0, 2, 3, 4)) == 4
+    np.testing.assert_allclose(images(drawing(0, 2, 3, 4)), [[3, 3], [5, 15], [2, 8], [4, 20]], rtol=1e-6)
+    np.testing.assert_allclose(images(drawing(2, 3)), [[5, 15], [2, 8]], rtol=1e-6)
+
+
+def test_a_scan_without_points_is_drawn_too(drawing: Callable[..., Drawing]) -> None:
+    np.testing.assert_allclose(images(drawing(1)), [[0, 0]])
 
 
 @pytest.mark.parametrize("block", [1, 2, 5])
-def test_blocks_of_any_size_draw_the_same(scans: store.Artifact, block: int) -> None:
-    drawing = Drawing(scans, np.arange(5), summary)
-    blocks = list(Compute(workers=2).rows(drawing, len(drawing), block))
-    np.testing.assert_array_equal(np.concatenate(blocks), drawing(0, 5))
+def test_blocks_of_any_size_draw_the_same(drawing: Callable[..., Drawing], monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    whole = images(drawing(*range(5)))
+    monkeypatch.setattr(draw, "BLOCK", block)
+    np.testing.assert_array_equal(images(drawing(*range(5)), workers=2), whole)

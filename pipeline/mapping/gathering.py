@@ -1,0 +1,63 @@
+"""Gathering the points of submaps: every scan is read and laid out once, however many submaps it is part of."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.store import Artifact
+
+BLOCK = 256
+"""Scans read together."""
+
+Layout = Literal["odom_T_scan", "world_T_scan"]
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """The points of submaps, one submap after the other; in memory are those of one window and of one block of scans."""
+
+    scans: Artifact
+    layout: Layout
+    first: NDArray[np.int64]
+    """(submap,) the oldest scan of each."""
+    last: NDArray[np.int64]
+    """(submap,) the newest, in whose frame the points are given; never decreasing."""
+    ground_m: NDArray[np.float64]
+    """(submap,) taken off the heights."""
+    used: NDArray[np.bool_]
+    """(scan,) the others are left out."""
+
+    def __len__(self) -> int:
+        return len(self.last)
+
+    def __iter__(self) -> Iterator[NDArray[np.float64]]:
+        """Points (n, 3) in metres of each submap, in its anchor's frame, z up from the ground."""
+        start_T_scan = self.scans.load(self.layout)
+        laid: deque[tuple[int, NDArray[np.float64]]] = deque()
+        scans = self._scans()
+        for first, last, ground_m in zip(self.first, self.last, self.ground_m, strict=True):
+            while not laid or laid[-1][0] < last:
+                row, points = next(scans)
+                laid.append((row, _moved(start_T_scan[row], points)))
+            while laid[0][0] < first:
+                laid.popleft()
+            inside = np.concatenate([points for _, points in laid])
+            yield _moved(np.linalg.inv(start_T_scan[last]), inside) - (0.0, 0.0, ground_m)
+
+    def _scans(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """Every scan that is used from the first window's start on, with its points in metres."""
+        offsets, grain_m = self.scans.load("offsets"), float(self.scans.attrs["grain_m"])
+        for start in range(int(self.first[0]), int(self.last[-1]) + 1, BLOCK):
+            stop = min(start + BLOCK, len(offsets) - 1)
+            points = self.scans["points"][offsets[start] : offsets[stop]] * grain_m
+            for row in (np.flatnonzero(self.used[start:stop]) + start).tolist():
+                yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]
+
+
+def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    moved: NDArray[np.float64] = points @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+    return moved
