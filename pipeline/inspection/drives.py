@@ -10,11 +10,14 @@ from pipeline.inspection.survey import spread, survey
 from pipeline.store import Artifact
 
 VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
+SWEEP_POINTS = 2_000
+"""A scan of fewer points is a sweep of a 2-D LiDAR, of which one alone cannot be diagnosed."""
 
 
 def scans(artifact: Artifact) -> Highlights:
     """The drive, and a handful of its clouds diagnosed."""
     drive, warnings = _drive(artifact, "world_T_scan", "scans")
+    placed = np.isfinite(artifact.load("world_T_scan")).all(axis=(1, 2))
     offsets, grain_m = artifact.load("offsets"), float(artifact.attrs["grain_m"])
     sizes = np.diff(offsets)
     posed = np.isfinite(artifact.load("odom_T_scan")).all(axis=(1, 2))
@@ -24,14 +27,19 @@ def scans(artifact: Artifact) -> Highlights:
                 "points a scan",
                 f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain {1000 * grain_m:.3g} mm",
             ),
+            ("true place", f"at {100 * placed.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * posed.mean():.3g} % of the scans"),
         ]
+    if not (placed | posed).all():
+        warnings.append(f"{int((~placed & ~posed).sum())} scans have neither a true pose nor odometry: `dvc repro` them")
     if (sizes < 0).any() or offsets[-1] != artifact["points"].shape[0]:
         return Highlights((Section("", tuple(drive)),), (*warnings, "offsets do not fit the points: `dvc repro` the scans"))
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
+    if len(sizes) and np.median(sizes) < SWEEP_POINTS:
+        return Highlights((Section("", (*drive, ("kind", "sweeps of a 2-D LiDAR, to be accumulated"))),), tuple(warnings))
     clouds, found = survey(spread(len(sizes)), points, VEHICLE)
     if (sizes == 0).any():
         warnings.append(f"{int((sizes == 0).sum())} scans hold no point: their views would be blank; look at the log's files")
@@ -39,8 +47,17 @@ def scans(artifact: Artifact) -> Highlights:
 
 
 def submaps(artifact: Artifact) -> Highlights:
-    """The drive."""
+    """The drive, and how many scans a submap gathers."""
     drive, warnings = _drive(artifact, "world_T_anchor", "submaps")
+    if artifact["scans"].shape[0]:
+        used = np.concatenate([[0], np.cumsum(artifact.load("used"))])
+        gathered = used[artifact.load("scans") + 1] - used[artifact.load("first")]
+        ground_m = artifact.load("ground_m")
+        drive += [
+            ("gathers", f"{gathered.min():,} … {gathered.max():,} scans each, laid out by {artifact.attrs['layout']}"),
+            ("ground", f"{ground_m.min():.2f} … {ground_m.max():.2f} m in the anchors' frames".replace("-", "−")),
+        ]
+    drive += [("left out", f"{count:,} anchors: {reason}") for reason, count in artifact.attrs["left_out"].items()]
     return Highlights((Section("", tuple(drive)),), tuple(warnings))
 
 
@@ -85,7 +102,7 @@ def _drive(artifact: Artifact, poses: str, what: str) -> tuple[list[tuple[str, s
         low, high = xyz[known].min(axis=0), xyz[known].max(axis=0)
         box = ", ".join(f"{axis} {a:.0f} … {b:.0f} m" for axis, a, b in zip("xyz", low, high, strict=True))
         rows.append(("world", f"{box} (z up)".replace("-", "−")))
-    if not known.all():
+    if not known.all() and poses == "world_T_anchor":
         warnings.append(f"{int((~known).sum())} {what} have no pose (NaN): `dvc repro` them")
     if (np.diff(stamps) <= 0).any():
         warnings.append("stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans")

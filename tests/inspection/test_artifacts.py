@@ -16,6 +16,7 @@ START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
 LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2}
 LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound": 2, "bound3": 3}
 ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
+ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ROWS = 10
 
@@ -72,6 +73,28 @@ def test_a_warning_that_all_scans_share_is_said_once(tmp_path: Path) -> None:
     assert len(found.warnings) == 1
     assert found.warnings[0].startswith("ground at z = −1.73 m")
     assert found.warnings[0].endswith("(scans 0, 2, 4, 7, 9 of the 5 looked at)")
+
+
+def test_submaps_tell_what_they_gather_and_what_was_left_out(tmp_path: Path) -> None:
+    schema = next(schema for schema in ALL if schema.kind == "submaps")
+    rows = {"first": np.arange(ROWS) // 2, "scans": np.arange(ROWS), "ground_m": -np.arange(ROWS) / 10}
+    text = inspect(made(tmp_path / "a.zarr", schema, used=np.ones(ROWS, bool), **rows)).text()
+    assert "1 … 6 scans each, laid out by odom_T_scan" in text  # the first alone; the last: 4, 5, … 9
+    assert "−0.90 … 0.00 m" in text
+    assert "7 anchors: no true pose" in text
+
+
+def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: Path) -> None:
+    truth = plain("world_T_scan", [ROWS, 4, 4], "f8")
+    truth[3:5] = np.nan
+    columns = {"points": np.ones((ROWS, 3), np.int16), "offsets": np.arange(ROWS + 1), "world_T_scan": truth}
+    with store.write(tmp_path / "a.zarr", SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+        for name, column in SCANS.columns.items():
+            draft.put(name, columns.get(name, plain(name, [ROWS, 4, 4][: len(column.dims)], column.dtype)))
+    found = inspect(tmp_path / "a.zarr")
+    assert found.warnings == ()
+    assert "at 80 % of the scans" in found.text()
+    assert "sweeps of a 2-D LiDAR" in found.text()
 
 
 def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
