@@ -1,9 +1,11 @@
 """The real world's logs: already recorded, so there is nothing to make, only to check and to list."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.compute import Compute
+from pipeline.errors import LogError
 from pipeline.readers.log import Reader
 from pipeline.watch import Watch
 
@@ -18,14 +20,16 @@ class Recorded:
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
         """Open the log below `root` and write what it holds into folder/inventory.csv; says how much that is.
 
-        Raises LogError for what cannot be read.
+        Raises LogError for a log that cannot be opened; a scan that cannot be read is counted.
         """
         log = self.reader.open(Path(self.root), sequence)
-        rows = "".join(
-            f"{stamp},{len(log.points(row))}\n"
-            for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check"))
-        )
+        skipped, rows = Counter(log.skipped), ["stamp_ns,points\n"]
+        for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
+            try:
+                rows.append(f"{stamp},{len(log.points(row))}\n")
+            except LogError:
+                skipped["unreadable scan"] += 1
         folder.mkdir(parents=True)
-        (folder / "inventory.csv").write_text("stamp_ns,points\n" + rows)
-        left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(log.skipped.items()))
-        return "; ".join([f"{len(log.stamps_ns)} scans found below {self.root}{left_out}", *log.notes])
+        (folder / "inventory.csv").write_text("".join(rows))
+        left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))
+        return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])

@@ -1,0 +1,62 @@
+"""What a log's odometry costs a submap: drift over its window, and how far its Scan Context is from that of true poses.
+
+python -m benchmarks.drift artifacts/scans/town/*.zarr
+"""
+
+import sys
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline import schemas, store
+from pipeline.frames import Poses
+from pipeline.mapping.gathering import Gathering, Layout
+from pipeline.mapping.submaps import Accumulated
+from pipeline.views.scan_context import ScanContext
+from pipeline.watch import Watch
+
+EVERY = 10
+"""One in so many submaps is drawn twice."""
+
+
+def measure(path: str) -> str:
+    """One sequence: medians and 90th percentiles."""
+    scans = store.read(path, schemas.SCANS)
+    made = Accumulated().cut(scans, Watch())
+    truth = scans.load("world_T_scan")
+    known = np.isfinite(truth).all(axis=(1, 2))
+    unknown = np.concatenate([[0], np.cumsum(~known)])
+    whole = np.flatnonzero(unknown[made.scans + 1] == unknown[made.first])
+    first, last, ground_m = (column[whole] for column in (made.first, made.scans, made.ground_m))
+    error = np.linalg.inv(_between(truth, first, last)) @ _between(scans.load("odom_T_scan"), first, last)
+    drift_m = np.linalg.norm(error[:, :3, 3], axis=1)
+    drift_deg = np.degrees(np.abs(Rotation.from_matrix(error[:, :3, :3]).as_euler("ZYX")[:, 0]))
+
+    def drawn(layout: Layout) -> list[NDArray[np.float32]]:
+        rows = slice(None, None, EVERY)
+        return list(map(ScanContext(), Gathering(scans, layout, first[rows], last[rows], ground_m[rows], made.used)))
+
+    cosines = np.array([column_cosine(a, b) for a, b in zip(drawn("odom_T_scan"), drawn("world_T_scan"), strict=True)])
+    told = {"drift [m]": drift_m, "drift of heading [deg]": drift_deg, "column cosine": cosines}
+    return "\n".join(
+        [f"{path}: {len(whole)} windows with a true pose throughout, of {len(made.scans)}"]
+        + ["  {:<24} median {:.3f}, 10th to 90th percentile {:.3f}–{:.3f}".format(name, *np.percentile(values, (50, 10, 90))) for name, values in told.items()]
+    )  # fmt: skip
+
+
+def _between(world_T_scan: Poses, first: NDArray[np.int64], last: NDArray[np.int64]) -> Poses:
+    """The oldest scan's pose in the newest's frame."""
+    return np.asarray(np.linalg.inv(world_T_scan[last]) @ world_T_scan[first])
+
+
+def column_cosine(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Mean cosine of the columns that hold something in both (METHODS 1.3, unshifted)."""
+    norms = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
+    engaged = norms > 0
+    return float(((a * b).sum(axis=0)[engaged] / norms[engaged]).mean())
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        print(measure(name))
