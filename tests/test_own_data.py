@@ -1,0 +1,38 @@
+"""The README's way from one's own bags to a localiser, command by command."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pipeline.compute import Compute
+from pipeline.watch import Watch
+from pipeline.world.simulation import Simulation
+from tests.clone import ROOT, Clone
+
+DAYS = {"2012-01-15": "monday", "2012-06-15": "tuesday"}
+
+
+def commands(heading: str) -> list[list[str]]:
+    """The words of each line of the first block under a heading of the README."""
+    block = re.search(rf"## {heading}\n.*?```\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block
+    return [line.partition("#")[0].split() for line in block[1].splitlines()]
+
+
+@pytest.fixture
+def clone(tmp_path: Path, small: Simulation) -> Clone:
+    """The project, and beside it a robot's bags: a folder a day."""
+    clone = Clone(tmp_path / "project")
+    for date, day in DAYS.items():
+        small.record(date, clone.folder / "bags" / day, Compute(), Watch())
+    return clone
+
+
+def test_five_commands_lead_from_bags_to_a_localiser(clone: Clone) -> None:
+    steps = commands("Your own data")
+    assert len(steps) == 5
+    for step in steps:
+        said = clone.run(*[word.replace("budget=demo", "budget=tiny") for word in step])
+    assert "simulated" not in said
+    assert (clone.folder / "artifacts/train/robot/10m/sci.safetensors").is_file()
