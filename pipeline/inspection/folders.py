@@ -14,6 +14,7 @@ from pipeline.inspection.survey import spread, survey
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt, read_velodyne_sync
+from pipeline.readers.robotcar import RobotCar
 
 RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 
@@ -42,7 +43,7 @@ def scan_folder(path: Path, as_format: str | None) -> Inspection:
     ]
     numbers = np.array([int(file.stem) for file in whole], np.int64)
     if told == "nclt":
-        rows += _rate(numbers * 1e-6, warnings)
+        rows += rate(numbers * 1e-6, warnings)
         clouds, found = survey(spread(len(whole)), lambda row: read_velodyne_sync(whole[row]), "body frame, z up")
     else:
         missing = int(numbers[-1] - numbers[0] + 1 - len(numbers))
@@ -51,7 +52,7 @@ def scan_folder(path: Path, as_format: str | None) -> Inspection:
         times = path.parent / "times.txt"
         if times.is_file():
             seconds = tracks.table(times, 1)[:, 0]
-            rows += _rate(seconds[numbers[numbers < len(seconds)]], warnings)
+            rows += rate(seconds[numbers[numbers < len(seconds)]], warnings)
         lift = np.array([0.0, 0.0, Kitti().lidar_height_m])
         frame = f"raised by lidar_height_m = {lift[2]} m, z up"
         clouds, found = survey(spread(len(whole)), lambda row: read_velodyne(whole[row]) + lift, frame)
@@ -72,7 +73,7 @@ def sequence(path: Path) -> Inspection:
         part = scan_folder(scans, told)
         return Inspection(headline, (listing, *part.sections), (f"the reader refuses the sequence: {error}", *part.warnings))
     skipped = tuple(f"{count:,} scans are skipped: {reason}" for reason, count in sorted(opened.skipped.items()))
-    rows, warnings = _opened(opened)
+    rows, warnings = opened_rows(opened)
     frame = "vehicle frame: x forward, y left, z up, ground at 0"
     clouds, found = survey(spread(len(opened.stamps_ns)), opened.points, frame)
     return Inspection(
@@ -82,14 +83,14 @@ def sequence(path: Path) -> Inspection:
 
 def root(path: Path) -> Inspection:
     """A data set's root: its sequences, and what each lacks."""
-    found = {"KITTI": Kitti().sequences(path), "NCLT": Nclt().sequences(path)}
+    found = {"KITTI": Kitti().sequences(path), "NCLT": Nclt().sequences(path), "RobotCar": RobotCar().sequences(path)}
     name, sequences = next((item for item in found.items() if item[1]), ("", {}))
     lists = sorted(file.name for file in path.iterdir()) if not sequences else []
     if not sequences:
         hint = f"it holds {', '.join(lists[:5])}{' …' if len(lists) > 5 else ''}" if lists else "it is empty"
         raise LogError(
             f"{path}: no artifact, folder of scans, sequence or data set: {hint}; name a file in it, "
-            "or a folder with velodyne_sync/, velodyne/ or sequences/"
+            "or a folder with velodyne_sync/, velodyne/, sequences/ or lms_front/"
         )
     rows = tuple((sequence, "lacks " + ", ".join(lacks) if lacks else "can be read") for sequence, lacks in sequences.items())
     lacking = sum(1 for lacks in sequences.values() if lacks)
@@ -97,24 +98,27 @@ def root(path: Path) -> Inspection:
     return Inspection(f"{path} — {name} root, sequences: {len(sequences)}", (Section("sequences", rows),), warnings)
 
 
-def _opened(log: Log) -> tuple[tuple[tuple[str, str], ...], list[str]]:
+def opened_rows(log: Log, scans: str = "scans") -> tuple[tuple[tuple[str, str], ...], list[str]]:
+    """What an opened log holds, its rows called `scans`; remarks on what it lacks."""
     warnings: list[str] = []
     xyz = log.world_T_scan[:, :3, 3]
+    placed = np.isfinite(log.world_T_scan).all(axis=(1, 2))
     steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
+    steps = steps[np.isfinite(steps)]
     posed = np.isfinite(log.odom_T_scan).all(axis=(1, 2)).mean() if len(xyz) else 0.0
     step = f", step median {metres(float(np.median(steps)))}, longest {metres(float(steps.max()))}" if len(steps) else ""
     rows = [
-        ("scans", f"{len(log.stamps_ns):,} with a true pose"),
-        *_rate(log.stamps_ns * 1e-9, warnings),
+        (scans, f"{len(xyz):,}, {int(placed.sum()):,} with a true pose"),
+        *rate(log.stamps_ns * 1e-9, warnings),
         ("path", f"{metres(float(steps.sum()))}{step}"),
-        ("odometry", f"at {100 * posed:.3g} % of the scans"),
+        ("odometry", f"at {100 * posed:.3g} % of the {scans}"),
     ]
-    if not len(xyz):
+    if not placed.any():
         warnings.append("no scan has a true pose: do the stamps of the scans and of the ground truth share a clock?")
     return tuple(rows), warnings
 
 
-def _rate(times_s: NDArray[np.floating], warnings: list[str]) -> list[tuple[str, str]]:
+def rate(times_s: NDArray[np.floating], warnings: list[str]) -> list[tuple[str, str]]:
     """From, span and rate; remarks on gaps."""
     if not len(times_s):
         return []

@@ -30,11 +30,11 @@ def nclt_poses(path: Path) -> Inspection:
     frame = "north-east-down (x north, y east, z down), radians; the reader turns it z up"
     cells = [
         ("rows", f"{len(rows):,}, of which {int((~known).sum()):,} hold a NaN"),
-        *_clock(times_s),
+        *clock(times_s),
         ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
         ("frame", frame),
     ]
-    cells += [] if relative else [("box", _box(xyz, "north", "east", "down"))]
+    cells += [] if relative else [("box", box(xyz, "north", "east", "down"))]
     found = _order(times_s)
     if (gaps > GAP_S).any():
         found.append(
@@ -58,7 +58,7 @@ def kitti_poses(path: Path) -> Inspection:
     cells = (
         ("poses", f"{len(rows):,}"),
         ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
-        ("box", _box(poses[:, :3, 3], "right", "down", "forward")),
+        ("box", box(poses[:, :3, 3], "right", "down", "forward")),
         ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
     )
     found = [] if finite.all() else [f"{int((~finite).sum())} rows hold a NaN: the reader refuses the file; cut them off"]
@@ -77,7 +77,7 @@ def kitti_times(path: Path) -> Inspection:
     times_s = table(path, 1)[:, 0]
     return Inspection(
         f"{path} — KITTI times",
-        (Section("", (("rows", f"{len(times_s):,}"), *_clock(times_s))),),
+        (Section("", (("rows", f"{len(times_s):,}"), *clock(times_s))),),
         tuple(_order(times_s)),
     )
 
@@ -110,7 +110,8 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
         return log.table(path, columns, delimiter)
 
 
-def _clock(times_s: NDArray[np.float64]) -> list[tuple[str, str]]:
+def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
+    """From, span and rate of a file's rows."""
     span = float(times_s[-1] - times_s[0])
     steps = np.diff(times_s)
     rate = f"{1 / _median(steps):.3g} a second" if len(steps) and _median(steps) > 0 else "one row"
@@ -127,7 +128,8 @@ def _order(times_s: NDArray[np.float64]) -> list[str]:
     ]
 
 
-def _box(xyz: NDArray[np.float64], *names: str) -> str:
+def box(xyz: NDArray[np.float64], *names: str) -> str:
+    """The extent of positions (n, 3) along each named axis."""
     if not len(xyz):
         return "unknown"
     ends = zip(names, xyz.min(axis=0), xyz.max(axis=0), strict=True)

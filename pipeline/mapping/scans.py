@@ -53,10 +53,19 @@ class Intake:
             raise LogError("no scan of this sequence can be read with a known pose")
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
-        """The other columns, of the scans that were readable."""
+        """The other columns, of the scans that were readable.
+
+        A break in the odometry that a left-out scan marked is marked by the next.
+        """
         kept = np.array(self._kept, np.int64)
-        log = self._log
-        return {"stamps_ns": log.stamps_ns[kept], "world_T_scan": log.world_T_scan[kept], "odom_T_scan": log.odom_T_scan[kept]}
+        odom_T_scan = self._log.odom_T_scan[kept]
+        unknown = np.concatenate([[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))])
+        odom_T_scan[unknown[kept] > unknown[np.concatenate([[0], kept[:-1] + 1])]] = np.nan
+        return {
+            "stamps_ns": self._log.stamps_ns[kept],
+            "world_T_scan": self._log.world_T_scan[kept],
+            "odom_T_scan": odom_T_scan,
+        }
 
     def skipped(self) -> dict[str, int]:
         """Scans left out: reason to count."""

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,3 +103,13 @@ def test_a_log_without_a_readable_scan_is_refused(clouds: list[None]) -> None:
 def test_a_grain_that_is_no_length_is_a_config_error(grain_m: float) -> None:
     with pytest.raises(ConfigError, match="grain_m"):
         Intake(log([]), grain_m, 0)
+
+
+def test_a_break_in_the_odometry_outlives_the_scan_that_marked_it() -> None:
+    # Scan 2 marks the break and cannot be read; scan 3 marks it now, 1 and 4 keep their odometry.
+    drive = log([flat(1, 1.0), flat(1, 1.0), None, flat(1, 1.0), flat(1, 1.0)])
+    odometry = drive.world_T_scan.copy()
+    odometry[2] = np.nan
+    intake = Intake(replace(drive, odom_T_scan=odometry), 0.005, 0)
+    taken(intake)
+    assert np.isnan(intake.poses()["odom_T_scan"]).all(axis=(1, 2)).tolist() == [False, False, True, False]

@@ -1,0 +1,98 @@
+"""Oxford RobotCar's file layouts, shared by the reader and the simulated world's writer (METHODS 7.2).
+
+Frames are the files' own: the vehicle is x forward, y right, z down (the stereo camera is its origin), the world is
+north-east-down (UTM northing, easting, down), a laser scans in its plane z = 0. Angles are radians, utimes microseconds.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+RECORD_BYTES = 24
+LASERS = ("lms_front", "lms_rear")
+EXTRINSICS = {
+    "lms_front": (1.7589, 0.2268, 1.0411, -0.0437, -1.4572, 0.0356),
+    "lms_rear": (-2.5850, 0.2852, 1.0885, -2.8405, -1.5090, -0.3614),
+    "ldmrs": (1.5349, 0.0090, 1.3777, 0.0205, 0.0767, -0.0299),
+    "ins": (-1.7132, 0.1181, 1.1948, -0.0125, 0.0400, 0.0050),
+    "stereo": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+}
+"""x, y, z, roll, pitch, yaw of a sensor in the vehicle frame, as the data set's SDK ships them."""
+POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+VO_STAMPS = ("source_timestamp", "destination_timestamp")
+VO_COLUMNS = (*VO_STAMPS, *POSE)
+INS_POSE = ("northing", "easting", "down", "roll", "pitch", "yaw")
+INS_COLUMNS = (
+    *("timestamp", "ins_status", "latitude", "longitude", "altitude", "northing", "easting", "down", "utm_zone"),
+    *("velocity_north", "velocity_east", "velocity_down", "roll", "pitch", "yaw"),
+)
+INS_GOOD = "INS_SOLUTION_GOOD"
+
+
+def sweep_folder(root: Path, sequence: str, laser: str) -> Path:
+    return root / sequence / laser
+
+
+def timestamps_path(root: Path, sequence: str, laser: str) -> Path:
+    return root / sequence / f"{laser}.timestamps"
+
+
+def vo_path(root: Path, sequence: str) -> Path:
+    return root / sequence / "vo" / "vo.csv"
+
+
+def ins_path(root: Path, sequence: str) -> Path:
+    return root / sequence / "gps" / "ins.csv"
+
+
+def encode_sweep(xy_m: NDArray[np.float64], reflectance: NDArray[np.floating | np.integer]) -> bytes:
+    """A sweep file's bytes: `xy_m` (n, 2) in the laser's scan plane and `reflectance` (n,)."""
+    return np.column_stack([xy_m, reflectance]).astype("<f8").tobytes()
+
+
+def decode_sweep(data: bytes) -> NDArray[np.float64]:
+    """Rows (n, 3) of x, y in metres in the laser's scan plane, and reflectance."""
+    return np.frombuffer(data, "<f8").reshape(-1, 3).astype(np.float64, copy=False)
+
+
+def write_timestamps(path: Path, utimes: NDArray[np.int64]) -> None:
+    """One line a sweep: its utime and the chunk of the download that it lies in, here always the first."""
+    _write(path, [f"{utime} 1" for utime in utimes.tolist()])
+
+
+def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64]) -> None:
+    """Visual odometry: `xyzrpy` (n−1, 6) is the pose at a utime in the vehicle frame of the utime before, of `utimes` (n,)."""
+    stamps = zip(utimes[1:].tolist(), utimes[:-1].tolist(), strict=True)
+    rows = zip(stamps, xyzrpy.tolist(), strict=True)
+    _write(path, [",".join(VO_COLUMNS), *(f"{source},{before},{_numbers(step)}" for (source, before), step in rows)])
+
+
+def write_ins(
+    path: Path, utimes: NDArray[np.int64], statuses: Sequence[str], ned_xyzrpy: NDArray[np.float64], utm_zone: str = "30U"
+) -> None:
+    """Inertial navigation: `ned_xyzrpy` (n, 6) is the INS unit's pose in the world at `utimes` (n,), with a status each.
+
+    Latitude, longitude and velocities are written as nan, the altitude as −down.
+    """
+    lines = [",".join(INS_COLUMNS)]
+    for utime, status, (north, east, down, *angles) in zip(utimes.tolist(), statuses, ned_xyzrpy.tolist(), strict=True):
+        place = _numbers([-down, north, east, down])
+        lines.append(f"{utime},{status},nan,nan,{place},{utm_zone},nan,nan,nan,{_numbers(angles)}")
+    _write(path, lines)
+
+
+def write_extrinsics(folder: Path) -> None:
+    """The published extrinsics, one file a sensor."""
+    for sensor, numbers in EXTRINSICS.items():
+        _write(folder / f"{sensor}.txt", [" ".join(f"{number:.4f}" for number in numbers)])
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ",".join(f"{value:.12g}" for value in values)
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(f"{line}\n" for line in lines))

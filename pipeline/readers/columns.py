@@ -1,0 +1,66 @@
+"""Text tables with a header: columns found by name, as text, numbers and stamps."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.frames import Stamps
+from pipeline.readers import log
+
+Table = dict[str, tuple[str, ...]]
+
+
+def columns(path: Path, names: Sequence[str]) -> Table:
+    """The text of a csv's columns `names` (two or more); raises LogError naming those it lacks, or a row cut short."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = csv.reader(file)
+            header = [name.strip() for name in next(rows, [])]
+            lacks = [name for name in names if name not in header]
+            if lacks:
+                raise LogError(f"{path}: its first line names no column {', '.join(lacks)}; fetch the file anew")
+            wanted = itemgetter(*(header.index(name) for name in names))
+            kept = [wanted(row) for row in _whole(path, rows, len(header))]
+    except (FileNotFoundError, IsADirectoryError):
+        raise LogError(f"{path}: no such file") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: expected a csv file; {error}") from None
+    if not kept:
+        raise LogError(f"{path}: holds no rows")
+    return dict(zip(names, zip(*kept, strict=True), strict=True))
+
+
+def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
+    """Columns of `table` as numbers (row, name); raises LogError naming the row that holds none."""
+    found = np.empty((len(table[names[0]]), len(names)))
+    for column, name in enumerate(names):
+        values: list[float] = []
+        try:
+            values.extend(map(float, table[name]))
+        except ValueError:
+            said = table[name][len(values)][:40]
+            raise LogError(f"{path}: row {len(values) + 1} has {name} {said!r}; expected a number") from None
+        found[:, column] = values
+    return found
+
+
+def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
+    """Stamps (n,) of utimes in whole microseconds; raises LogError naming the first that is none or does not increase."""
+    stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
+    broken = np.flatnonzero(stamps_ns % 1000)
+    if len(broken):
+        raise LogError(f"{path}: row {broken[0] + 1} is stamped {utimes[broken[0]]:.16g}; expected whole µs")
+    return stamps_ns
+
+
+def _whole(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[str]]:
+    """Rows that are not empty lines."""
+    for number, row in enumerate(filter(None, rows), 1):
+        if len(row) != width:
+            raise LogError(f"{path}: row {number} has {len(row)} columns of {width}; the file is damaged or cut short")
+        yield row

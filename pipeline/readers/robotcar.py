@@ -1,0 +1,153 @@
+"""Oxford RobotCar: the sweeps of its 2-D lasers, posed by visual odometry and inertial navigation (METHODS 7.2, 2.9).
+
+A row is one sweep, or two of one stamp. The files' frames are z-down; everything handed out is x forward, y left, z up: the
+vehicle's origin is the stereo camera, so the ground lies below 0 and is found later; the world is UTM's (x north, y west).
+"""
+
+import os
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats import robotcar
+from pipeline.frames import NED_FLIP
+from pipeline.readers import log
+from pipeline.readers.columns import utimes_ns
+from pipeline.readers.log import Log
+from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
+from pipeline.settings import check, positive
+
+NEAREST_M, FARTHEST_M = 0.01, 1000.0
+"""The lasers reach 50 m: what is nearer is no return, what is farther is damage."""
+
+
+@dataclass(frozen=True)
+class RobotCar:
+    """A folder of RobotCar sequences, one drive a sequence, with the SDK's extrinsics beside them."""
+
+    lasers: Sequence[str] = robotcar.LASERS[:1]
+    """lms_front, lms_rear or both, whose sweeps are then merged in order of time."""
+    extrinsics: str = "extrinsics"
+    """Folder below the root with the SDK's files of the sensors' poses; {sequence} stands for the sequence's name."""
+    max_vo_gap_s: float = 0.5
+    """Knots of the visual odometry further apart than this are a gap; a sweep in it has no odometry."""
+    max_ins_gap_s: float = 0.5
+    """Good rows of the inertial navigation further apart than this are an outage; a sweep in it has no true pose."""
+    lift_m: float = 0.0
+    """Added to z."""
+
+    def __post_init__(self) -> None:
+        check(self, "reader")
+        positive("reader", max_vo_gap_s=self.max_vo_gap_s, max_ins_gap_s=self.max_ins_gap_s)
+        told = list(self.lasers) if isinstance(self.lasers, Iterable) else []
+        if not told or not all(laser in robotcar.LASERS for laser in told) or len(set(told)) < len(told):
+            raise ConfigError(f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, or of both")
+
+    def open(self, root: Path, sequence: str) -> Log:
+        skipped: Counter[str] = Counter()
+        notes: list[str] = []
+        utimes = [_paired(root, sequence, laser, skipped, notes) for laser in self.lasers]
+        extrinsics = self._extrinsics(root, sequence)
+        zup_T_lasers = [NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers]
+        vehicle_T_ins = read_extrinsics(extrinsics, "ins")
+        truth = read_ins(robotcar.ins_path(root, sequence), vehicle_T_ins, self.max_ins_gap_s)
+        odometry = read_vo(robotcar.vo_path(root, sequence), self.max_vo_gap_s)
+        merged = np.unique(np.concatenate(utimes))
+        world_T_scan, placed = truth.at(merged * 1000)
+        odom_T_scan = odometry.at(merged * 1000, placed)
+        kept = placed | np.isfinite(odom_T_scan).all(axis=(1, 2))
+        skipped["neither odometry nor a true pose"] = int((~kept).sum())
+        rows = merged[kept]
+        lost = int((~placed[kept]).sum())
+        if lost:
+            outages = int((~placed & np.append(True, placed[:-1])).sum())
+            notes.append(f"{lost:,} of {len(rows):,} sweeps have no place (INS outages: {outages})")
+        if len(odometry.breaks_ns):
+            notes.append(f"the visual odometry breaks off {len(odometry.breaks_ns)} times: no submap reaches across")
+        lift = np.array([0.0, 0.0, self.lift_m])
+        swept = np.stack([np.isin(rows, found) for found in utimes])
+
+        def points(row: int) -> NDArray[np.float64]:
+            clouds = [
+                read_sweep(robotcar.sweep_folder(root, sequence, laser) / f"{rows[row]}.bin", zup_T_laser)
+                for laser, zup_T_laser, here in zip(self.lasers, zup_T_lasers, swept[:, row], strict=True)
+                if here
+            ]
+            merged_clouds: NDArray[np.float64] = np.concatenate(clouds) + lift
+            return merged_clouds
+
+        return Log(rows * 1000, world_T_scan[kept], odom_T_scan[kept], points, +skipped, tuple(notes))
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        names = sorted({path.parent.name for laser in robotcar.LASERS for path in root.glob(f"*/{laser}") if path.is_dir()})
+        needed = {
+            name: [
+                *(robotcar.sweep_folder(root, name, laser) for laser in self.lasers),
+                *(robotcar.vo_path(root, name), robotcar.ins_path(root, name)),
+                *(self._extrinsics(root, name) / f"{sensor}.txt" for sensor in (*self.lasers, "ins")),
+            ]
+            for name in names
+        }
+        return {name: [str(path.relative_to(root)) for path in paths if not path.exists()] for name, paths in needed.items()}
+
+    def _extrinsics(self, root: Path, sequence: str) -> Path:
+        return root / self.extrinsics.replace("{sequence}", sequence)
+
+
+def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one sweep, by the extrinsics (4, 4): those of the z-down vehicle from the left by NED_FLIP.
+
+    Beams without a return (range 0, or not finite) are dropped; there may be fewer rows than the 541 of a whole sweep. Raises
+    LogError for a missing file, one that is no whole number of records, or a return no laser could have.
+    """
+    data = log.read_bytes(Path(path), robotcar.RECORD_BYTES, "returns")
+    xy = robotcar.decode_sweep(data)[:, :2]
+    xy = xy[np.isfinite(xy).all(axis=1) & (np.abs(xy) > NEAREST_M).any(axis=1)]
+    if (np.abs(xy) > FARTHEST_M).any():
+        raise LogError(f"{path}: a return lies {np.abs(xy).max():.3g} m away, where no laser reaches; the file is damaged")
+    return xy @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
+
+
+def _paired(root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]) -> NDArray[np.int64]:
+    """Utimes (n,) of a laser's whole sweep files that its list of stamps names; counts what has no counterpart."""
+    folder, path = robotcar.sweep_folder(root, sequence, laser), robotcar.timestamps_path(root, sequence, laser)
+    named, whole = _sweep_files(folder, skipped)
+    if path.is_file():
+        stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
+        skipped["stamp without a file"] += int((~np.isin(stamps, named)).sum())
+        skipped["file without a stamp"] += int((~np.isin(whole, stamps)).sum())
+        whole = whole[np.isin(whole, stamps)]
+    else:
+        notes.append(f"no {path.name}: the sweeps of {laser} are those whose files are there")
+    if not len(whole):
+        raise LogError(f"{folder}: holds no readable sweep (UTIME.bin, its utime in {path.name})")
+    return whole
+
+
+def _sweep_files(folder: Path, skipped: Counter[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Utimes of all sweep files and of the whole ones; counts those whose name or length cannot be right."""
+    if not folder.is_dir():
+        raise LogError(f"{folder}: no such folder of sweeps")
+    named, whole = [], []
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            stem, _, suffix = entry.name.rpartition(".")
+            if suffix != "bin":
+                continue
+            if not (stem.isascii() and stem.isdecimal()) or stem[0] == "0" or int(stem) >= log.LATEST_NS // 1000:
+                skipped["file name is no utime"] += 1
+                continue
+            named.append(int(stem))
+            length = entry.stat().st_size if entry.is_file() else 0
+            if length == 0:
+                skipped["empty file"] += 1
+            elif length % robotcar.RECORD_BYTES:
+                skipped["truncated record"] += 1
+            else:
+                whole.append(int(stem))
+    return np.array(named, np.int64), np.array(whole, np.int64)
