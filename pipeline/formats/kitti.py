@@ -1,4 +1,7 @@
-"""KITTI odometry's byte layouts (METHODS 7.3)."""
+"""KITTI odometry's file layouts, shared by the reader and the simulated world's writer (METHODS 7.3).
+
+A scan is in the Velodyne's frame x forward, y left, z up; cam0 is x right, y down, z forward.
+"""
 
 from pathlib import Path
 
@@ -6,6 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
+CAM_T_VELO = np.array([[0.0, -1.0, 0.0, -0.012], [0.0, 0.0, -1.0, -0.054], [1.0, 0.0, 0.0, -0.292], [0.0, 0.0, 0.0, 1.0]])
+"""The simulated car's: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned."""
+FOCAL_PX, CENTRE_PX = 718.856, (607.1928, 185.2157)
+BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
+"""As log 00's P0 to P3 have them: −focal length × how far a camera sits to the right of cam0."""
 
 
 def scan_folder(root: Path, log: str) -> Path:
@@ -29,3 +37,36 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     poses = np.tile(np.eye(4), (len(numbers), 1, 1))
     poses[:, :3] = numbers.reshape(-1, 3, 4)
     return poses
+
+
+def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) -> bytes:
+    """A scan's bytes: `points_m` (n, 3) in the Velodyne's frame, `reflectance` (n,) from 0 to 1."""
+    return np.column_stack([points_m, reflectance]).astype("<f4").tobytes()
+
+
+def write_calib(path: Path) -> None:
+    """P0 to P3, the projections of the rectified cameras, and Tr = cam0 <- velodyne."""
+    rows = [("Tr", CAM_T_VELO[:3])]
+    for camera, baseline in reversed(list(enumerate(BASELINES_PX_M))):
+        projection = np.array([[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]])
+        rows.insert(0, (f"P{camera}", projection))
+    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in rows])
+
+
+def write_times(path: Path, times_s: NDArray[np.float64]) -> None:
+    """Seconds (n,) from the first scan on."""
+    _write(path, [f"{time:.6e}" for time in times_s.tolist()])
+
+
+def write_poses(path: Path, first_T_cam: NDArray[np.float64]) -> None:
+    """Poses (n, 4, 4) of cam0 in its first frame."""
+    _write(path, [_numbers(pose[:3]) for pose in first_T_cam])
+
+
+def _numbers(matrix: NDArray[np.float64]) -> str:
+    return " ".join(f"{number:.12e}" for number in matrix.ravel().tolist())
+
+
+def _write(path: Path, lines: list[str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(f"{line}\n" for line in lines))

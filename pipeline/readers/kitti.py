@@ -5,7 +5,7 @@ one log, the sequence `00-a`, and tests on the rest, `00-b`; plain `00` is the w
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +25,11 @@ class Kitti:
     """Added to z: the Velodyne's height over the road."""
     split: float = 0.5
     """Share of a log's path that its part `-a` holds."""
+    root_per_sequence: bool = False
+    """Whether each sequence has a folder of its own with such a root inside, as the simulated suburb's have."""
 
     def open(self, root: Path, sequence: str) -> Log:
+        root = root / sequence if self.root_per_sequence else root
         name, dash, part = sequence.partition("-")
         if part not in ("a", "b") and dash:
             raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
@@ -57,6 +60,11 @@ class Kitti:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        if self.root_per_sequence:
+            apart = replace(self, root_per_sequence=False)
+            folders = sorted(path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir())
+            found = {folder: apart.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
+            return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
         names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
         needed = {
             name: (kitti.poses_path(root, name), kitti.calib_path(root, name), kitti.times_path(root, name)) for name in names

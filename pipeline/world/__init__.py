@@ -1,7 +1,8 @@
-"""A simulated campus over fifteen months, which writes the raw logs that a real robot would have recorded there.
+"""A simulated place over fifteen months, and the raw logs that a real robot would have recorded there.
 
 It is tuned for physical plausibility alone, never so that a method wins. Nothing outside this package may know that a log
 is simulated: the pipeline reads the files.
 
-streets, ground → blocks (buildings, greenery) → campus → plan → events → day → drive → raycast, lidar → recorder, writers
+streets, ground → blocks (buildings, greenery) → campus → plan, routes → events → day
+robots (motion, lidar) → drive → raycast → recorder → writers, one a format
 """

@@ -25,7 +25,7 @@ WALKERS_PER_STREET, STREETS_PER_DRIVER = 0.6, 20
 WALKING_SPEEDS_MPS, DRIVING_SPEEDS_MPS = (0.8, 1.7), (5.0, 11.0)
 WALKER_RADIUS_M, WALKER_HEIGHTS_M, PERSON_REFLECTANCE = 0.28, (1.55, 1.9), 0.3
 DRIVER_LANE_M, DRIVER_RADIUS_M, DRIVER_PARTS_M = 1.9, 0.95, (-1.4, 0.0, 1.4)
-MOVERS_WITHIN_M, MOVERS_KEEP_OFF_M = 80.0, 0.3
+MOVERS_WITHIN_M = 80.0
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class Day:
     walker_heights_m: NDArray[np.float64]
     drivers: Traffic
 
-    def movers(self, time_s: float, robot_m: NDArray[np.float64]) -> Records:
-        """People and moving cars, as cylinders, `time_s` into the drive and within sight of `robot_m` (2,)."""
+    def movers(self, time_s: float, robot_m: NDArray[np.float64], keep_off_m: float) -> Records:
+        """People and moving cars, as cylinders, `time_s` into the drive and within sight of `robot_m` (2,), which they avoid."""
         walkers_m = self.walkers.at(time_s)[0]
         cars_m, along = self.drivers.at(time_s)
         parts_m = (cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]).reshape(-1, 2)
@@ -68,7 +68,7 @@ class Day:
         cars = records(CYLINDER, x_m=parts_m[:, 0], y_m=parts_m[:, 1], reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **low_high)
         movers: Records = np.concatenate([people, cars])
         gap_m = np.hypot(movers["x_m"] - robot_m[0], movers["y_m"] - robot_m[1])
-        near: Records = movers[(gap_m < MOVERS_WITHIN_M) & (gap_m - movers["radius_m"] > MOVERS_KEEP_OFF_M)]
+        near: Records = movers[(gap_m < MOVERS_WITHIN_M) & (gap_m - movers["radius_m"] > keep_off_m)]
         return near
 
 

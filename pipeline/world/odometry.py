@@ -1,4 +1,4 @@
-"""What wheels and gyroscope make of a drive: the true motion with a scale error, a turning bias and white noise, summed up."""
+"""What a robot makes of its own motion: the true one with a scale error, a turning bias and white noise."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,9 +10,14 @@ SLIP_SD_M_PER_SQRT_M = 0.01
 YAW_BIAS_SD_DEG_PER_M = 0.02
 YAW_SD_DEG_PER_SQRT_M = 0.1
 
+VISUAL_SLIP_SD_M_PER_SQRT_M = (0.01, 0.005, 0.005)
+VISUAL_YAW_BIAS_SD_DEG_PER_M = 0.008
+VISUAL_TURN_SD_DEG_PER_SQRT_M = (0.02, 0.02, 0.03)
+"""Of roll, pitch and yaw."""
+
 
 def integrate(rng: np.random.Generator, world_T_body: Poses) -> Poses:
-    """Poses (n, 4, 4) in a frame of their own, the body's at the first row.
+    """What wheels and gyroscope sum up: poses (n, 4, 4) in a frame of their own, the body's at the first row.
 
     Roll and pitch come from gravity and do not drift; position and heading do.
     """
@@ -32,3 +37,16 @@ def integrate(rng: np.random.Generator, world_T_body: Poses) -> Poses:
     level[:, :3, :3] = rotations.as_matrix()
     level[1:, :3, 3] = np.cumsum(rotations[:-1].apply(moved_m), axis=0)
     return np.asarray(np.linalg.inv(level[0]) @ level)
+
+
+def visual(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
+    """What stereo images tell: each pose (n − 1, 4, 4) in the frame of the one before. Every angle drifts."""
+    motion = np.linalg.inv(world_T_camera[:-1]) @ world_T_camera[1:]
+    metres = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
+    scale, bias_deg = 1 + rng.normal(0, SCALE_SD), rng.normal(0, VISUAL_YAW_BIAS_SD_DEG_PER_M)
+    turn_deg = rng.normal(0, VISUAL_TURN_SD_DEG_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
+    turn_deg[:, 2] += bias_deg * metres[:, 0]
+    slip_m = rng.normal(0, VISUAL_SLIP_SD_M_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
+    motion[:, :3, :3] @= Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
+    motion[:, :3, 3] = scale * motion[:, :3, 3] + slip_m
+    return motion

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipeline.world.streets import Streets
+from pipeline.world.walks import Graph
 
 TRAINING_CANDIDATES, TEST_CANDIDATES = 200, 1000
-U_TURN_WEIGHT, STRAIGHT_WEIGHT, REVISIT_WEIGHT = 0.02, 1.4, 6.0
 UNSEEN_WEIGHTS_LOG10, REVERSED_WEIGHTS_LOG10 = (-2.2, -0.2), (-2.0, 1.0)
 ERROR_WEIGHT = 8.0
 """How much coverage of the training route an error in the wanted fractions is worth."""
@@ -47,10 +47,10 @@ class _Samples:
     tree: KDTree
 
     @staticmethod
-    def of(line_m: NDArray[np.float64], route_m: float) -> "_Samples":
+    def of(line_m: NDArray[np.float64], end_m: float, start_m: float = 0.0) -> "_Samples":
         legs_m = np.hypot(*np.diff(line_m, axis=0).T)
         driven_m = np.concatenate([[0.0], np.cumsum(legs_m)])
-        stations_m = np.arange(0, min(route_m, driven_m[-1]), SAMPLE_M)
+        stations_m = np.arange(start_m, min(end_m, driven_m[-1]), SAMPLE_M)
         places_m = np.stack([np.interp(stations_m, driven_m, line_m[:, axis]) for axis in (0, 1)], 1)
         leg = np.searchsorted(driven_m, stations_m, side="right") - 1
         headings = (np.diff(line_m, axis=0) / legs_m[:, None])[leg]
@@ -66,47 +66,9 @@ class _Samples:
         return float(1 - seen.mean()), float((seen & ~same_way).sum() / max(seen.sum(), 1)), float(back.mean())
 
 
-@dataclass(frozen=True)
-class _Graph:
-    """Half-edges, laid out for walking: 2e drives street e from start to end, 2e + 1 back."""
-
-    tails: NDArray[np.int64]
-    heads: NDArray[np.int64]
-    headings: NDArray[np.float64]
-    lengths_m: NDArray[np.float64]
-    leaving: list[NDArray[np.int64]]
-
-    @staticmethod
-    def of(streets: Streets) -> "_Graph":
-        tails, heads = streets.edges.ravel(), streets.edges[:, ::-1].ravel()
-        along = np.repeat(streets.directions()[0], 2, axis=0)
-        along[1::2] *= -1
-        leaving = [np.flatnonzero(tails == node) for node in range(len(streets.nodes_m))]
-        return _Graph(tails, heads, along, np.repeat(streets.lengths_m, 2), leaving)
-
-    def wander(self, rng: np.random.Generator, weights: NDArray[np.float64], start: int, length_m: float) -> list[int]:
-        """A random walk of at least `length_m` from corner `start`: fresh streets, straight on and heavy weights preferred."""
-        walk: list[int] = []
-        visits = np.zeros(len(weights) // 2)
-        node, driven_m = start, 0.0
-        while driven_m < length_m:
-            options = self.leaving[node]
-            appeal = weights[options] / (1 + REVISIT_WEIGHT * visits[options // 2]) ** 2
-            if walk:
-                straightness = self.headings[options] @ self.headings[walk[-1]]
-                appeal = appeal * np.where(options == walk[-1] ^ 1, U_TURN_WEIGHT, STRAIGHT_WEIGHT + straightness)
-            up_to = np.cumsum(appeal + 1e-9)
-            step = int(options[min(np.searchsorted(up_to, rng.random() * up_to[-1]), len(options) - 1)])
-            walk.append(step)
-            visits[step // 2] += 1
-            driven_m += self.lengths_m[step]
-            node = int(self.heads[step])
-        return walk
-
-
 def plan_training(rng: np.random.Generator, streets: Streets, route_m: float) -> Plan:
     """The candidate walk that repeats the fewest streets."""
-    graph = _Graph.of(streets)
+    graph = Graph.of(streets)
     best: list[int] = []
     best_share = -1.0
     for _ in range(TRAINING_CANDIDATES):
@@ -119,14 +81,14 @@ def plan_training(rng: np.random.Generator, streets: Streets, route_m: float) ->
 
 def follow(streets: Streets, half_edges: list[int]) -> Plan:
     """The training plan that drives `half_edges`, each from where the last one ends."""
-    graph = _Graph.of(streets)
+    graph = Graph.of(streets)
     corners = [int(graph.tails[half_edges[0]]), *(int(graph.heads[step]) for step in half_edges)]
     return Plan(streets.nodes_m[corners], tuple(half_edges), 0.0, 0.0, 1.0)
 
 
 def half_edges_through(streets: Streets, corners: list[int]) -> list[int]:
     """The half-edges that lead through `corners` in order, each next to the last."""
-    graph = _Graph.of(streets)
+    graph = Graph.of(streets)
     number = {ends: row for row, ends in enumerate(zip(graph.tails.tolist(), graph.heads.tolist(), strict=True))}
     return [number[ends] for ends in pairwise(corners)]
 
@@ -135,26 +97,58 @@ def plan_test(
     rng: np.random.Generator, streets: Streets, training: Plan, route_m: float, unseen: float, reversed_: float
 ) -> Plan:
     """The candidate walk nearest the wanted `unseen` and `reversed_` shares that covers the training plan best."""
-    graph, reference = _Graph.of(streets), _Samples.of(training.line_m, route_m)
+    graph, reference = Graph.of(streets), _Samples.of(training.line_m, route_m)
     steps = np.array(training.half_edges)
-    driven = np.zeros(len(graph.tails), bool)
-    driven[steps[np.cumsum(graph.lengths_m[steps]) < route_m + graph.lengths_m[steps] / 2]] = True
-    known = driven | driven[np.arange(len(driven)) ^ 1]
+    middles_m = np.cumsum(graph.lengths_m[steps]) - graph.lengths_m[steps] / 2
+    driven, known = _known(graph, steps[: max(1, int((middles_m < route_m).sum()))])
     starts = np.flatnonzero(known)
     best, best_score = training, -np.inf
     for _ in range(TEST_CANDIDATES):
-        off_weight, back_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10), 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
-        weights = np.where(driven, 1.0, np.where(known, back_weight, off_weight))
+        weights = _weights(rng, driven, known)
         node = int(graph.tails[rng.choice(starts)])
         walk = graph.wander(rng, weights, node, _spare_m(route_m) + streets.lengths_m.max())
         skipped_m = rng.uniform(0, 0.8) * graph.lengths_m[walk[0]]
         start_m = streets.nodes_m[node] + skipped_m * graph.headings[walk[0]]
         line_m = np.concatenate([start_m[None], streets.nodes_m[graph.heads[walk]]])
         plan = Plan(line_m, tuple(walk), *_Samples.of(line_m, route_m).against(reference))
-        score = plan.coverage - ERROR_WEIGHT * (abs(plan.unseen - unseen) + abs(plan.reversed - reversed_))
+        score = _score(plan, unseen, reversed_)
         if score > best_score:
             best, best_score = plan, score
     return best
+
+
+def plan_loops(rng: np.random.Generator, streets: Streets, route_m: float, unseen: float, reversed_: float) -> Plan:
+    """The candidate walk whose second half drives the first half's streets again, as `plan_test` does those of training.
+
+    Its shares are those of the second half against the first.
+    """
+    graph, half_m = Graph.of(streets), route_m / 2
+    plans = []
+    for _ in range(TEST_CANDIDATES):
+        first = graph.wander(rng, np.ones(len(graph.tails)), int(rng.integers(len(streets.nodes_m))), half_m)
+        weights = _weights(rng, *_known(graph, np.array(first)))
+        walk = first + graph.wander(rng, weights, int(graph.heads[first[-1]]), _spare_m(half_m))
+        line_m = streets.nodes_m[[graph.tails[walk[0]], *graph.heads[walk]]]
+        again = _Samples.of(line_m, route_m, half_m)
+        plans.append(Plan(line_m, tuple(walk), *again.against(_Samples.of(line_m, half_m))))
+    return max(plans, key=lambda plan: _score(plan, unseen, reversed_))
+
+
+def _known(graph: Graph, steps: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The half-edges that `steps` drive, and those of the same streets in either direction."""
+    driven = np.zeros(len(graph.tails), bool)
+    driven[steps] = True
+    return driven, driven | driven[np.arange(len(driven)) ^ 1]
+
+
+def _weights(rng: np.random.Generator, driven: NDArray[np.bool_], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """How a walk likes each half-edge: driven ones most, the rest less by chance."""
+    off_weight, back_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10), 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
+    return np.where(driven, 1.0, np.where(known, back_weight, off_weight))
+
+
+def _score(plan: Plan, unseen: float, reversed_: float) -> float:
+    return plan.coverage - ERROR_WEIGHT * (abs(plan.unseen - unseen) + abs(plan.reversed - reversed_))
 
 
 def _spare_m(route_m: float) -> float:

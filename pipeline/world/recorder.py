@@ -7,36 +7,55 @@ import numpy as np
 
 from pipeline.world.day import Day, people_at
 from pipeline.world.drive import Drive
-from pipeline.world.lidar import Lidar
+from pipeline.world.lidar import Lidar, Returns
 from pipeline.world.seeds import scan_seed
-from pipeline.world.writers import NcltWriter, TruthWriter
+from pipeline.world.writers import Writer
+from pipeline.world.writers.truth import TruthWriter
 
 PILOT_HEIGHT_M = 1.75
 
 
 @dataclass(frozen=True)
+class Block:
+    """What became of a block of scans."""
+
+    points: int
+    unwritten: list[tuple[int, int, Returns]]
+    """Number, utime and returns of the scans that are still to be written, in order."""
+
+
+@dataclass(frozen=True)
 class Recorder:
-    """Everything that a worker needs to write any block of a sequence's scans; it can be pickled."""
+    """Everything that a worker needs to record any block of a sequence's scans; it can be pickled."""
 
     seed: int
-    date: date
+    when: date
     day: Day
     drive: Drive
+    keep_off_m: float
     lidar: Lidar
-    logs: NcltWriter
+    logs: Writer | None
+    """None: the scans are handed back, for one process to write."""
     truth: TruthWriter | None
 
-    def block(self, start: int, stop: int) -> tuple[int, int]:
-        """Write scans `start` to `stop`; returns how many scans and points that were."""
-        return stop - start, sum(self._scan(scan) for scan in range(start, stop))
+    def block(self, start: int, stop: int) -> Block:
+        """Record scans `start` to `stop`."""
+        points, unwritten = 0, []
+        for scan in range(start, stop):
+            utime, returns = int(self.drive.scan_utimes[scan]), self._scan(scan)
+            points += len(returns.points_m)
+            if self.truth:
+                self.truth.write_scan(utime, returns)
+            if self.logs:
+                self.logs.write_scan(scan, utime, returns)
+            else:
+                unwritten.append((scan, utime, returns))
+        return Block(points, unwritten)
 
-    def _scan(self, scan: int) -> int:
-        row = self.drive.scan_rows[scan]
-        world_T_body, utime = self.drive.world_T_body[row], int(self.drive.utimes[row])
-        pilot = people_at(self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground)
-        movers = np.concatenate([self.day.movers(self.drive.time_s(scan), world_T_body[:2, 3]), pilot])
-        returns = self.lidar.scan(self.day.scene, movers, world_T_body, scan_seed(self.seed, self.date, scan))
-        self.logs.write_scan(utime, returns)
-        if self.truth:
-            self.truth.write_scan(utime, returns)
-        return len(returns.points_m)
+    def _scan(self, scan: int) -> Returns:
+        world_T_body = self.drive.world_T_body[self.drive.scan_rows[scan]]
+        movers = self.day.movers(self.drive.time_s(scan), world_T_body[:2, 3], self.keep_off_m)
+        if self.drive.pilot_m is not None:
+            pilot = people_at(self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground)
+            movers = np.concatenate([movers, pilot])
+        return self.lidar.scan(self.day.scene, movers, world_T_body, scan_seed(self.seed, self.when, scan))

@@ -1,11 +1,13 @@
 """Every random stream of the world, each a generator of its own, so that a new draw in one leaves the others alone."""
 
-from datetime import date
+from collections.abc import Callable
+from datetime import date, datetime
 from enum import IntEnum
+from typing import TypeAlias
 
 import numpy as np
 
-_WORD = (1 << 64) - 1
+_WORD, _SPREAD = (1 << 64) - 1, 0x9E3779B97F4A7C15
 
 
 class Stream(IntEnum):
@@ -23,13 +25,25 @@ class Stream(IntEnum):
     DAY = 10
     PILOT = 11
     ODOMETRY = 12
+    VISUAL_ODOMETRY = 13
+    OUTAGES = 14
+    LOOPS = 15
 
 
-def generator(seed: int, stream: Stream, day: date | None = None) -> np.random.Generator:
-    """The generator of one stream; `day` tells sequences apart by their date, never by their place in a table."""
-    return np.random.default_rng([seed, int(stream), day.toordinal() if day else 0])
+Noise: TypeAlias = Callable[[Stream], np.random.Generator]
+"""A sequence's own generator of each stream."""
 
 
-def scan_seed(seed: int, day: date, scan: int) -> np.uint64:
+def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
+    """The generator of one stream; `when` tells sequences apart by their date and time, never by their place in a table."""
+    return np.random.default_rng([seed, int(stream), when.toordinal() if when else 0, *_second(when)])
+
+
+def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
     """The seed of one scan's rays: rays need no state, so blocks of scans may be computed in any order."""
-    return np.uint64(((seed << 44) ^ (day.toordinal() << 24) ^ scan) & _WORD)
+    return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ sum(_second(when)) * _SPREAD) & _WORD)
+
+
+def _second(when: date | None) -> list[int]:
+    """The second of the day, where `when` has a time: two drives of one day are two."""
+    return [3600 * when.hour + 60 * when.minute + when.second] if isinstance(when, datetime) else []

@@ -130,6 +130,16 @@ def test_sequences_are_listed_with_what_they_lack(tmp_path: Path, kitti: Make) -
     assert Kitti().sequences(tmp_path) == lacks
 
 
+def test_a_sequence_may_have_a_root_of_its_own(tmp_path: Path, kitti: Make) -> None:
+    for name in ("07-a", "07-b"):
+        kitti(tmp_path / name)
+    reader = Kitti(root_per_sequence=True)
+    assert reader.sequences(tmp_path) == {"07-a": [], "07-b": []}
+    first, rest = (reader.open(tmp_path, name) for name in ("07-a", "07-b"))
+    assert len(first.stamps_ns) + len(rest.stamps_ns) == 6
+    np.testing.assert_array_equal(rest.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns)))
+
+
 def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
     # Median distance of the points of scan j, more than 0.73 m above the road (z > −1 m for the lidar), to scan 0's:
     # about 0.07, 0.17, 0.27, 0.34 m with the pose; two to three times that without.

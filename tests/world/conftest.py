@@ -20,5 +20,5 @@ def small() -> Simulation:
 
 @pytest.fixture(scope="session")
 def campus_and_plan(small: Simulation) -> tuple[Campus, Plan]:
-    streets, training, _ = small.plan_training()
-    return build_campus(small.seed, small.blocks, streets), training
+    routes = small.routes()
+    return build_campus(small.seed, small.blocks, routes.streets), routes.training

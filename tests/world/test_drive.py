@@ -1,4 +1,4 @@
-from datetime import date
+from datetime import UTC, date, datetime
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from pipeline.frames import Trajectory, rpy
 from pipeline.world.drive import Drive, drive
 from pipeline.world.ground import Ground
-from pipeline.world.odometry import integrate
+from pipeline.world.motion import CAR
 
 FLAT = Ground(np.zeros((200, 40)), -100.0, -100.0)
 STRAIGHT_M = np.array([[0.0, 0.0], [1300.0, 0.0]])
@@ -65,11 +65,44 @@ def test_another_date_takes_another_line(straight: Drive):
     assert np.abs(other.world_T_body[other.scan_rows, 1, 3] - straight.world_T_body[straight.scan_rows, 1, 3]).mean() > 0.1
 
 
-def test_odometry_starts_at_the_origin_and_drifts_a_few_per_cent(straight: Drive):
-    drifted = integrate(np.random.default_rng(1), straight.world_T_body)
-    assert drifted[0] == pytest.approx(np.eye(4), abs=1e-9)
-    start_T_body = np.linalg.inv(straight.world_T_body[0]) @ straight.world_T_body
-    errors_m = np.linalg.norm(drifted[:, :3, 3] - start_T_body[:, :3, 3], axis=1)
-    # Over the first 13 m it is centimetres; over 1.2 km metres to tens of metres.
-    assert errors_m[100] < 1.0
-    assert 1.0 < errors_m[-1] < 400.0
+def test_a_car_keeps_right_at_eight_metres_a_second():
+    cars = [drive(seed, date(2014, 7, 14), STRAIGHT_M, FLAT, 1200.0, 0.2, CAR) for seed in range(6)]
+    assert len(cars[0].scan_rows) == 6000
+    # 0.2 m at 8 m/s
+    assert np.diff(cars[0].scan_utimes).tolist() == [25_000] * 5999
+    roll, pitch, _ = np.rad2deg(rpy(cars[0].world_T_body)).T
+    assert (roll.std(), pitch.std()) == pytest.approx((0.4, 0.5), rel=0.2)
+    # 1.7 m right of the middle, give or take a bias of 0.15 m / √6; 1200 m / 2 × 25 m = 24 draws of 0.25 m a drive.
+    aside_m = np.array([car.world_T_body[:, 1, 3] for car in cars])
+    assert aside_m.mean() == pytest.approx(-1.7, abs=0.2)
+    assert 0.1 < aside_m[0].std() < 0.4
+    assert cars[0].pilot_m is None
+
+
+def test_a_car_stands_on_the_slope_that_it_climbs():
+    # 4 m up over 100 m to the east, 2 m up over 100 m to the north: atan 0.04 = 2.29° nose up, atan 0.02 = 1.15° left side up.
+    hill = Ground(0.32 * np.arange(200)[:, None] + 0.16 * np.arange(40)[None, :], -100.0, -100.0)
+    car, segway = (drive(0, date(2014, 7, 14), STRAIGHT_M, hill, 1200.0, 2.0, *motion) for motion in ((CAR,), ()))
+    roll, pitch, _ = np.rad2deg(rpy(car.world_T_body)).T
+    assert (roll.mean(), pitch.mean()) == pytest.approx((1.15, -2.29), abs=0.15)
+    assert np.abs(np.rad2deg(rpy(segway.world_T_body))[:, :2].mean(0)).max() < 0.5
+
+
+def test_a_drive_departs_when_its_name_says():
+    at_nine = drive(0, datetime(2014, 11, 25, 9, 18, 32, tzinfo=UTC), STRAIGHT_M, FLAT, 100.0, 2.0, CAR)
+    # 25 November 2014, 9:18:32 UTC
+    assert at_nine.utimes[0] == 1_416_907_112_000_000
+
+
+def test_two_drives_of_one_day_take_two_lines():
+    drives = [
+        drive(0, datetime(2014, 7, 14, hour, 16, 36, tzinfo=UTC), STRAIGHT_M, FLAT, 100.0, 2.0, CAR).world_T_body
+        for hour in (14, 15)
+    ]
+    assert np.abs(drives[0][:, 1, 3] - drives[1][:, 1, 3]).mean() > 0.01
+
+
+def test_the_truth_is_known_at_any_moment(straight: Drive):
+    rows = np.array([100, 101])
+    middle = straight.at(straight.utimes[rows].mean(keepdims=True).astype(int))
+    assert middle[0, :3, 3] == pytest.approx(straight.world_T_body[rows, :3, 3].mean(0), abs=1e-4)

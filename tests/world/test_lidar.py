@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.world.ground import Ground
-from pipeline.world.lidar import BEAMS, Lidar, measure, return_probability
+from pipeline.world.lidar import hdl32, hdl64, lms151, measure, return_probability
 from pipeline.world.scene import build_scene
 from pipeline.world.shapes import BOX, CROWN, CYLINDER, Kind, records
 
@@ -13,14 +13,14 @@ RAYS = 20_000
 @pytest.mark.parametrize(("range_m", "share"), [(50.0, 0.9394), (100.0, 0.3679), (120.0, 0.1257)])
 def test_returns_fade_with_the_fourth_power_of_the_range(range_m: float, share: float):
     # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257.
-    assert return_probability(np.array([range_m]), np.array([0.1]))[0] == pytest.approx(share, abs=1e-4)
+    assert return_probability(np.array([range_m]), np.array([0.1]), 100.0)[0] == pytest.approx(share, abs=1e-4)
     # 3 % drop out besides.
-    back = measure(np.full(RAYS, range_m), np.full(RAYS, 0.1), SEED) > 0
+    back = measure(np.full(RAYS, range_m), np.full(RAYS, 0.1), 0.02, 0.03, 100.0, SEED) > 0
     assert back.mean() == pytest.approx(0.97 * share, abs=0.01)
 
 
 def test_ranges_are_two_centimetres_noisy():
-    noise_m = measure(np.full(RAYS, 10.0), np.full(RAYS, 0.4), SEED)
+    noise_m = measure(np.full(RAYS, 10.0), np.full(RAYS, 0.4), 0.02, 0.03, 100.0, SEED)
     noise_m = noise_m[noise_m > 0] - 10.0
     assert abs(noise_m.mean()) < 0.001
     assert noise_m.std() == pytest.approx(0.02, rel=0.05)
@@ -29,10 +29,10 @@ def test_ranges_are_two_centimetres_noisy():
 def test_ground_rings_end_near_thirty_metres():
     flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
     scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    returns = Lidar(720).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    returns = hdl32(720).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
     reach_m = np.hypot(*returns.points_m[:, :2].T)
     assert 20 < np.percentile(reach_m, 99.5) < 40
-    assert abs(np.median(returns.points_m[:, 2])) < 0.02
+    assert abs(np.median(returns.points_m[:, 2]) + 1.3) < 0.02
 
 
 def test_a_tilted_body_sees_level_ground_tilted():
@@ -42,10 +42,10 @@ def test_a_tilted_body_sees_level_ground_tilted():
     world_T_body = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1.0]])
     flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
     scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    points_m = Lidar(720).scan(scene, np.zeros(0, CYLINDER), world_T_body, SEED).points_m
+    points_m = hdl32(720).scan(scene, np.zeros(0, CYLINDER), world_T_body, SEED).points_m
     ahead = points_m[(np.abs(points_m[:, 1]) < 0.5) & (np.abs(points_m[:, 0] - 5) < 0.4)]
     assert len(ahead) > 5
-    assert np.median(ahead[:, 2] / ahead[:, 0]) == pytest.approx(np.tan(pitch), abs=0.01)
+    assert np.median((ahead[:, 2] + 1.3) / ahead[:, 0]) == pytest.approx(np.tan(pitch), abs=0.01)
 
 
 def test_lasers_are_numbered_from_the_lowest_beam():
@@ -54,9 +54,49 @@ def test_lasers_are_numbered_from_the_lowest_beam():
         BOX, half_length_m=30.0, half_width_m=1.0, x_m=0.0, y_m=9.0, cos_yaw=1.0, top_m=9.0, reflectance=0.4, kind=Kind.BUILDING
     )
     scene = build_scene(shed, np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    returns = Lidar(360).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
-    assert set(returns.laser.tolist()) == set(range(BEAMS))
+    returns = hdl32(360).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    assert set(returns.laser.tolist()) == set(range(32))
     assert set(returns.kind.tolist()) == {Kind.GROUND, Kind.BUILDING}
-    elevation = np.arctan2(returns.points_m[:, 2] - 1.3, np.hypot(*returns.points_m[:, :2].T))
+    elevation = np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T))
     # −30.67° + laser × 41.34° / 31
     assert np.rad2deg(elevation) == pytest.approx(-30.67 + returns.laser * 41.34 / 31, abs=1e-3)
+
+
+def test_a_push_broom_hangs_as_robotcar_publishes_it():
+    # METHODS 7.2: lms_front's (1, 0, 0) and (0, 1, 0) lie at (1.872180, 0.230834, 2.034655) and (1.766719, 1.226757, 1.036148) of
+    # the z-down vehicle, whose origin is 0.9 + 1.0411 m above the ground; the body is z up, with its origin on the ground.
+    placed = lms151(541).body_T_sensor @ np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
+    assert placed[:3, 0] == pytest.approx([1.872180, -0.230834, 1.9411 - 2.034655], abs=1e-6)
+    assert placed[:3, 1] == pytest.approx([1.766719, -1.226757, 1.9411 - 1.036148], abs=1e-6)
+
+
+def test_a_sweep_sees_the_ground_below_and_walls_on_both_sides():
+    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
+    sides = {"half_length_m": 30.0, "half_width_m": 1.0, "x_m": 0.0, "cos_yaw": 1.0, "reflectance": 0.4, "kind": Kind.BUILDING}
+    scene = build_scene(
+        records(BOX, y_m=[11.0, -6.0], top_m=[9.0, 9.0], **sides), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat
+    )
+    lidar = lms151(541)
+    returns = lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    assert (returns.points_m[:, 2] == 0).all()
+    points_m = returns.points_m @ lidar.body_T_sensor[:3, :3].T + lidar.body_T_sensor[:3, 3]
+    ground, wall = returns.kind == Kind.GROUND, returns.kind == Kind.BUILDING
+    assert abs(points_m[ground, 2].mean()) < 0.01
+    assert points_m[ground, 2].std() < 0.05
+    # Walls 10 m to the left and 5 m to the right, of which the fan sees all 9 m of height.
+    assert np.abs(points_m[wall & (points_m[:, 1] > 0), 1] - 10).max() < 0.15
+    assert np.abs(points_m[wall & (points_m[:, 1] < 0), 1] + 5).max() < 0.15
+    assert points_m[wall, 2].max() > 8.0
+    # y of the sensor is the vehicle's right, so the near wall lies at positive y.
+    assert returns.points_m[wall, 1].max() < 6.0
+    assert returns.points_m[wall, 1].min() < -9.0
+
+
+def test_sixty_four_beams_lie_closer_above():
+    lidar = hdl64(180)
+    assert lidar.directions.shape == (180 * 64, 3)
+    elevation = np.rad2deg(np.arcsin(lidar.directions[:64, 2]))
+    assert elevation[[0, 31, 32, 63]] == pytest.approx([-24.8, -8.87, -8.33, 2.0])
+    # 15.93° / 31 below, 10.33° / 31 above
+    assert np.diff(elevation)[[0, 40]] == pytest.approx([0.5139, 0.3332], abs=1e-4)
+    assert lidar.body_T_sensor[:3, 3] == pytest.approx([0, 0, 1.73])

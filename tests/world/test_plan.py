@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.world.drive import drive
 from pipeline.world.ground import rolling_ground
-from pipeline.world.plan import plan_test, plan_training
+from pipeline.world.plan import plan_loops, plan_test, plan_training
 from pipeline.world.seeds import Stream, generator
 from pipeline.world.streets import lay_streets
 
@@ -43,3 +43,26 @@ def test_the_driven_shares_are_the_planned_ones():
     same_way = ((paths[1][:, :2, 0] @ paths[0][:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
     assert 1 - seen.mean() == pytest.approx(plan.unseen, abs=0.05)
     assert (seen & ~same_way).sum() / seen.sum() == pytest.approx(plan.reversed, abs=0.05)
+
+
+@pytest.mark.parametrize(("unseen", "reversed_"), [(0.1, 0.0), (0.15, 0.4)])
+def test_loops_are_driven_again(unseen: float, reversed_: float):
+    plan = plan_loops(generator(0, Stream.LOOPS), STREETS, ROUTE_M, unseen, reversed_)
+    assert plan.unseen == pytest.approx(unseen, abs=0.05)
+    assert plan.reversed == pytest.approx(reversed_, abs=0.05)
+    assert plan.coverage > 0.5
+    # By hand: the second half's streets, told by their middles, against those that the first half drives.
+    steps = np.array(plan.half_edges)
+    lengths_m = STREETS.lengths_m[steps // 2]
+    middles_m = np.cumsum(lengths_m) - lengths_m / 2
+    second = (middles_m > ROUTE_M / 2) & (middles_m < ROUTE_M)
+    again = np.isin(steps[second] // 2, steps[middles_m < ROUTE_M / 2] // 2)
+    assert lengths_m[second][again].sum() / lengths_m[second].sum() == pytest.approx(1 - unseen, abs=0.2)
+    tails, heads = STREETS.edges.ravel(), STREETS.edges[:, ::-1].ravel()
+    assert (heads[steps[:-1]] == tails[steps[1:]]).all()
+
+
+def test_a_route_shorter_than_a_street_has_a_test_plan():
+    training = plan_training(generator(0, Stream.TRAINING_PLAN), STREETS, 20.0)
+    plan = plan_test(generator(0, Stream.TEST_PLAN, date(2012, 2, 4)), STREETS, training, 20.0, 0.0, 0.0)
+    assert (plan.unseen, plan.reversed) == (0.0, 0.0)

@@ -6,7 +6,7 @@ import pytest
 from pipeline.world.campus import Campus
 from pipeline.world.day import dawn
 from pipeline.world.ground import Ground
-from pipeline.world.lidar import MAX_RANGE_M, Lidar
+from pipeline.world.lidar import hdl32
 from pipeline.world.plan import Plan
 from pipeline.world.raycast import cast
 from pipeline.world.scene import build_scene
@@ -44,14 +44,14 @@ def test_the_grid_walk_sees_what_brute_force_sees(campus_and_plan: tuple[Campus,
     campus, plan = campus_and_plan
     day = dawn(8, campus, date(2012, 6, 15), 152)
     rng = np.random.default_rng(0)
-    rays = Lidar(40).directions()
+    rays = hdl32(40).directions
     solid, leaves, ground = [], [], []
     for leg in rng.integers(len(plan.line_m) - 1, size=8):
         place = plan.line_m[leg] + rng.random() * (plan.line_m[leg + 1] - plan.line_m[leg])
         origin = np.array([*place, day.ground.at(place[None])[0] + 1.3])
-        movers = day.movers(float(leg), place)
-        ranges, kinds, _ = cast(day.scene, movers, origin, np.eye(3), rays, MAX_RANGE_M, SEED)
-        expected, expected_kinds = reference.cast(day.scene, movers, origin, rays, MAX_RANGE_M, SEED)
+        movers = day.movers(float(leg), place, 0.3)
+        ranges, kinds, _ = cast(day.scene, movers, origin, np.eye(3), rays, 90.0, SEED)
+        expected, expected_kinds = reference.cast(day.scene, movers, origin, rays, 90.0, SEED)
         agrees = (np.abs(ranges - expected) < 0.01) & (kinds == expected_kinds)
         ground.append(agrees[np.isin(expected_kinds, [Kind.GROUND, Kind.NOTHING])])
         leaves.append(agrees[expected_kinds == Kind.LEAF])

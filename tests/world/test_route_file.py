@@ -11,6 +11,7 @@ from pipeline.world.ground import Ground
 from pipeline.world.route_file import read_route
 from pipeline.world.simulation import Simulation
 from pipeline.world.streets import distance_to_segments_m
+from tests.world.conftest import SEQUENCES
 
 
 @pytest.fixture
@@ -36,15 +37,15 @@ def test_tum_rows_give_the_same_route(loop: Path, tmp_path: Path):
 
 def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
     rehearsal = replace(small, route_file=str(loop), route_m=1000.0)
-    streets, training, route_m = rehearsal.plan_training()
-    assert route_m == pytest.approx(360.0, abs=15.0)
-    driven = drive(8, date(2012, 1, 15), training.line_m, _flat(), route_m, 2.0)
+    routes = rehearsal.routes()
+    assert routes.route_m == pytest.approx(360.0, abs=15.0)
+    driven = drive(8, date(2012, 1, 15), routes.training.line_m, _flat(), routes.route_m, 2.0)
     route = read_route(loop)
     gaps_m = distance_to_segments_m(driven.world_T_body[:, :2, 3], route[:-1], route[1:]).min(1)
     # Up to 3 m beside it, and a little more where corners are cut.
     assert gaps_m.max() < 5.0
-    assert driven.metres > 0.9 * route_m
-    test = rehearsal.plan("2012-02-04", streets, training, route_m)
+    assert driven.metres > 0.9 * routes.route_m
+    test = routes.test(date(2012, 2, 4), SEQUENCES["2012-02-04"])
     assert test.unseen == pytest.approx(0.08, abs=0.08)
     assert test.coverage > 0.5
 
@@ -69,10 +70,10 @@ def test_a_bad_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path
     path = tmp_path / "route.csv"
     path.write_text(text)
     with pytest.raises(ConfigError, match=complaint) as error:
-        replace(small, route_file=str(path)).plan_training()
+        replace(small, route_file=str(path)).routes()
     assert "\n" not in str(error.value)
 
 
 def test_a_missing_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path):
     with pytest.raises(ConfigError, match="cannot be read"):
-        replace(small, route_file=str(tmp_path / "none.csv")).plan_training()
+        replace(small, route_file=str(tmp_path / "none.csv")).routes()

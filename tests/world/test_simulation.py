@@ -13,10 +13,9 @@ from pipeline.errors import ConfigError
 from pipeline.formats.nclt import pose_rows
 from pipeline.watch import Watch
 from pipeline.world import simulation
-from pipeline.world.campus import build_campus, shapes_on
-from pipeline.world.events import pass_a_year
 from pipeline.world.shapes import Kind
 from pipeline.world.simulation import Recording, Simulation
+from tests.world.walls import off_walls_m
 
 CONF = Path(__file__).parents[2] / "conf" / "world"
 TRAINING, TEST, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
@@ -91,20 +90,9 @@ def test_the_truth_puts_every_wall_point_on_a_wall(small: Simulation, logs: tupl
         walls = np.load(logs[1] / SUMMER / "kinds" / f"{path.stem}.npy") == Kind.BUILDING
         ned = Rotation.from_euler("xyz", row[4:]).apply(raw["xyz"][walls] * 0.005 - 100.0) + row[1:4]
         points_m.append(ned * (1, -1, -1))
-    east, north, up = np.concatenate(points_m).T[..., None]
-    assert len(up) > 500
-    streets, training, route_m = small.plan_training()
-    campus = build_campus(small.seed, small.blocks, streets)
-    campus, _ = pass_a_year(small.seed, campus, training.line_m, round(40.0 * route_m / 1000), small.near_route)
-    box = shapes_on(campus, 152)[0]
-    box = box[box["kind"] == Kind.BUILDING]
-    ahead = (east - box["x_m"]) * box["cos_yaw"] + (north - box["y_m"]) * box["sin_yaw"]
-    left = (north - box["y_m"]) * box["cos_yaw"] - (east - box["x_m"]) * box["sin_yaw"]
-    beyond = np.stack([np.abs(ahead) - box["half_length_m"], np.abs(left) - box["half_width_m"], up - box["top_m"]])
-    # Distance to the nearest box: outside of it over the positive axes, inside of it to the nearest face.
-    outside_m = np.linalg.norm(beyond.clip(min=0), axis=0) - beyond.max(0).clip(max=0)
+    assert sum(map(len, points_m)) > 500
     # Range noise has an sd of 2 cm and never helps: 5 sds, and the grain of 5 mm.
-    assert outside_m.min(1).max() < 0.11
+    assert off_walls_m(small, SUMMER, np.concatenate(points_m)).max() < 0.11
 
 
 def test_the_truth_folder_tells_what_each_point_is(logs: tuple[Path, Path, Recording]):
@@ -127,7 +115,7 @@ def test_workers_and_blocks_leave_the_bytes_alone(
     workers: int,
     block: int,
 ):
-    monkeypatch.setattr(simulation, "BLOCK_SCANS", block)
+    monkeypatch.setattr(simulation, "BLOCK_RAYS", block * 32 * small.azimuths)
     assert _record(small, SUMMER, tmp_path, workers) == logs[2]
     assert _digest(tmp_path) == _digest(logs[0])
 
@@ -167,6 +155,12 @@ def test_an_unknown_sequence_is_one_line_of_error(small: Simulation, tmp_path: P
         {"step_m": 0.0},
         {"seed": -1},
         {"near_route": 1.5},
+        {"blocks": "many"},
+        {"robot": "boat"},
+        {"robot": "push_broom_car"},
+        {"logs": "kitti"},
+        {"logs": "robotcar"},
+        {"logs": "paper"},
         {"sequences": {}},
         {"sequences": {"summer": {"unseen": 0.0, "reversed": 0.0}}},
         {"sequences": {TRAINING: {"unseen": 0.1, "reversed": 0.0}}},
@@ -181,7 +175,7 @@ def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[s
 
 @pytest.mark.parametrize("preset", ["tiny", "demo", "year"])
 def test_every_preset_holds_all_eleven_sequences(preset: str):
-    keys = yaml.safe_load((CONF / f"{preset}.yaml").read_text())
+    keys = yaml.safe_load((CONF / f"campus_{preset}.yaml").read_text())
     assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
     world = Simulation(**keys)
     assert len(world.sequences) == 11

@@ -1,0 +1,48 @@
+"""One module a format: a drive as a data set's own raw logs."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, Protocol
+
+from pipeline.frames import Poses
+from pipeline.world.drive import Drive
+from pipeline.world.lidar import Lidar, Returns
+from pipeline.world.seeds import Noise
+from pipeline.world.writers.kitti import KittiWriter
+from pipeline.world.writers.nclt import NcltWriter
+from pipeline.world.writers.robotcar import RobotCarWriter
+
+
+class Writer(Protocol):
+    """Writes one sequence into its folder."""
+
+    @property
+    def in_order(self) -> bool:
+        """Whether one process writes the scans, one after another; else any worker may, in any order."""
+
+    def open(self) -> None:
+        """Make the folders."""
+
+    def write_truth(self, drive: Drive, noise: Noise) -> None:
+        """Write all but the scans: the truth, what the robot's own odometry makes of it, the calibration."""
+
+    def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
+        """Write one scan."""
+
+    def close(self) -> None:
+        """Finish."""
+
+
+Files = Callable[[Path, str, Poses], Writer]
+FILES: dict[str, Files] = {"nclt": NcltWriter, "robotcar": RobotCarWriter, "kitti": KittiWriter}
+BAGS = ("ros1", "sqlite3", "mcap")
+Format = Literal["nclt", "robotcar", "kitti", "ros1", "sqlite3", "mcap"]
+
+
+def writer(logs: Format, folder: Path, sequence: str, lidar: Lidar) -> Writer:
+    """The writer of the format `logs`."""
+    if logs == "ros1" or logs == "sqlite3" or logs == "mcap":
+        from pipeline.world.writers.bag import BagWriterInOrder  # and with it rosbags, which no other format needs
+
+        return BagWriterInOrder(folder, lidar.body_T_sensor, logs)
+    return FILES[logs](folder, sequence, lidar.body_T_sensor)

@@ -1,0 +1,53 @@
+"""A ROS bag: clouds in the lidar's frame, the truth and the wheel odometry, and where the lidar sits (METHODS 7.4)."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pipeline.formats.bag import BagWriter
+from pipeline.frames import Poses
+from pipeline.world.drive import Drive
+from pipeline.world.lidar import Returns
+from pipeline.world.odometry import integrate
+from pipeline.world.seeds import Noise, Stream
+
+CLOUDS, TRUTH, ODOMETRY = "/points", "/ground_truth", "/odom"
+WORLD, START, BODY, LIDAR = "map", "odom", "base_link", "velodyne"
+
+
+class BagWriterInOrder:
+    """Writes one sequence into the bag `bag.bag`, or the folder `bag` of ROS 2, in its folder; messages in order of time."""
+
+    in_order = True
+
+    def __init__(self, folder: Path, body_T_sensor: Poses, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
+        self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind)
+        self._body_T_sensor = body_T_sensor
+        self._waiting: list[tuple[int, Poses, Poses]] = []
+
+    def open(self) -> None:
+        self._bag.__enter__()
+
+    def write_truth(self, drive: Drive, noise: Noise) -> None:
+        """Where the lidar sits; the truth and the odometry wait until the scans come to their time."""
+        self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self._body_T_sensor)
+        drifted = integrate(noise(Stream.ODOMETRY), drive.world_T_body)
+        self._waiting = list(zip(drive.utimes.tolist(), drive.world_T_body, drifted, strict=True))[::-1]
+
+    def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
+        """The poses up to the scan, and its cloud."""
+        self._write_poses(utime)
+        points_m, intensity = returns.points_m.astype(np.float32), returns.intensity.astype(np.float32)
+        self._bag.points(utime * 1000, LIDAR, points_m, intensity, returns.laser, CLOUDS)
+
+    def close(self) -> None:
+        """The poses after the last scan, and the bag's index."""
+        self._write_poses(None)
+        self._bag.__exit__(None, None, None)
+
+    def _write_poses(self, until: int | None) -> None:
+        while self._waiting and (until is None or self._waiting[-1][0] <= until):
+            utime, world_T_body, start_T_body = self._waiting.pop()
+            self._bag.odometry(utime * 1000, WORLD, BODY, world_T_body, TRUTH)
+            self._bag.odometry(utime * 1000, START, BODY, start_T_body, ODOMETRY)

@@ -1,0 +1,45 @@
+"""KITTI odometry's layout and frames: a root of its own for one log, in the folder (METHODS 7.3)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.formats import kitti
+from pipeline.frames import Poses
+from pipeline.world.drive import Drive
+from pipeline.world.lidar import Returns
+from pipeline.world.names import kitti_log
+from pipeline.world.seeds import Noise
+
+
+@dataclass(frozen=True)
+class KittiWriter:
+    """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, which the reader splits."""
+
+    folder: Path
+    sequence: str
+    body_T_sensor: Poses
+    in_order: bool = False
+
+    def open(self) -> None:
+        self._scans().mkdir(parents=True, exist_ok=True)
+
+    def write_truth(self, drive: Drive, noise: Noise) -> None:
+        """Calibration, times from the first scan on, and the poses of cam0 in its first frame; KITTI has no odometry."""
+        log = kitti_log(self.sequence)
+        kitti.write_calib(kitti.calib_path(self.folder, log))
+        kitti.write_times(kitti.times_path(self.folder, log), (drive.scan_utimes - drive.scan_utimes[0]) / 1e6)
+        world_T_cam = drive.world_T_body[drive.scan_rows] @ self.body_T_sensor @ np.linalg.inv(kitti.CAM_T_VELO)
+        kitti.write_poses(kitti.poses_path(self.folder, log), np.linalg.inv(world_T_cam[0]) @ world_T_cam)
+
+    def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
+        """velodyne/<scan>.bin."""
+        data = kitti.encode(returns.points_m, returns.intensity / 255)
+        (self._scans() / f"{scan:06d}.bin").write_bytes(data)
+
+    def close(self) -> None:
+        """Every scan is a file of its own."""
+
+    def _scans(self) -> Path:
+        return kitti.scan_folder(self.folder, kitti_log(self.sequence))

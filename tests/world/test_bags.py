@@ -1,0 +1,63 @@
+"""A campus drive recorded as ROS bags, read back by the bag reader."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.compute import Compute
+from pipeline.readers.bag import Bag
+from pipeline.readers.log import Log
+from pipeline.readers.nclt import Nclt
+from pipeline.watch import Watch
+from pipeline.world.simulation import Simulation
+
+SEQUENCE = "2012-06-15"
+READER = Bag(truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
+
+
+def _files(root: Path) -> list[tuple[str, bytes]]:
+    return sorted((str(path.relative_to(root)), path.read_bytes()) for path in root.rglob("*") if path.is_file())
+
+
+@pytest.fixture(scope="module")
+def nclt(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Log:
+    root = tmp_path_factory.mktemp("nclt")
+    small.record(SEQUENCE, root / SEQUENCE, Compute(workers=1), Watch())
+    return Nclt(max_gap_s=4.0).open(root, SEQUENCE)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Log, tmp_path: Path, kind: str):
+    replace(small, logs=kind).record(SEQUENCE, tmp_path / SEQUENCE, Compute(workers=2), Watch())
+    log = READER.open(tmp_path, SEQUENCE)
+    assert log.stamps_ns.tolist() == nclt.stamps_ns.tolist()
+    assert log.world_T_scan == pytest.approx(nclt.world_T_scan, abs=1e-6)
+    assert log.odom_T_scan == pytest.approx(nclt.odom_T_scan, abs=1e-6)
+    for row in (0, len(log.stamps_ns) - 1):
+        # NCLT's grain is 5 mm.
+        assert log.points(row) == pytest.approx(nclt.points(row), abs=0.0026)
+    assert log.skipped == {}
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
+def test_no_way_of_computing_changes_a_byte_of_a_bag(small: Simulation, tmp_path: Path, kind: str):
+    world = replace(small, logs=kind, route_m=40.0)
+    for name, compute in (("one", Compute(workers=1)), ("processes", Compute("processes", 2))):
+        world.record(SEQUENCE, tmp_path / name, compute, Watch())
+    assert _files(tmp_path / "one") == _files(tmp_path / "processes")
+    assert len(_files(tmp_path / "one")) == (1 if kind == "ros1" else 2)
+
+
+def test_messages_are_in_order_of_time(small: Simulation, tmp_path: Path):
+    from rosbags.rosbag1 import Reader
+
+    replace(small, logs="ros1", route_m=40.0).record(SEQUENCE, tmp_path, Compute(workers=1), Watch())
+    with Reader(tmp_path / "bag.bag") as reader:
+        stamps_ns = [stamp for _, stamp, _ in reader.messages()]
+        topics = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert (np.diff(stamps_ns) >= 0).all()
+    # 40 m with a scan every 4 m
+    assert (topics["/points"], topics["/tf_static"]) == (10, 1)
+    assert topics["/ground_truth"] == topics["/odom"] > 100

@@ -1,0 +1,134 @@
+"""The scanner car, its logs read back by the KITTI reader."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.compute import Compute
+from pipeline.errors import ConfigError
+from pipeline.readers.kitti import Kitti, read_poses
+from pipeline.watch import Watch
+from pipeline.world.campus import build_campus
+from pipeline.world.drive import drive
+from pipeline.world.motion import CAR
+from pipeline.world.names import KITTI_DATE
+from pipeline.world.shapes import Kind
+from pipeline.world.simulation import Recording, Simulation
+from tests.world.walls import off_walls_m
+
+CONF = Path(__file__).parents[2] / "conf" / "world"
+READER = Kitti(root_per_sequence=True)
+LOGS = {"00": {"unseen": 0.1, "reversed": 0.3}, "01": {"unseen": 0.1, "reversed": 0.0}}
+
+
+@pytest.fixture(scope="module")
+def suburb() -> Simulation:
+    return Simulation(2, 4, 960.0, 8.0, 120, LOGS, events_per_km_of_route=0.0, robot="scanner_car", logs="kitti")
+
+
+@pytest.fixture(scope="module")
+def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Recording]:
+    root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
+    return root, truth, suburb.record("00-a", root / "00-a", Compute(workers=2), Watch(), truth)
+
+
+@pytest.fixture(scope="module")
+def true_poses(suburb: Simulation) -> np.ndarray:
+    """World poses (scan, 4, 4) of log 00's lidar."""
+    routes, plan = suburb._way("00")
+    ground = build_campus(routes.seed, suburb.blocks, routes.streets).ground
+    driven = drive(routes.seed, KITTI_DATE, plan.line_m, ground, suburb.route_m, suburb.step_m, CAR)
+    up = np.eye(4)
+    up[2, 3] = 1.73
+    return driven.world_T_body[driven.scan_rows] @ up
+
+
+def test_a_log_is_a_kitti_root_in_its_own_folder(logs: tuple[Path, Path, Recording]):
+    folder, recording = logs[0] / "00-a", logs[2]
+    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and path.suffix == ".txt") == [
+        "poses/00.txt",
+        "sequences/00/calib.txt",
+        "sequences/00/times.txt",
+    ]
+    scans = sorted((folder / "sequences" / "00" / "velodyne").iterdir())
+    assert [path.name for path in scans] == [f"{scan:06d}.bin" for scan in range(recording.scans)]
+    assert sum(path.stat().st_size for path in scans) == 16 * recording.points
+    # 8 m at 8 m/s
+    assert (folder / "sequences" / "00" / "times.txt").read_text().splitlines()[:2] == ["0.000000e+00", "1.000000e+00"]
+    assert [line.split(":")[0] for line in (folder / "sequences" / "00" / "calib.txt").read_text().splitlines()] == [
+        *("P0", "P1", "P2", "P3", "Tr")
+    ]
+
+
+def test_poses_are_those_of_the_camera_in_its_first_frame(logs: tuple[Path, Path, Recording], true_poses: np.ndarray):
+    folder = logs[0] / "00-a"
+    rows = np.loadtxt(folder / "poses" / "00.txt")
+    assert rows[0] == pytest.approx([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], abs=1e-9)
+    # The camera looks along its z axis: so far forward does the car go in 8 m.
+    assert rows[1, 11] == pytest.approx(8.0, abs=0.1)
+    found = read_poses(folder / "poses" / "00.txt", folder / "sequences" / "00" / "calib.txt")
+    assert found == pytest.approx(np.linalg.inv(true_poses[0]) @ true_poses, abs=1e-6)
+
+
+def test_the_poses_put_every_wall_point_on_a_wall(suburb: Simulation, logs: tuple[Path, Path, Recording], true_poses: np.ndarray):
+    log = READER.open(logs[0], "00-a")
+    kinds = sorted((logs[1] / "00-a" / "kinds").iterdir())
+    down = np.array([0, 0, 1.73])
+    walls_m = []
+    for row in range(len(log.stamps_ns)):
+        points_m = log.points(row)[np.load(kinds[row]) == Kind.BUILDING]
+        points_m = points_m @ log.world_T_scan[row, :3, :3].T + log.world_T_scan[row, :3, 3]
+        walls_m.append((points_m - down) @ true_poses[0, :3, :3].T + true_poses[0, :3, 3])
+    assert log.world_T_scan[0] == pytest.approx(np.eye(4), abs=1e-6)
+    walls_m = np.concatenate(walls_m)
+    assert len(walls_m) > 500
+    # 2 cm of noise: 5 sds
+    assert off_walls_m(suburb, "00", walls_m, suburb._way("00")[0]).max() < 0.11
+
+
+def test_scans_lie_on_the_road(logs: tuple[Path, Path, Recording]):
+    log = READER.open(logs[0], "00-a")
+    heights_m = [np.median(p[np.hypot(p[:, 0], p[:, 1]) < 6, 2]) for p in map(log.points, range(len(log.stamps_ns)))]
+    assert abs(np.median(heights_m)) < 0.03
+
+
+def test_the_second_half_revisits_the_first(suburb: Simulation, logs: tuple[Path, Path, Recording]):
+    recording = logs[2]
+    assert (recording.unseen, recording.reversed) == pytest.approx((0.1, 0.3), abs=0.1)
+    root = logs[0]
+    (root / "00-b").symlink_to(root / "00-a", target_is_directory=True)
+    first, second = (READER.open(root, name).world_T_scan for name in ("00-a", "00-b"))
+    (root / "00-b").unlink()
+    assert len(first) + len(second) == recording.scans
+    gaps_m = np.linalg.norm(second[:, None, :2, 3] - first[None, :, :2, 3], axis=2)
+    # Scans are 8 m apart, and a way back lies 2 × 1.7 m aside.
+    seen = gaps_m.min(1) < 10.0
+    same_way = ((second[:, :2, 0] @ first[:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
+    assert 1 - seen.mean() == pytest.approx(recording.unseen, abs=0.1)
+    assert (seen & ~same_way).sum() / seen.sum() == pytest.approx(recording.reversed, abs=0.1)
+
+
+def test_both_parts_are_the_same_bytes_however_computed(suburb: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
+    suburb.record("00-b", tmp_path, Compute("processes", 2), Watch())
+    files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(logs[0] / "00-a") for path in (logs[0] / "00-a").rglob("*") if path.is_file())
+    assert all((tmp_path / path).read_bytes() == (logs[0] / "00-a" / path).read_bytes() for path in files)
+
+
+def test_every_log_has_a_place_of_its_own(suburb: Simulation):
+    streets = [suburb._way(log)[0].streets.nodes_m for log in LOGS]
+    assert np.abs(streets[0][:5] - streets[1][:5]).max() > 1.0
+
+
+def test_the_table_names_whole_logs(suburb: Simulation, tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"02-a: not in world\.sequences"):
+        suburb.record("02-a", tmp_path, Compute(workers=1), Watch())
+
+
+@pytest.mark.parametrize(("preset", "number"), [("tiny", 1), ("demo", 4)])
+def test_the_presets_hold_logs(preset: str, number: int):
+    keys = yaml.safe_load((CONF / f"suburb_{preset}.yaml").read_text())
+    assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
+    assert list(Simulation(**keys).sequences) == [f"{log:02d}" for log in range(number)]
