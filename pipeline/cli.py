@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import psutil
 import yaml
 
 from pipeline.errors import ConfigError, YearlocError
+from pipeline.watch import Item, Watch
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -20,7 +21,10 @@ This command chooses what the chain runs on, and looks at what it made.
 
   yearloc use campus town                    the simulated campus and town (no data needed); world=tiny|demo|year
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack; train=DATE tests=DATE,DATE
+  yearloc use robotcar root=/data/robotcar   Oxford RobotCar: 2-D sweeps gathered along the visual odometry
   yearloc use kitti root=/data/kitti log=00  KITTI odometry: the first part of one log against the rest
+  yearloc fetch nclt 2012-01-15              the official archives
+  yearloc inspect bags/monday --save conf/dataset/robot.yaml
   yearloc inspect artifacts/scans/campus/2012-01-15.zarr
   yearloc inspect 1326652795280148.bin --format nclt
   yearloc results                            the table, and where the figures are
@@ -36,14 +40,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
     use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")
+    fetch = commands.add_parser("fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them")
+    fetch.add_argument("dataset", help="nclt: a file in conf/fetch")
+    fetch.add_argument("words", nargs="+", metavar="SEQUENCE|KEY=VALUE", help="dates; root=FOLDER (data/DATASET), base=ADDRESS")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
     look.add_argument("path", type=Path, metavar="FILE-OR-ARTIFACT")
     look.add_argument("--format", choices=("nclt", "kitti"), help="whose .bin file it is, where its folder does not tell")
+    look.add_argument("--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset")
     commands.add_parser("results", help="print the results of the last report and where its figures are")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     given = parser.parse_args(arguments)
     try:
-        {"use": _use, "inspect": _inspect, "results": _results, "repair": _repair}[given.command](given)
+        {"use": _use, "fetch": _fetch, "inspect": _inspect, "results": _results, "repair": _repair}[given.command](given)
     except YearlocError as error:
         print(f"yearloc {given.command}: {error}", file=sys.stderr)
         sys.exit(1)
@@ -71,10 +79,55 @@ def _use(given: argparse.Namespace) -> None:
         print(f"{name}: trained on {study['train']}, tested on {', '.join(study['tests'])}")
 
 
+def _fetch(given: argparse.Namespace) -> None:
+    from pipeline.fetch import Publisher
+
+    path = _conf() / "fetch" / f"{given.dataset}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+        raise ConfigError(f"no archives of {given.dataset}: expected one of {known}")
+    options = dict(word.split("=", 1) for word in given.words if "=" in word)
+    sequences = [word for word in given.words if "=" not in word]
+    if unknown := sorted(set(options) - {"root", "base"}):
+        raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
+    if not sequences:
+        raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
+    root = Path(options.pop("root", f"data/{given.dataset}")).expanduser()
+    publisher = Publisher.of({**yaml.safe_load(path.read_text()), **options})
+    for line in publisher.fetch(root, sequences, _Bytes()):
+        print(f"  {line}", flush=True)
+    print(f"next: yearloc use {given.dataset} root={root}")
+
+
+class _Bytes(Watch):
+    """A bar of bytes on a terminal."""
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        from rich.console import Console
+        from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+        from pipeline.download import CHUNK
+
+        console = Console(stderr=True)
+        columns = (TextColumn(what), BarColumn(24), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+            task = bar.add_task(what, total=total * CHUNK)
+            for item in items:
+                yield item
+                bar.update(task, advance=CHUNK)
+
+
 def _inspect(given: argparse.Namespace) -> None:
     from pipeline.inspection.report import inspect
 
     print(inspect(given.path, given.format).text())
+    if given.save:
+        from pipeline.inspection.bags import proposal
+
+        if given.save.exists():
+            raise ConfigError(f"{given.save}: is there already; remove it first, or give another name")
+        given.save.write_text(proposal([given.path]))
+        print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 
 def _results(given: argparse.Namespace) -> None:

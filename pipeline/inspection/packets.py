@@ -12,7 +12,6 @@ from pipeline.formats import nclt
 from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes
-from pipeline.readers.nclt import Z_UP
 
 REVOLUTION_US = 100_000
 
@@ -25,7 +24,7 @@ def packets(path: Path) -> Inspection:
     records = np.concatenate([_hits(path, starts[i], counts[i]) for i in chosen])
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
-    points = transform(body_T_velodyne, (nclt.decode(records) * Z_UP).astype(np.float32))
+    points = transform(body_T_velodyne, nclt.decode(records.ravel()).astype(np.float32))
     diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
     steps = np.diff(utimes)
     cells = (

@@ -16,6 +16,8 @@ from pipeline.formats import kitti
 from pipeline.readers import log
 from pipeline.readers.log import Log
 
+EARTH_M = 1e8
+
 
 @dataclass(frozen=True)
 class Kitti:
@@ -85,8 +87,13 @@ def read_velodyne(path: str | Path) -> NDArray[np.float32]:
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
     """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne."""
     rows = log.table(Path(poses_path), 12)
-    if not np.isfinite(rows).all():
-        raise LogError(f"{poses_path}: row {int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]) + 1} is not finite")
+    sane = (np.abs(rows) < EARTH_M).all(axis=1)
+    if not sane.all():
+        raise LogError(f"{poses_path}: row {int(np.flatnonzero(~sane)[0]) + 1} is not finite, or lies nowhere on Earth; the file is damaged")
+    R = kitti.matrix(rows)[:, :3, :3].clip(-2, 2)
+    wrong = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
+    if wrong.any():
+        raise LogError(f"{poses_path}: row {int(np.flatnonzero(wrong)[0]) + 1} holds no rotation in its 3×4 matrix")
     cam_T_velo = _transform_row(Path(calib_path))
     return np.linalg.inv(cam_T_velo) @ kitti.matrix(rows) @ cam_T_velo
 

@@ -17,8 +17,6 @@ from pipeline.frames import Trajectory, flip_ned, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
 
-Z_UP = np.array([1.0, -1.0, -1.0])
-
 
 @dataclass(frozen=True)
 class Nclt:
@@ -60,7 +58,7 @@ def read_velodyne_sync(path: str | Path) -> NDArray[np.float64]:
     Raises LogError for a missing file or one that is no whole number of records.
     """
     data = log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits")
-    points: NDArray[np.float64] = nclt.decode(np.frombuffer(data, "<u2").reshape(-1, 4)) * Z_UP
+    points: NDArray[np.float64] = nclt.decode(np.frombuffer(data, "<u2"))
     return points
 
 
@@ -92,44 +90,68 @@ class Hits:
 def read_velodyne_hits(path: str | Path) -> Hits:
     """Every packet of a velodyne_hits.bin; raises LogError with the byte where a packet is broken."""
     path = Path(path)
-    data = log.read_bytes(path, 1, "bytes")
-    words = np.frombuffer(data, "<u2", len(data) // 2)
-    starts, counts, end = _packets(words)
+    data = _mapped(path)
+    words = data[: len(data) // 2 * 2].view("<u2")
+    starts, offsets, end = _packets(words)
     if 2 * end != len(data):
         raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short")
-    utimes = np.array([words[start + 6 : start + 10].view("<u8")[0] for start in starts], np.uint64)
+    hits = int(offsets[-1])
+    points, utimes = np.empty((hits, 3)), np.empty(len(starts), np.uint64)
+    intensity, laser = np.empty(hits, np.uint8), np.empty(hits, np.uint8)
+    _unpack(words, starts, offsets, points.reshape(-1), intensity, laser, utimes)
     if (utimes >= log.LATEST_NS // 1000).any():
         raise LogError(f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is damaged")
-    offsets = np.concatenate([[0], np.cumsum(counts)])
-    header = nclt.PACKET_HEADER_BYTES // 2
-    index = np.repeat(starts + header - 4 * offsets[:-1], counts) + 4 * np.arange(offsets[-1])
-    tail = words[index + 3]
-    records = words[index[:, None] + np.arange(4)]
-    return Hits(
-        nclt.decode(records) * Z_UP,
-        (tail & 0xFF).astype(np.uint8),
-        (tail >> 8).astype(np.uint8),
-        utimes.astype(np.int64),
-        offsets.astype(np.int64),
-    )
+    return Hits(points, intensity, laser, utimes.astype(np.int64), offsets)
+
+
+def _mapped(path: Path) -> NDArray[np.uint8]:
+    """A file's bytes, gigabytes perhaps, without a copy of them."""
+    try:
+        return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.empty(0, np.uint8)
+    except (FileNotFoundError, IsADirectoryError):
+        raise LogError(f"{path}: no such file") from None
 
 
 @njit(cache=True, nogil=True)
 def _packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """First word and hits of each packet, and the word after the last whole one."""
-    starts, counts = np.empty(len(words) // 12 + 1, np.int64), np.empty(len(words) // 12 + 1, np.int64)
+    """First word and first hit of each packet (of hits: one more, the end), and the word after the last whole one."""
+    starts, offsets = np.empty(len(words) // 12 + 1, np.int64), np.empty(len(words) // 12 + 1, np.int64)
     found, at = np.int64(0), np.int64(0)
+    offsets[0] = 0
     while at + 12 <= len(words):
+        magic = True
         for word in range(4):
-            if words[at + word] != 44444:
-                return starts[:found], counts[:found], at
+            magic &= words[at + word] == nclt.PACKET_MAGIC
         hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
-        if at + 12 + 4 * hits > len(words):
+        if not magic or at + 12 + 4 * hits > len(words):
             break
-        starts[found], counts[found] = at, hits
+        starts[found], offsets[found + 1] = at, offsets[found] + hits
         found += 1
         at += 12 + 4 * hits
-    return starts[:found], counts[:found], at
+    return starts[:found].copy(), offsets[: found + 1].copy(), at
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _unpack(
+    words: NDArray[np.uint16],
+    starts: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    points: NDArray[np.float64],
+    intensity: NDArray[np.uint8],
+    laser: NDArray[np.uint8],
+    utimes: NDArray[np.uint64],
+) -> None:
+    """Every packet's stamp and hits into flat `points` (3 n,) and the rest (n,)."""
+    for packet in range(starts.shape[0]):
+        start, first, end = starts[packet], offsets[packet], offsets[packet + 1]
+        utimes[packet] = 0
+        for word in range(4):
+            utimes[packet] |= np.uint64(words[start + 6 + word]) << np.uint64(16 * word)
+        hits = words[start + 12 : start + 12 + 4 * (end - first)]
+        nclt.metres(hits, points[3 * first : 3 * end])
+        for i in range(end - first):
+            intensity[first + i] = hits[4 * i + 3] & 0xFF
+            laser[first + i] = hits[4 * i + 3] >> 8
 
 
 def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:

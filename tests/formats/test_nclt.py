@@ -45,3 +45,10 @@ def test_the_lidars_forward_axis_points_left_in_the_body() -> None:
     body_T_velodyne = pose(np.array([[x, y, z]]), np.deg2rad([angles]))[0]
     np.testing.assert_allclose(body_T_velodyne[:3, 0], [-0.012269, -0.999921, -0.002897], atol=1e-6)
     np.testing.assert_allclose(body_T_velodyne[:3, 3], [0.002, -0.004, -0.957])
+
+
+def test_decoding_gives_the_bits_of_the_plain_formula() -> None:
+    # Every 16-bit word on every axis; bits, since artifacts' bytes follow from them: −0.0 is not 0.0.
+    words = np.repeat(np.arange(2**16, dtype=np.uint16), 4)
+    plain = (words.reshape(-1, 4)[:, :3] * 0.005 - 100.0) * np.array([1.0, -1.0, -1.0])
+    assert nclt.decode(words).tobytes() == plain.tobytes()

@@ -54,6 +54,24 @@ def kitti_log(
     return root
 
 
+def folder_log(
+    root: Path,
+    poses: str | None = "".join(f"{START / 1e6 + 0.1 * i:.1f} {i} 0 0 0 0 0 1\n" for i in range(11)),
+    scans: dict[str, bytes] | None = None,
+    times: str | None = None,
+) -> Path:
+    """A robot's own sequence, driven forward at 10 m/s for one second, with one point at (2, 1, 3) after 0.15 s."""
+    made = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()} if scans is None else scans
+    for name, data in made.items():
+        (root / "drive" / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / "drive" / name).write_bytes(data)
+    (root / "drive").mkdir(exist_ok=True)
+    for name, text in (("poses.txt", poses), ("times.txt", times)):
+        if text is not None:
+            (root / "drive" / name).write_text(text)
+    return root
+
+
 @pytest.fixture(scope="session")
 def nclt() -> Callable[..., Path]:
     return nclt_log
@@ -67,3 +85,8 @@ def kitti() -> Callable[..., Path]:
 @pytest.fixture(scope="session")
 def sync() -> Callable[..., bytes]:
     return words
+
+
+@pytest.fixture(scope="session")
+def folder() -> Callable[..., Path]:
+    return folder_log

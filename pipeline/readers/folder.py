@@ -1,0 +1,202 @@
+"""A robot's own folder: scan files and a pose file, with frames and units as conf/dataset/folder.yaml declares them.
+
+    ROOT/SEQUENCE/scans/1326652795.280148.pcd …    stamps as names, poses of any rate around them (TUM)
+    ROOT/SEQUENCE/poses.txt
+
+or scans named by number, row n of a KITTI pose file and of times.txt beside it belonging to scan n.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline import settings
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats import folder as files
+from pipeline.formats import kitti
+from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.readers import log
+from pipeline.readers.log import Log
+
+BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""From x right, y down, z forward to x forward, y left, z up."""
+FARTHEST_M = 1e6
+"""A point beyond is none: no lidar sees 1,000 km."""
+EARTH_M = 1e8
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A root with one folder a sequence, each of which holds scans and poses."""
+
+    scans: str = "scans"
+    """Below the sequence: a subfolder whose .bin, .npy and .pcd files are scans, or a pattern such as clouds/*.pcd."""
+    poses: str = "poses.txt"
+    """Below the sequence: the true poses of the body."""
+    poses_format: Literal["tum", "kitti"] = "tum"
+    poses_frame: Literal["body", "camera"] = "body"
+    """Axes of both pose files: body is x forward, y left, z up; camera is x right, y down, z forward."""
+    odometry: str | None = None
+    """Below the sequence: the body's poses by odometry, in the same format; rows of NaN are breaks in it."""
+    stamps: Literal["s", "us", "ns"] = "s"
+    """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from 0."""
+    columns: int = 4
+    """32-bit floats of one point in a .bin: x, y, z and what else there is."""
+    body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
+    lift_m: float = 0.0
+    """Height of the body's origin over the ground, added to z."""
+    max_gap_s: float = 0.5
+    """Poses further apart than this are a gap; a scan in it is skipped."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "reader")
+        settings.positive("reader", max_gap_s=self.max_gap_s)
+        if self.columns < 3:
+            raise ConfigError(f"reader.columns={self.columns}: expected 3 or more, x, y and z first")
+        numbers = list(self.body_T_lidar) if isinstance(self.body_T_lidar, Sequence) else []
+        if len(numbers) != 6 or not all(isinstance(number, int | float) and np.isfinite(number) for number in numbers):
+            raise ConfigError(f"reader.body_T_lidar={self.body_T_lidar}: expected [x, y, z, roll, pitch, yaw], m and degrees")
+        for name in ("scans", "poses", "odometry"):
+            place = getattr(self, name)
+            if place is None and name == "odometry":
+                continue
+            if not isinstance(place, str) or not place or place[0] == "/" or {"..", "**"} & set(Path(place).parts):
+                raise ConfigError(f"reader.{name}={place}: expected a path below the sequence's folder")
+
+    def open(self, root: Path, sequence: str) -> Log:
+        folder, skipped = root / sequence, Counter[str]()
+        if not folder.is_dir():
+            raise LogError(f"{folder}: no such folder of a sequence")
+        truth = self._trajectory(folder, self.poses)
+        odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
+        paths = self._named(folder, truth.stamps_ns, skipped)
+        stamps_ns = np.array(sorted(paths), np.int64)
+        rows, world_T_body, odom_T_body = log.posed(stamps_ns, truth, odometry, skipped)
+        if not len(rows):
+            raise LogError(
+                f"{folder}: none of its {len(stamps_ns)} scans has a pose: they span {_span(stamps_ns)}, {self.poses} "
+                f"{_span(truth.stamps_ns)}; is reader.stamps={self.stamps} the unit of the scans' names?"
+            )
+        kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
+        raised = np.eye(4)
+        raised[2, 3] = self.lift_m
+        lowered, vehicle_T_lidar = np.linalg.inv(raised), raised @ self._body_T_lidar()
+        return Log(
+            stamps_ns[rows],
+            raised @ world_T_body @ lowered,
+            raised @ odom_T_body @ lowered,
+            lambda row: read_scan(kept[row], self.columns, vehicle_T_lidar),
+            +skipped,
+        )
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
+        needed = [self.poses, files.TIMES if self.poses_format == "kitti" else None, self.odometry]
+        return {name: [place for place in needed if place and not (root / name / place).is_file()] for name in names}
+
+    def _files(self, folder: Path) -> list[Path]:
+        found = folder.glob(self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*")
+        return [path for path in found if path.suffix in files.SCANS]
+
+    def _named(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> dict[int, Path]:
+        """Scan files by their stamp in ns; counts those that cannot be one."""
+        found: dict[int, Path] = {}
+        for path in sorted(self._files(folder)):
+            stamp = self._stamp(path.stem, pose_stamps_ns)
+            if stamp is None or not path.is_file():
+                skipped["file name is no stamp" if self.poses_format == "tum" else "file name is no row of the poses"] += 1
+            elif not path.stat().st_size:
+                skipped["empty file"] += 1
+            elif path.suffix == ".bin" and path.stat().st_size % (4 * self.columns):
+                skipped["truncated record"] += 1
+            elif stamp in found:
+                skipped["a second file of one stamp"] += 1
+            else:
+                found[stamp] = path
+        if not found:
+            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {self._names()}; .bin, .npy or .pcd)")
+        return found
+
+    def _names(self) -> str:
+        return f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
+
+    def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
+        if not stem.isascii() or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal() or len(stem) > 40:
+            return None
+        if self.poses_format == "tum":
+            return files.stamp_ns(stem, self.stamps)
+        return int(pose_stamps_ns[int(stem)]) if stem.isdecimal() and int(stem) < len(pose_stamps_ns) else None
+
+    def _trajectory(self, folder: Path, place: str) -> Trajectory:
+        path = folder / place
+        stamps_ns, poses = read_tum(path) if self.poses_format == "tum" else read_kitti(path, folder / files.TIMES)
+        if self.poses_frame == "camera":
+            poses = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
+        return Trajectory(stamps_ns, poses, self.max_gap_s)
+
+    def _body_T_lidar(self) -> NDArray[np.float64]:
+        numbers = np.array(list(self.body_T_lidar), np.float64)
+        body_T_lidar: NDArray[np.float64] = pose(numbers[None, :3], np.deg2rad(numbers[None, 3:]))[0]
+        return body_T_lidar
+
+
+def read_scan(path: Path, columns: int, vehicle_T_lidar: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; what is not finite, or beyond 10⁶ m, is dropped.
+
+    Raises LogError for a missing or damaged file.
+    """
+    points = files.points(log.read_bytes(path, 1, "bytes"), path, columns)
+    points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
+    return points @ vehicle_T_lidar[:3, :3].T + vehicle_T_lidar[:3, 3]
+
+
+def read_tum(path: Path) -> tuple[Stamps, Poses]:
+    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row says so; raises LogError naming the row that cannot be."""
+    stamps, rows = files.tum(path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace"))
+    if not stamps:
+        raise LogError(f"{path}: holds no rows")
+    stamps_ns = np.array(stamps, np.int64)
+    back = np.flatnonzero(np.diff(stamps_ns) <= 0)
+    if len(back):
+        raise LogError(f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after the row before it")
+    known = np.isfinite(rows).all(axis=1)
+    norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
+    _refuse(path, known & ~(np.abs(norms - 1) < 1e-3), "has a quaternion qx qy qz qw whose length is not 1")
+    _refuse(path, known & (np.abs(rows[:, :3]).max(axis=1) > EARTH_M), "lies nowhere on Earth; positions are in metres")
+    poses = np.full((len(rows), 4, 4), np.nan)
+    poses[known] = np.eye(4)
+    if known.any():
+        poses[known, :3, :3] = Rotation.from_quat(rows[known, 3:]).as_matrix()
+    poses[known, :3, 3] = rows[known, :3]
+    return stamps_ns, poses
+
+
+def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
+    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, 12 numbers a row, NaN where a row says so, and its times.txt."""
+    rows, times_s = log.table(path, 12), log.table(times_path, 1)[:, 0]
+    if len(rows) != len(times_s):
+        raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
+    poses = kitti.matrix(rows)
+    known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
+    _refuse(path, known & (np.abs(poses[:, :3, 3]).max(axis=1) > EARTH_M), "lies nowhere on Earth; positions are in metres")
+    R = np.where(known[:, None, None], poses[:, :3, :3], np.eye(3)).clip(-2, 2)
+    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    _refuse(path, (off > 1e-3) | (np.linalg.det(R) < 0), "has no rotation in its 3×4 matrix")
+    poses[~known] = np.nan
+    return log.nanoseconds(times_path, times_s, "s", 10**9), poses
+
+
+def _refuse(path: Path, wrong: NDArray[np.bool_], why: str) -> None:
+    if wrong.any():
+        raise LogError(f"{path}: row {np.flatnonzero(wrong)[0] + 1} {why}")
+
+
+def _span(stamps_ns: Stamps) -> str:
+    return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
