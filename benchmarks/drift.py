@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline import schemas, store
-from pipeline.frames import Poses
 from pipeline.mapping.gathering import Gathering, Layout
 from pipeline.mapping.submaps import Accumulated
 from pipeline.views.scan_context import ScanContext
@@ -28,8 +27,9 @@ def measure(path: str) -> str:
     known = np.isfinite(truth).all(axis=(1, 2))
     unknown = np.concatenate([[0], np.cumsum(~known)])
     whole = np.flatnonzero(unknown[made.scans + 1] == unknown[made.first])
-    first, last, ground_m = (column[whole] for column in (made.first, made.scans, made.ground_m))
-    error = np.linalg.inv(_between(truth, first, last)) @ _between(scans.load("odom_T_scan"), first, last)
+    first, last, ground_m = made.first[whole], made.scans[whole], made.ground_m[whole]
+    newest_T_oldest, odom_T_scan = np.linalg.inv(truth[last]) @ truth[first], scans.load("odom_T_scan")
+    error = np.linalg.inv(newest_T_oldest) @ np.linalg.inv(odom_T_scan[last]) @ odom_T_scan[first]
     drift_m = np.linalg.norm(error[:, :3, 3], axis=1)
     drift_deg = np.degrees(np.abs(Rotation.from_matrix(error[:, :3, :3]).as_euler("ZYX")[:, 0]))
 
@@ -38,16 +38,11 @@ def measure(path: str) -> str:
         return list(map(ScanContext(), Gathering(scans, layout, first[rows], last[rows], ground_m[rows], made.used)))
 
     cosines = np.array([column_cosine(a, b) for a, b in zip(drawn("odom_T_scan"), drawn("world_T_scan"), strict=True)])
-    told = {"drift [m]": drift_m, "drift of heading [deg]": drift_deg, "column cosine": cosines}
-    return "\n".join(
-        [f"{path}: {len(whole)} windows with a true pose throughout, of {len(made.scans)}"]
-        + ["  {:<24} median {:.3f}, 10th to 90th percentile {:.3f}–{:.3f}".format(name, *np.percentile(values, (50, 10, 90))) for name, values in told.items()]
-    )  # fmt: skip
-
-
-def _between(world_T_scan: Poses, first: NDArray[np.int64], last: NDArray[np.int64]) -> Poses:
-    """The oldest scan's pose in the newest's frame."""
-    return np.asarray(np.linalg.inv(world_T_scan[last]) @ world_T_scan[first])
+    lines = [f"{path}: {len(whole)} windows with a true pose throughout, of {len(made.scans)}"]
+    for name, values in (("drift [m]", drift_m), ("drift of heading [deg]", drift_deg), ("column cosine", cosines)):
+        middle, low, high = np.percentile(values, (50, 10, 90))
+        lines.append(f"  {name:<24} median {middle:.3f}, 10th to 90th percentile {low:.3f}–{high:.3f}")
+    return "\n".join(lines)
 
 
 def column_cosine(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:

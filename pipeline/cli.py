@@ -40,13 +40,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
     use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")
-    fetch = commands.add_parser("fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them")
+    fetch = commands.add_parser(
+        "fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them"
+    )
     fetch.add_argument("dataset", help="nclt: a file in conf/fetch")
     fetch.add_argument("words", nargs="+", metavar="SEQUENCE|KEY=VALUE", help="dates; root=FOLDER (data/DATASET), base=ADDRESS")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
     look.add_argument("path", type=Path, metavar="FILE-OR-ARTIFACT")
     look.add_argument("--format", choices=("nclt", "kitti"), help="whose .bin file it is, where its folder does not tell")
-    look.add_argument("--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset")
+    look.add_argument(
+        "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
+    )
     commands.add_parser("results", help="print the results of the last report and where its figures are")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     given = parser.parse_args(arguments)

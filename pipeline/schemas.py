@@ -34,9 +34,7 @@ SCANS = Schema(
     "scans",
     1,
     {
-        "points": Column(
-            "i2", ("point", "xyz"), "in units of grain_m, vehicle frame (x forward, y left, z up)", 32_768
-        ),
+        "points": Column("i2", ("point", "xyz"), "in units of grain_m, vehicle frame (x forward, y left, z up)", 32_768),
         "offsets": Column("i8", ("scan+1",), "scan (or sweep of a 2-D LiDAR) i is points[offsets[i]:offsets[i + 1]]"),
         "stamps_ns": Column("i8", ("scan",), "nanoseconds since 1970"),
         "world_T_scan": Column("f8", ("scan", "row", "col"), "ground truth at the stamp; NaN where odometry alone is known"),

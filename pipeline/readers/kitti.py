@@ -89,7 +89,9 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
     rows = log.table(Path(poses_path), 12)
     sane = (np.abs(rows) < EARTH_M).all(axis=1)
     if not sane.all():
-        raise LogError(f"{poses_path}: row {int(np.flatnonzero(~sane)[0]) + 1} is not finite, or lies nowhere on Earth; the file is damaged")
+        raise LogError(
+            f"{poses_path}: row {int(np.flatnonzero(~sane)[0]) + 1} is not finite, or lies nowhere on Earth; the file is damaged"
+        )
     R = kitti.matrix(rows)[:, :3, :3].clip(-2, 2)
     wrong = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
     if wrong.any():
