@@ -1,6 +1,7 @@
 """Run every race and print it."""
 
-from benchmarks import scan_context
+from benchmarks import pointcloud2, reading, scan_context
 
-for result in scan_context.run():
-    print(result.table(), end="\n\n")
+for races in (scan_context, reading, pointcloud2):
+    for result in races.run():
+        print(result.table(), end="\n\n")

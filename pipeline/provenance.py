@@ -3,6 +3,7 @@
 import hashlib
 import inspect
 import sys
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,18 @@ def fingerprint(*parts: object) -> str:
 def recipe(path: Path, lock: Path = Path("dvc.lock")) -> dict[str, Any] | None:
     """What dvc.lock says of the stage that wrote `path`: its name, cmd, deps, params and outs; None if it knows no such file."""
     try:
-        stages = (yaml.safe_load(lock.read_text()) or {}).get("stages", {})
+        stages = _stages(lock, lock.stat().st_mtime_ns)
     except (FileNotFoundError, yaml.YAMLError):
         return None
     wanted = path.as_posix().rstrip("/")
     found = ((name, stage) for name, stage in stages.items() if wanted in [out["path"] for out in stage.get("outs", [])])
     return next(({"stage": name, **stage} for name, stage in found), None)
+
+
+@lru_cache(maxsize=4)
+def _stages(lock: Path, written_ns: int) -> dict[str, Any]:
+    """The stages of a dvc.lock as it was written at that time: a big one takes a third of a second to parse."""
+    return (yaml.safe_load(lock.read_text()) or {}).get("stages", {})  # type: ignore[no-any-return]
 
 
 def _sources(module: str, seen: set[str]) -> set[str]:

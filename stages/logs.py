@@ -11,7 +11,7 @@ from stages import Bars, stage
 
 @stage("logs")
 def main(cfg: DictConfig) -> str:
-    recorded = {} if cfg.dataset.simulated else {"reader": instantiate(cfg.dataset.reader), "root": cfg.root}
+    recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
     with store.replace(cfg.out) as folder:
         done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), instantiate(cfg.compute), Bars())
     return f"{cfg.sequence}: {done}"

@@ -3,10 +3,15 @@
 from pathlib import Path
 
 from pipeline.errors import ArtifactError, ConfigError, LogError
-from pipeline.inspection import artifacts, files, folders, origin, tracks
+from pipeline.formats.bag_file import SUFFIXES, find
+from pipeline.formats.robotcar import LASERS
+from pipeline.inspection import artifacts, bags, files, folders, origin, pcd, robotcar, robotcar_poses, tracks
 from pipeline.inspection.inspection import Inspection
 
-KNOWN = ".zarr, .safetensors, .bin, .csv (NCLT poses), .txt (KITTI poses, times, calib), .npy, or a folder of these"
+KNOWN = (
+    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib), .npy, .pcd, "
+    ".bag, .mcap, .db3, or a folder of these"
+)
 
 
 def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
@@ -31,8 +36,16 @@ def _folder(path: Path, as_format: str | None, lock: Path) -> Inspection:
         return artifacts.artifact(path, lock)
     if any((path / name).is_dir() for name in files.FORMATS):
         found = folders.sequence(path)
+    elif any((path / laser).is_dir() for laser in LASERS):
+        found = robotcar.sequence(path)
+    elif path.name in LASERS:
+        found = robotcar.sweeps(path)
+    elif as_format is None and find(path):
+        found = bags.bags(path)
     elif path.name in files.FORMATS or any(path.glob("*.bin")):
         found = folders.scan_folder(path, as_format)
+    elif bags.below(path):
+        found = bags.bags(path)
     else:
         found = folders.root(path)
     return _with_origin(found, path, lock)
@@ -41,12 +54,22 @@ def _folder(path: Path, as_format: str | None, lock: Path) -> Inspection:
 def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
     if path.suffix == ".safetensors":
         return artifacts.model(path, lock)
-    if path.suffix == ".bin":
+    if path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
+        found = robotcar.sweep(path)
+    elif path.suffix == ".bin":
         found = files.scan_file(path, as_format)
+    elif path.suffix in SUFFIXES:
+        found = bags.bags(path)
+    elif path.suffix == ".pcd":
+        found = pcd.cloud_file(path)
     elif path.suffix == ".npy":
         found = files.array_file(path)
     elif path.suffix == ".csv" and path.name.startswith(("groundtruth", "odometry")):
         found = tracks.nclt_poses(path)
+    elif path.name == "vo.csv":
+        found = robotcar_poses.vo(path)
+    elif path.name == "ins.csv":
+        found = robotcar_poses.ins(path)
     elif path.name == "times.txt":
         found = tracks.kitti_times(path)
     elif path.name == "calib.txt":

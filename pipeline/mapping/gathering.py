@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.store import Artifact
@@ -58,6 +59,12 @@ class Gathering:
                 yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    moved: NDArray[np.float64] = points @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+    """Points (n, 3) of frame b in frame a; for such slim matrices BLAS would wake its threads."""
+    moved = np.empty((len(points), 3), np.float64)
+    for i in range(len(points)):
+        for row in range(3):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            moved[i, row] = a_T_b[row, 0] * x + a_T_b[row, 1] * y + a_T_b[row, 2] * z + a_T_b[row, 3]
     return moved

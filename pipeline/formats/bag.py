@@ -1,0 +1,188 @@
+"""ROS bags written without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or a ROS 2 folder with sqlite3 or MCAP inside.
+
+Frames follow REP 103: x forward, y left, z up. A bag's bytes follow from what is written into it and from the versions of
+`rosbags` and SQLite, which it names.
+"""
+
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import LogError
+
+CLOUD, SWEEP = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/LaserScan"
+ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
+POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pad", "V2")])
+"""A point as written: 20 bytes."""
+
+
+@cache
+def typestore(ros: int) -> Typestore:
+    """The definitions of ROS 1's or 2's standard messages, which no distribution has changed.
+
+    A bag's own definitions are not used: one odd topic would close the whole bag, and a flipped bit there change every message.
+    """
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    if TRANSFORMS not in store.fielddefs:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS))
+    return store
+
+
+class BagWriter:
+    """Writes one bag, as a context manager; stamps are also the times of receipt."""
+
+    def __init__(self, path: Path, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
+        """`path` is a file NAME.bag for `ros1`, else a folder; raises LogError if it is there already."""
+        if path.exists():
+            raise LogError(f"{path}: exists already; a bag is written anew, remove it first")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._store = typestore(1 if kind == "ros1" else 2)
+        self._writer: rosbag1.Writer | rosbag2.Writer
+        if kind == "ros1":
+            self._writer = rosbag1.Writer(path)
+        else:
+            plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+            self._writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
+        self._topics: dict[str, Connection] = {}
+
+    def __enter__(self) -> Self:
+        self._writer.open()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._writer.__exit__(kind, error, trace)
+
+    def points(
+        self,
+        stamp_ns: int,
+        frame: str,
+        points_m: NDArray[np.float32],
+        intensity: NDArray[np.floating],
+        ring: NDArray[np.integer],
+        topic: str = "/points",
+    ) -> None:
+        """A cloud (n, 3) with an intensity and a ring for each point."""
+        data = np.zeros(len(points_m), POINT)
+        data["xyz"], data["intensity"], data["ring"] = points_m, intensity, ring
+        layout = [(axis, 4 * i, 7) for i, axis in enumerate("xyz")] + [("intensity", 12, 7), ("ring", 16, 4)]
+        step = POINT.itemsize
+        self.write(
+            topic,
+            CLOUD,
+            stamp_ns,
+            header=self._header(stamp_ns, frame),
+            height=1,
+            width=len(data),
+            fields=[self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1) for n, at, kind in layout],
+            is_bigendian=False,
+            point_step=step,
+            row_step=step * len(data),
+            data=data.view(np.uint8).reshape(-1),
+            is_dense=True,
+        )
+
+    def laser_scan(
+        self,
+        stamp_ns: int,
+        frame: str,
+        ranges_m: NDArray[np.floating],
+        angle_min_rad: float,
+        angle_step_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+        topic: str = "/scan",
+    ) -> None:
+        """A sweep of ranges (n,), counter-clockwise from `angle_min_rad`."""
+        self.write(
+            topic,
+            SWEEP,
+            stamp_ns,
+            header=self._header(stamp_ns, frame),
+            angle_min=angle_min_rad,
+            angle_max=angle_min_rad + angle_step_rad * (len(ranges_m) - 1),
+            angle_increment=angle_step_rad,
+            time_increment=0.0,
+            scan_time=0.0,
+            range_min=range_min_m,
+            range_max=range_max_m,
+            ranges=np.asarray(ranges_m, np.float32),
+            intensities=np.empty(0, np.float32),
+        )
+
+    def odometry(
+        self, stamp_ns: int, world_frame: str, body_frame: str, world_T_body: NDArray[np.float64], topic: str = "/odom"
+    ) -> None:
+        """A pose 4×4 of the body; velocities and covariances are zero."""
+        zero = {"linear": self._xyz(np.zeros(3)), "angular": self._xyz(np.zeros(3))}
+        pose = self._new(
+            "geometry_msgs/msg/Pose",
+            position=self._xyz(world_T_body[:3, 3], "Point"),
+            orientation=self._quaternion(world_T_body),
+        )
+        self.write(
+            topic,
+            ODOMETRY,
+            stamp_ns,
+            header=self._header(stamp_ns, world_frame),
+            child_frame_id=body_frame,
+            pose=self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+            twist=self._new(
+                "geometry_msgs/msg/TwistWithCovariance",
+                twist=self._new("geometry_msgs/msg/Twist", **zero),
+                covariance=np.zeros(36),
+            ),
+        )
+
+    def static_transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]) -> None:
+        """A transform 4×4 that holds for the whole bag, on `/tf_static`."""
+        self.transform(stamp_ns, parent, child, parent_T_child, "/tf_static")
+
+    def transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64], topic: str = "/tf") -> None:
+        """A transform 4×4 at a moment."""
+        transform = self._new(
+            "geometry_msgs/msg/Transform",
+            translation=self._xyz(parent_T_child[:3, 3]),
+            rotation=self._quaternion(parent_T_child),
+        )
+        stamped = self._new(
+            "geometry_msgs/msg/TransformStamped",
+            header=self._header(stamp_ns, parent),
+            child_frame_id=child,
+            transform=transform,
+        )
+        self.write(topic, TRANSFORMS, stamp_ns, transforms=[stamped])
+
+    def write(self, topic: str, message_type: str, stamp_ns: int, **fields: Any) -> None:
+        """Any standard message."""
+        message, writer = self._new(message_type, **fields), self._writer
+        if topic not in self._topics:
+            self._topics[topic] = writer.add_connection(topic, message_type, typestore=self._store)
+        pack = self._store.serialize_ros1 if isinstance(writer, rosbag1.Writer) else self._store.serialize_cdr
+        writer.write(self._topics[topic], stamp_ns, pack(message, message_type))
+
+    def _new(self, message_type: str, **fields: Any) -> Any:
+        return self._store.types[message_type](**fields)
+
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._new("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+        seq = {"seq": 0} if isinstance(self._writer, rosbag1.Writer) else {}
+        return self._new("std_msgs/msg/Header", **seq, stamp=stamp, frame_id=frame)
+
+    def _xyz(self, xyz_m: NDArray[np.float64], kind: str = "Vector3") -> Any:
+        x, y, z = map(float, xyz_m)
+        return self._new(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+
+    def _quaternion(self, pose: NDArray[np.float64]) -> Any:
+        x, y, z, w = map(float, Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
+        return self._new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

@@ -1,0 +1,177 @@
+"""A ROS bag open for reading, without ROS: its topics, its messages in order, and any one of them again.
+
+`rosbags` reads all kinds: a ROS 1 .bag (plain, bz2, lz4), a ROS 2 folder (sqlite3 or MCAP; zstd by file or by message), a bare
+.mcap or .db3. Whatever it raises at a damaged file becomes one LogError that names the file.
+"""
+
+import re
+import weakref
+from collections import Counter
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection
+
+from pipeline.errors import LogError, YearlocError
+from pipeline.formats.bag import TRANSFORMS, typestore
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+ALIASES = {"tf/msg/tfMessage": TRANSFORMS}
+"""Types of one layout and two names."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a bag says of a topic."""
+
+    kind: str
+    """The message type, such as sensor_msgs/msg/PointCloud2."""
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.kind.replace('/msg/', '/')}, {self.count:,}"
+
+
+@dataclass(frozen=True)
+class Key:
+    """Where a message is: the n-th of its topic received at that moment."""
+
+    topic: str
+    received_ns: int
+    nth: int
+
+
+def plain(text: str, length: int) -> str:
+    """Text from a bag, fit for one line of an error."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)[:length].strip()
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is one bag: a file, or a ROS 2 folder with its metadata.yaml."""
+    return (path / "metadata.yaml").is_file() or (path.is_file() and path.suffix in SUFFIXES)
+
+
+def find(path: Path) -> list[Path]:
+    """The bags at `path`: itself, or those right below it, by name."""
+    if is_bag(path):
+        return [path]
+    return sorted(child for child in path.iterdir() if is_bag(child)) if path.is_dir() else []
+
+
+class BagFile:
+    """An open bag, closed when nothing refers to it any more; safe to share between threads, and re-opened when unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises LogError for a file that is missing, damaged, or no bag.
+
+        `topics` are by name; `span_ns` is from the first receipt to after the last, turned round in an empty bag.
+        """
+        self.path = path
+        self._lock = Lock()
+        self._writers: dict[str, list[Connection]] = {}
+        self._store = typestore(1 if path.suffix == ".bag" and path.is_file() else 2)
+        self._reader: rosbag1.Reader | rosbag2.Reader
+        with self._refusing():
+            self._reader = rosbag1.Reader(path) if path.suffix == ".bag" and path.is_file() else rosbag2.Reader(path)
+            self._reader.open()
+            weakref.finalize(self, self._reader.close)
+            self.topics = self._topics()
+            self.span_ns = int(self._reader.start_time), int(self._reader.end_time)
+
+    def __reduce__(self) -> tuple[type["BagFile"], tuple[Path]]:
+        return BagFile, (self.path,)
+
+    def messages(self, topic: str) -> Generator[tuple[Key, bytes], None, None]:
+        """Every message of a topic, as bytes, in order of receipt; raises LogError where the file is damaged."""
+        seen: Counter[int] = Counter()
+        with self._lock, self._refusing():
+            for _, received_ns, data in self._reader.messages(self._connections(topic)):
+                yield Key(topic, received_ns, seen[received_ns]), bytes(data)
+                seen[received_ns] += 1
+
+    def first(self, topic: str) -> bytes | None:
+        """The first message of a topic; None where there is none."""
+        with closing(self.messages(topic)) as found:
+            return next((data for _, data in found), None)
+
+    def read(self, key: Key) -> bytes:
+        """One message again."""
+        with self._lock, self._refusing():
+            at = self._reader.messages(self._connections(key.topic), key.received_ns, key.received_ns + 1)
+            found = next(islice(at, key.nth, None), None)
+        if found is None:
+            raise LogError(f"{self.path}: a message of {key.topic} is gone; was the file changed since it was opened?")
+        return bytes(found[2])
+
+    def decode(self, data: bytes, kind: str) -> Any:
+        """A message of a standard type from its bytes."""
+        unpack = self._store.deserialize_ros1 if self.ros == 1 else self._store.deserialize_cdr
+        try:
+            return unpack(data, kind)
+        except Exception as error:  # as below
+            raise LogError(f"{self.path}: a broken {kind.replace('/msg/', '/')}: {_reason(error)}") from None
+
+    @property
+    def ros(self) -> int:
+        """1 or 2."""
+        return 1 if isinstance(self._reader, rosbag1.Reader) else 2
+
+    def _topics(self) -> dict[str, Topic]:
+        topics: dict[str, Topic] = {}
+        for connection in self._reader.connections:
+            kind = ALIASES.get(connection.msgtype, connection.msgtype)
+            count = topics[connection.topic].count if connection.topic in topics else 0
+            topics[connection.topic] = Topic(kind, int(connection.msgcount) + count)
+        return dict(sorted(topics.items()))
+
+    def _connections(self, topic: str) -> list[Connection]:
+        """Who wrote a topic; raises LogError for messages that are not of one standard type."""
+        if topic in self._writers:
+            return self._writers[topic]
+        found = [connection for connection in self._reader.connections if connection.topic == topic]
+        for connection in found:
+            kind = ALIASES.get(connection.msgtype, connection.msgtype)
+            if kind != self.topics[topic].kind:
+                kinds = plain(f"{kind}, {self.topics[topic].kind}", 120)
+                raise LogError(f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}")
+            known = self.ros == 1 and kind in self._store.fielddefs
+            if known and connection.digest not in ("*", self._store.generate_msgdef(kind)[1]):
+                md5 = plain(connection.digest, 32)
+                raise LogError(f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has the MD5 {md5}")
+        self._writers[topic] = found
+        return found
+
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        try:
+            yield
+        except YearlocError:
+            raise
+        except Exception as error:  # rosbags, sqlite, zstd, yaml and struct raise whatever they like at a damaged file
+            raise LogError(f"{self.path}: {_why(self.path, error)}") from None
+
+
+def _why(path: Path, error: Exception) -> str:
+    """What is wrong with a bag, and what to do."""
+    if not path.exists():
+        return "no such bag"
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(32)
+        if not head:
+            return "an empty file; record or fetch it anew"
+        version = re.match(rb"#ROS[A-Z]+ V(\d+\.\d+)", head)
+        if version and version[1] != b"2.0":
+            return f"a ROS 1 bag of version {version[1].decode()}; only 2.0 can be read: convert it with `rosbag fix`"
+    reason = _reason(error)
+    return f"cannot be read as a bag: {reason}; if it is cut short or unindexed, `rosbag|ros2 bag reindex` or `mcap recover` it"
+
+
+def _reason(error: Exception) -> str:
+    return plain(str(error), 160).rstrip(".") or f"sizes and contents do not fit ({type(error).__name__})"

@@ -1,0 +1,83 @@
+"""ROS messages as arrays: stamps and frames, poses and transforms, laser scans (METHODS 7.4). Frames follow REP 103."""
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import ODOMETRY, POSE_COVARIANCE
+from pipeline.formats.bag_file import plain
+from pipeline.frames import Poses
+
+FARTHEST_M = 1e8
+"""A position further from its origin than this is damage: the earth's centre is 6.4e6 m away."""
+
+
+def header(data: bytes, ros: int) -> tuple[int, str]:
+    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises LogError for what is none.
+
+    ROS 1 begins with a counter, CDR with four bytes of which the second tells the byte order: the rest is alike.
+    """
+    order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
+    try:
+        seconds, nanoseconds, length = struct.unpack_from(order + ("III" if ros == 1 else "iII"), data, 4)
+        frame = struct.unpack_from(f"{min(length, len(data) + 1)}s", data, 16)[0].rstrip(b"\0").decode()
+    except (struct.error, UnicodeDecodeError):
+        raise LogError("a message without a whole header") from None
+    if seconds < 0 or nanoseconds >= 10**9:
+        raise LogError(f"a message stamped {seconds} s and {nanoseconds} ns, which is no time")
+    return seconds * 10**9 + nanoseconds, frame_name(frame)
+
+
+def frame_name(name: str) -> str:
+    """A frame_id as tf2 knows it, without the slash that ROS 1 used to put before it; of a damaged one what can be printed."""
+    return plain(name, 120).lstrip("/")
+
+
+def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
+    """Position in metres and quaternion (x, y, z, w) of an Odometry, PoseStamped or PoseWithCovarianceStamped."""
+    pose = message.pose.pose if kind in (ODOMETRY, POSE_COVARIANCE) else message.pose
+    return _numbers(pose.position, pose.orientation)
+
+
+def transform_numbers(stamped: Any) -> tuple[float, ...]:
+    """The same of a TransformStamped."""
+    return _numbers(stamped.transform.translation, stamped.transform.rotation)
+
+
+def _numbers(position: Any, turn: Any) -> tuple[float, ...]:
+    return position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w
+
+
+def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
+    """Poses (n, 4, 4) from positions and quaternions; NaN where they are no place on earth or no rotation."""
+    rows = np.array(numbers, np.float64).reshape(-1, 7)
+    with np.errstate(all="ignore"):
+        good = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01)
+    found = np.full((len(rows), 4, 4), np.nan)
+    found[good] = np.eye(4)
+    found[good, :3, 3] = rows[good, :3]
+    if good.any():
+        found[good, :3, :3] = Rotation.from_quat(rows[good, 3:]).as_matrix()
+    return found
+
+
+def sweep_points(message: Any) -> NDArray[np.float64]:
+    """Points (n, 3) of a LaserScan in its frame, at z = 0; ranges not finite, or not from range_min to range_max, are dropped.
+
+    Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
+    """
+    start, step, near, far = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    if not np.isfinite([start, step, near, far]).all() or max(abs(start), abs(step)) > 1e3:
+        raise LogError(f"a LaserScan from {start} rad in steps of {step} rad, {near} to {far} m: no such scanner")
+    with np.errstate(invalid="ignore"):
+        ranges_m = message.ranges.astype(np.float64)
+        kept = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
+    angles = start + step * kept
+    flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(kept))], axis=1)
+    points: NDArray[np.float64] = flat * ranges_m[kept, None]
+    return points

@@ -1,0 +1,158 @@
+"""A dataset's yaml proposed from what bags hold: the reader's topics and frames, each with the reason beside it."""
+
+import json
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import CLOUD, SWEEP
+from pipeline.formats.bag_file import plain
+from pipeline.inspection.bag_contents import Contents, Held
+from pipeline.inspection.symptoms import ground
+from pipeline.readers.bag_poses import KINDS
+
+WORLDS = ("map", "world", "earth", "utm", "enu", "global")
+BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
+TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+DRIFTS = re.compile("odom|vo|vio|wheel")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where poses may come from."""
+
+    name: str
+    frame: str
+    child: str
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A file for conf/dataset, and what a person should know before using it."""
+
+    text: str
+    warnings: tuple[str, ...]
+
+
+def propose(contents: Contents) -> Proposal:
+    """Choose points, truth, odometry and the extrinsics; raises LogError for bags without points."""
+    points = next(iter(contents.of(CLOUD) or contents.of(SWEEP)), None)
+    if points is None:
+        held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
+        raise LogError(f"{contents.files[0].path}: neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}")
+    truth, odometry = _poses(contents)
+    flat = points.kind == SWEEP
+    warnings: list[str] = []
+    if truth is None:
+        others = ", ".join(f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics)
+        warnings.append(
+            "no poses: the reader needs an Odometry, PoseStamped, PoseWithCovarianceStamped, or moving transforms in tf; "
+            f"run a SLAM or GNSS solution and record its poses beside these. Topics here: {plain(others, 600)}"
+        )
+    elif DRIFTS.search(truth.frame):
+        warnings.append(
+            f"the only poses are in the frame {truth.frame}, which starts anew with each drive: sequences share no places; "
+            "a study over several drives needs poses in one frame, such as map"
+        )
+    if flat and odometry is None:
+        odometry = truth
+    body_T_lidar, extrinsic = _extrinsic(contents, points, truth, warnings)
+    lift_m, lift = _lift(contents, points, body_T_lidar)
+    gap_s = max(0.5, round(3 / truth.rate_hz, 1)) if truth and truth.rate_hz > 0 else 0.5
+    shape = "LaserScan: a row is one sweep" if flat else "PointCloud2"
+    text = f"""\
+# Proposed by `yearloc inspect` from {contents.files[0].path.name}; conf/dataset/bag.yaml explains the keys.
+simulated: false
+reader:
+  _target_: pipeline.readers.bag.Bag
+  points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {points.frame or "?"}
+  truth: {_told(truth)}
+  odometry: {_told(odometry)}
+  body_T_lidar: null # {extrinsic}
+  lift_m: {lift_m} # {lift}
+  max_gap_s: {gap_s}
+box: null
+study: # name the sequences yourself: bags, or folders of bags, below the data set's root
+  expected: one bag or one folder of bags a sequence
+  train: null
+  tests: []
+  submap: {"accumulated" if flat else "single"}
+  grids: [10m]
+  methods: [sci]
+"""
+    return Proposal(text, tuple(warnings))
+
+
+def _poses(contents: Contents) -> tuple[Source | None, Source | None]:
+    """The best truth, and the best odometry among the rest."""
+    topics = [Source(topic.name, topic.frame, topic.child, topic.rate_hz) for topic in contents.of(*KINDS)]
+    frames = sorted({frame for edge in contents.tree.edges for frame in edge})
+    bodies = [body for body in BODIES if body in frames]
+    trees = [
+        Source(f"tf:{world}>{body}", world, body, np.nan)
+        for world in (*WORLDS, "odom")
+        for body in bodies[:1]
+        if world in frames and contents.tree.moves(world, body)
+    ]
+    sources = topics + trees
+    truth = max(sources, key=_trust, default=None)
+    drifting = [source for source in sources if source is not truth and DRIFTS.search(source.frame + " " + source.name)]
+    return truth, min(drifting, key=_trust, default=None)
+
+
+def _trust(source: Source) -> int:
+    """How likely poses are true rather than drifting; a topic is preferred to transforms, which say less."""
+    known, drifts = source.frame in WORLDS, bool(DRIFTS.search(source.frame + " " + source.name))
+    return 8 * known + 4 * bool(TRUE.search(source.name)) - 4 * drifts + (not source.name.startswith("tf:"))
+
+
+def _extrinsic(
+    contents: Contents, points: Held, truth: Source | None, warnings: list[str]
+) -> tuple[NDArray[np.float64] | None, str]:
+    ask = "give x, y, z in m and roll, pitch, yaw in deg"
+    if truth is None or not truth.child:
+        if truth:
+            warnings.append(f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as body_T_lidar")
+        return None, f"the posed frame is unknown: {ask}"
+    found = np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
+    if found is None:
+        warnings.append(f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar")
+        return None, f"no fixed transforms lead from {truth.child} to {points.frame}: {ask}"
+    x, y, z = found[:3, 3]
+    return found, f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in {truth.child}"
+
+
+def _lift(contents: Contents, points: Held, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
+    """What puts the ground at 0, by the first cloud."""
+    unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
+    if body_T_lidar is None or points.kind == SWEEP:
+        return unknown
+    try:
+        cloud = contents.first_points(points) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+    except LogError:
+        return unknown
+    if len(cloud) < 1_000:
+        return unknown
+    ground_m = ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1]))
+    told = f"the ground of the first cloud lies at z = {ground_m:.2f} m in the posed frame: check it"
+    return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), told.replace("-", "−")
+
+
+def _told(source: Source | None) -> str:
+    if source is None:
+        return "null # this bag holds none"
+    parts = [f"in the frame {source.frame or '?'}", *([f"of {source.child}"] if source.child else [])]
+    return f"{_word(source.name)} # {', '.join([*parts, *([_rate(source.rate_hz)] if source.rate_hz > 0 else [])])}"
+
+
+def _word(name: str) -> str:
+    """A topic as a word of yaml."""
+    return name if re.fullmatch(r"(/|tf:)[\w/>.-]*\w", name, re.ASCII) else json.dumps(name)
+
+
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:.3g} a second" if rate_hz > 0 else "at an unknown rate"

@@ -1,0 +1,75 @@
+"""The clouds or sweeps of bags: where each message is, in order of its stamp; read one at a time."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import CLOUD
+from pipeline.formats.bag_file import BagFile, Key
+from pipeline.formats.messages import header, sweep_points
+from pipeline.formats.pointcloud2 import decode
+from pipeline.frames import Stamps
+from pipeline.readers.bag_track import moments
+
+
+@dataclass(frozen=True)
+class Clouds:
+    """Every message of a topic of PointCloud2 or LaserScan."""
+
+    topic: str
+    kind: str
+    stamps_ns: Stamps
+    """(cloud,) strictly increasing."""
+    frames: set[str]
+    """All that the messages come in."""
+    keys: list[tuple[BagFile, Key, int]]
+    """(cloud,) bag, place in it, and the stamp in the header."""
+    notes: tuple[str, ...]
+
+    @staticmethod
+    def read(files: Sequence[BagFile], topic: str, skipped: Counter[str]) -> "Clouds":
+        """Go through the bags once, one message in memory; counts those that are broken or repeat a stamp."""
+        keys: list[tuple[BagFile, Key, int]] = []
+        frames: set[str] = set()
+        kinds: set[str] = set()
+        notes: tuple[str, ...] = ()
+        for file in (file for file in files if topic in file.topics):
+            kinds.add(file.topics[topic].kind)
+            count = 0
+            for key, data in file.messages(topic):
+                count += 1
+                try:
+                    stamp_ns, frame = header(data, file.ros)
+                except LogError:
+                    skipped["broken message"] += 1
+                    continue
+                keys.append((file, key, stamp_ns))
+                frames.add(frame)
+            if count != file.topics[topic].count:
+                notes += (f"{file.path}: {count:,} messages of {topic}, where its index tells of {file.topics[topic].count:,}",)
+        if len(kinds) > 1:
+            raise LogError(f"{files[0].path}: {topic} is of several types in these bags: {', '.join(sorted(kinds))}")
+        if not keys:
+            raise LogError(f"{files[0].path}: {topic} holds no message that can be read")
+        times, said = moments(topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys])
+        order = np.argsort(times, kind="stable")
+        fresh = np.diff(times[order], prepend=np.int64(-1)) > 0
+        skipped["stamp of an earlier one"] += int((~fresh).sum())
+        order = order[fresh]
+        return Clouds(topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + said)
+
+    def points(self, row: int) -> NDArray[np.floating]:
+        """Points (n, 3) in metres of one message, in the LiDAR's frame; raises LogError for a broken one."""
+        file, key, stamp_ns = self.keys[row]
+        data = file.read(key)
+        try:
+            if header(data, file.ros)[0] != stamp_ns:
+                raise LogError("its stamp is not what it was when the bag was opened")
+            message = file.decode(data, self.kind)
+            return decode(message).points if self.kind == CLOUD else sweep_points(message)
+        except LogError as error:
+            raise LogError(f"{file.path}: {self.topic} at {self.stamps_ns[row]} ns: {error}") from None

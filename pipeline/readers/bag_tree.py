@@ -1,0 +1,115 @@
+"""The tree of frames that tf messages span, and ways through it."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import TRANSFORMS
+from pipeline.formats.bag_file import BagFile, Key
+from pipeline.formats.messages import frame_name, poses, transform_numbers
+from pipeline.frames import Poses, Stamps, Trajectory
+from pipeline.readers.bag_track import Track, trajectory
+
+STILL = 1e-6
+"""A transform that never changes by more than this (metres, and of a rotation matrix) is fixed."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The transforms of tf messages: for each pair of frames (parent, child), stamps and poses."""
+
+    where: str
+    edges: dict[tuple[str, str], tuple[Stamps, Poses]]
+
+    @staticmethod
+    def read(files: Sequence[BagFile], moving: bool) -> "Tree":
+        """Transforms of the topics that end in tf_static, and with `moving` of all others too."""
+        sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
+        for file, key, data in _transforms(files, moving):
+            try:
+                message = file.decode(data, TRANSFORMS)
+            except LogError:
+                continue
+            for stamped in message.transforms:
+                stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+                sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
+        edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
+        for edge, rows in sent.items():
+            rows.sort(key=itemgetter(0))
+            found = poses([numbers for _, _, numbers in rows])
+            known = np.isfinite(found[:, 0, 0])
+            if known.any():
+                edges[edge] = np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known], found[known]
+        return Tree(str(files[0].path), edges)
+
+    def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
+        """a_T_b (4, 4) by transforms that never change; None where there is no such way."""
+        way = self._way({edge for edge, (_, found) in self.edges.items() if _still(found)}, a, b)
+        if way is None:
+            return None
+        a_T_b = np.eye(4)
+        for edge, forward in way:
+            step = self.edges[edge][1][-1]
+            a_T_b = a_T_b @ (step if forward else np.linalg.inv(step))
+        return a_T_b
+
+    def moves(self, a: str, b: str) -> bool:
+        """Whether b can be followed in a."""
+        way = self._way(set(self.edges), a, b)
+        return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
+
+    def track(self, parent: str, child: str, max_gap_s: float) -> Track:
+        """parent_T_child at the stamps of the way's most frequent transform, the others interpolated."""
+        name = f"tf:{parent}>{child}"
+        way = self._way(set(self.edges), parent, child)
+        if way is None:
+            held = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
+            raise LogError(f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: {held:.400}")
+        moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
+        if not moving:
+            raise LogError(f"{self.where}: {name} never changes, so it is no path; name the frame that the vehicle moves in")
+        notes: tuple[str, ...] = ()
+        trajectories = {}
+        for edge in moving:
+            trajectories[edge], said = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
+            notes += said
+        stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
+        parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
+        for edge, forward in way:
+            steps = trajectories[edge].at(stamps_ns)[0] if edge in trajectories else self.edges[edge][1][-1:]
+            parent_T_child = parent_T_child @ (steps if forward else np.linalg.inv(steps))
+        return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), child, notes)
+
+    @staticmethod
+    def _way(edges: set[tuple[str, str]], a: str, b: str) -> list[tuple[tuple[str, str], bool]] | None:
+        """The shortest way from a to b: its edges, and whether each is walked from parent to child."""
+        ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
+        queue = deque([a])
+        while queue and b not in ways:
+            at = queue.popleft()
+            for edge in sorted(edges):
+                if at in edge:
+                    forward = edge[0] == at
+                    frame = edge[forward]
+                    if frame not in ways:
+                        ways[frame] = [*ways[at], (edge, forward)]
+                        queue.append(frame)
+        return ways.get(b)
+
+
+def _transforms(files: Sequence[BagFile], moving: bool) -> Iterable[tuple[BagFile, Key, bytes]]:
+    for file in files:
+        for topic, told in file.topics.items():
+            if told.kind == TRANSFORMS and (moving or topic.endswith("tf_static")):
+                for key, data in file.messages(topic):
+                    yield file, key, data
+
+
+def _still(found: Poses) -> bool:
+    return bool((np.abs(found - found[-1]) <= STILL).all())

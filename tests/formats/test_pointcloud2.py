@@ -1,0 +1,176 @@
+"""PointCloud2 messages laid out by hand, by hypothesis, and one that a real sensor sent."""
+
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import CLOUD, typestore
+from pipeline.formats.pointcloud2 import DATATYPES, decode
+
+NAN, INF = float("nan"), float("inf")
+
+
+@dataclass(frozen=True)
+class Message:
+    """x, y, z as float32 at 0, 4, 8 of 12 bytes, unless said otherwise."""
+
+    data: NDArray[np.uint8]
+    width: int
+    fields: tuple[SimpleNamespace, ...]
+    height: int = 1
+    is_bigendian: bool = False
+    point_step: int = 12
+    row_step: int = 12
+
+
+def field(name: str, offset: int, datatype: int = 7, count: int = 1) -> SimpleNamespace:
+    return SimpleNamespace(name=name, offset=offset, datatype=datatype, count=count)
+
+
+XYZ = (field("x", 0), field("y", 4), field("z", 8))
+
+
+def message(data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, **sizes: int | bool) -> Message:
+    made = Message(np.frombuffer(data, np.uint8), width, fields)
+    return replace(made, **({"row_step": width * int(sizes.get("point_step", 12))} | sizes))
+
+
+def test_three_floats_are_a_point() -> None:
+    found = decode(message(struct.pack("<6f", 1, 2, 3, -4, 5.5, 6), 2))
+    np.testing.assert_array_equal(found.points, [[1, 2, 3], [-4, 5.5, 6]])
+    assert found.points.dtype == np.float32
+    assert found.dropped == 0
+
+
+def test_points_that_are_not_finite_are_dropped_and_counted() -> None:
+    found = decode(message(struct.pack("<15f", 1, 2, 3, NAN, 0, 0, 0, INF, 0, 0, 0, -INF, 4, 5, 6), 5))
+    np.testing.assert_array_equal(found.points, [[1, 2, 3], [4, 5, 6]])
+    assert found.dropped == 3
+
+
+def test_fields_in_another_order_at_odd_offsets() -> None:
+    # z float32 at 1, x float64 at 5, y int16 at 13; 15 bytes a point.
+    fields = (field("z", 1), field("x", 5, 8), field("y", 13, 3))
+    found = decode(message(struct.pack("<Bfdh", 9, 3, 1, -2), 1, fields, point_step=15))
+    np.testing.assert_array_equal(found.points, [[1, -2, 3]])
+    assert found.points.dtype == np.float64
+
+
+def test_big_endian_points() -> None:
+    found = decode(message(struct.pack(">6f", 1, 2, 3, 4, 5, 6), 2, is_bigendian=True))
+    np.testing.assert_array_equal(found.points, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_the_padding_of_rows_is_skipped() -> None:
+    # Two rows of one point, 12 bytes and 3 of padding each.
+    data = struct.pack("<3f3x3f3x", 1, 2, 3, 4, 5, 6)
+    np.testing.assert_array_equal(decode(message(data, 1, height=2, row_step=15)).points, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_a_float64_beyond_float32_is_no_point() -> None:
+    fields = (field("x", 0, 8), field("y", 8, 8), field("z", 16, 8))
+    found = decode(message(struct.pack("<6d", 1e300, 0, 0, 1, 2, 3), 2, fields, point_step=24))
+    np.testing.assert_array_equal(found.points, [[1, 2, 3]])
+    assert found.dropped == 1
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (message(bytes(12), 2), "needs 24 bytes, has 12"),
+        (message(bytes(24), 1, height=2, row_step=13), "needs 26 bytes, has 24"),
+        (message(bytes(24), 2, height=2, row_step=12), "rows of 12 bytes for 2 points of 12"),
+        (message(bytes(12), 1, point_step=11), "field 'z' ends at byte 12 of points of 11 bytes"),
+        (message(bytes(12), 1, (*XYZ, field("ring", 11, 4, 3))), "field 'ring' ends at byte 17"),
+        (message(bytes(12), 1, XYZ[:2]), "without a field z: its fields are 'x', 'y'"),
+        (message(bytes(12), 1, ()), "without a field x: its fields are none"),
+        (message(bytes(12), 1, (*XYZ[:2], field("z", 8, 12))), "field z has the datatype 12"),
+        (message(bytes(12), 0), "1 × 0 points"),
+        (message(bytes(12), 1, height=0), "0 × 1 points"),
+        (message(bytes(12), 2**32 - 1, height=2**32 - 1, row_step=2**32 - 1), "rows of 4294967295"),
+        (message(bytes(12), 2**32 - 1), "needs 51539607540 bytes, has 12"),
+    ],
+)
+def test_sizes_that_do_not_fit_are_one_line(made: Message, says: str) -> None:
+    with pytest.raises(LogError, match=says) as error:
+        decode(made)
+    assert "\n" not in str(error.value)
+
+
+@st.composite
+def layouts(draw: st.DrawFn) -> tuple[Message, NDArray[np.float64]]:
+    """Any order of x, y, z and others, with gaps, of any type, count and byte order, in padded rows; and the points in it."""
+    big = draw(st.booleans())
+    offset, fields, formats = 0, [], {}
+    for name in draw(st.permutations(["x", "y", "z", "intensity", "ring"])):
+        datatype, count = draw(st.sampled_from(sorted(DATATYPES))), draw(st.integers(1, 3))
+        offset += draw(st.integers(0, 5))
+        fields.append(field(name, offset, datatype, count))
+        formats[name] = (np.dtype((">" if big else "<") + DATATYPES[datatype]), offset)
+        offset += np.dtype(DATATYPES[datatype]).itemsize * count
+    step = offset + draw(st.integers(0, 5))
+    height, width = draw(st.integers(1, 3)), draw(st.integers(1, 4))
+    row = width * step + draw(st.integers(0, 7))
+    data = np.frombuffer(draw(st.binary(min_size=height * row, max_size=height * row + 3)), np.uint8).copy()
+    points = np.zeros((height * width, 3))
+    for i in range(len(points)):
+        for axis, name in enumerate("xyz"):
+            kind, at = formats[name]
+            value = draw(st.integers(0, 100))
+            start = i // width * row + i % width * step + at
+            data[start : start + kind.itemsize] = np.frombuffer(np.array(value, kind).tobytes(), np.uint8)
+            points[i, axis] = value
+    return Message(data, width, tuple(fields), height, big, step, row), points
+
+
+@given(layouts())
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_any_layout_is_read(laid: tuple[Message, NDArray[np.float64]]) -> None:
+    made, points = laid
+    np.testing.assert_array_equal(decode(made).points, points)
+
+
+@given(data=st.data())
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_a_damaged_message_is_points_or_a_line(data: st.DataObject) -> None:
+    sizes = st.one_of(st.integers(0, 40), st.sampled_from([2**31 - 1, 2**31, 2**32 - 1]))
+    kinds = st.builds(
+        field,
+        st.sampled_from(["x", "y", "z", "x\n", ""]),
+        sizes,
+        st.integers(0, 12),
+        st.one_of(st.integers(0, 3), st.just(2**32 - 1)),
+    )
+    made = message(data.draw(st.binary(max_size=200)), data.draw(sizes), XYZ)
+    made = replace(made, fields=data.draw(st.one_of(st.just(XYZ), st.lists(kinds, max_size=5))))
+    made = replace(made, height=data.draw(st.one_of(st.just(1), sizes)), is_bigendian=data.draw(st.booleans()))
+    made = replace(
+        made, point_step=data.draw(st.one_of(st.just(12), sizes)), row_step=data.draw(st.one_of(st.just(made.row_step), sizes))
+    )
+    try:
+        found = decode(made)
+    except LogError as error:
+        said = str(error)
+    else:
+        assert np.isfinite(found.points).all()
+        assert found.points.shape == (made.height * made.width - found.dropped, 3)
+        return
+    assert "\n" not in said
+
+
+def test_a_real_message_of_26_bytes_a_point(real: Path) -> None:
+    data = (real / "bags/pointcloud2_cdr_message.bin").read_bytes()
+    found = decode(typestore(2).deserialize_cdr(data, CLOUD))
+    assert found.points.shape == (64_000, 3)
+    assert int((found.points[:, 0] == 0).sum()) == 4_578
+    assert found.dropped == 0
+    start = data.find(found.points[:1].tobytes())
+    np.testing.assert_array_equal(struct.unpack_from("<3f", data, start + 26 * 63_999), found.points[63_999])

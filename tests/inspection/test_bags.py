@@ -1,0 +1,150 @@
+"""What inspect says of bags, and that the yaml it proposes opens them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.errors import LogError, YearlocError
+from pipeline.formats.bag import BagWriter
+from pipeline.inspection.bags import bags, proposal
+from pipeline.inspection.inspection import Inspection
+from pipeline.inspection.report import inspect as look
+from pipeline.readers.bag import Bag
+from tests.inspection.scanner import scan
+from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive
+from tests.readers.test_bag_fuzz import damaged, files
+
+CONF = Path(__file__).parents[2] / "conf" / "dataset" / "bag.yaml"
+
+
+def inspect(path: Path) -> Inspection:
+    """Without the project's own dvc.lock, which takes a second to read."""
+    return look(path, lock=path.parent / "dvc.lock")
+
+
+def proposed(*paths: Path) -> dict:
+    found = yaml.safe_load(proposal(list(paths)))
+    told = yaml.safe_load(CONF.read_text())
+    assert found.keys() == told.keys()
+    assert found["reader"].keys() == told["reader"].keys()
+    assert found["study"] == told["study"] | {"submap": found["study"]["submap"]}
+    return {key: value for key, value in found["reader"].items() if key != "_target_"} | {"submap": found["study"]["submap"]}
+
+
+def test_the_yaml_of_the_project_is_the_readers_defaults() -> None:
+    told = yaml.safe_load(CONF.read_text())["reader"]
+    assert told.pop("_target_") == "pipeline.readers.bag.Bag"
+    assert Bag(**told) == Bag()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str) -> None:
+    path = drive(bag_path(tmp_path, kind), kind, clouds=40)
+    found = inspect(path)
+    assert found.warnings == ()
+    for words in (
+        "/points     40        10 a second",
+        "sensor_msgs/PointCloud2, in lidar",
+        "nav_msgs/Odometry, in map, of base_link",
+        "base_link > lidar  1  fixed, at x 0.500, y 0.000, z 1.500 m",
+        "span  4 s",
+    ):
+        assert words in found.text()
+    keys = proposed(path)
+    assert (keys["truth"], keys["odometry"], keys.pop("submap")) == ("/truth", "/odom", "single")
+    assert len(Bag(**keys).open(tmp_path, "drive").stamps_ns) == 40
+    assert inspect(tmp_path).sections == found.sections
+
+
+def test_the_ground_of_the_first_cloud_is_lifted_to_zero(tmp_path: Path) -> None:
+    # The scanner stands 1.8 m over the ground; base_link is its frame.
+    with BagWriter(tmp_path / "drive", "mcap") as bag:
+        points = (scan() - (0, 0, 1.8)).astype(np.float32)
+        for i in range(3):
+            bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i))
+            bag.points(START_NS + i * STEP_NS, "base_link", points, np.zeros(len(points)), np.zeros(len(points)))
+    keys = proposed(tmp_path / "drive")
+    assert keys.pop("submap") == "single"
+    assert keys["lift_m"] == pytest.approx(1.8, abs=0.05)
+    log = Bag(**keys).open(tmp_path, "drive")
+    assert np.percentile(log.points(1)[:, 2], 1) == pytest.approx(0, abs=0.1)
+
+
+def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
+        for i in range(4):
+            side = np.eye(4)
+            side[1, 3] = 0.1 * i
+            bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
+            bag.transform(START_NS + i * STEP_NS, "odom", "base_link", at(i))
+            bag.static_transform(START_NS, "base_link", "laser", at(1))
+            bag.laser_scan(START_NS + i * STEP_NS, "laser", np.ones(9), 0, 0.1, 0.1, 30)
+    keys = proposed(tmp_path / "drive.bag")
+    assert keys.pop("submap") == "accumulated"
+    assert (keys["points"], keys["truth"], keys["odometry"]) == ("/scan", "tf:map>base_link", "tf:odom>base_link")
+    log = Bag(**keys).open(tmp_path, "drive")
+    np.testing.assert_allclose(log.world_T_scan[:, :2, 3], [[i, 0.1 * i] for i in range(4)], atol=1e-12)
+
+
+def test_poses_that_only_drift_and_extrinsics_that_lack_are_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
+        bag.odometry(START_NS, "odom", "base_link", at(0))
+        bag.points(START_NS, "os_lidar", np.ones((2, 3), np.float32), np.zeros(2), np.zeros(2))
+    drift, extrinsic = inspect(tmp_path / "drive.bag").warnings
+    assert drift.startswith("the only poses are in the frame odom, which starts anew")
+    assert extrinsic.startswith("no fixed transforms lead from base_link to os_lidar: give x, y, z")
+    assert proposed(tmp_path / "drive.bag")["truth"] == "/odom"
+
+
+def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
+        bag.odometry(START_NS, "odom", "base_link", at(0))
+    assert "neither a PointCloud2 nor a LaserScan in it; it holds /odom" in inspect(tmp_path / "drive.bag").warnings[0]
+    with pytest.raises(LogError, match="neither a PointCloud2"):
+        proposal([tmp_path / "drive.bag"])
+    with pytest.raises(LogError, match="no bag there"):
+        proposal([tmp_path / "other"])
+
+
+def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
+    found = inspect(real / "bags" / "laserscan_rosbag1_v2.0.bag")
+    assert "/scan  360       10.1 a second  sensor_msgs/LaserScan, in laser" in found.text()
+    assert "span  35.8 s" in found.text()
+    assert found.warnings[0].startswith("no poses: the reader needs an Odometry")
+    assert found.warnings[0].endswith("Topics here: /scan (sensor_msgs/LaserScan)")
+    assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["truth"] is None
+    left = [warning for warning in inspect(real / "bags").warnings if warning.startswith("left aside")]
+    assert len(left) == 2
+    for name, says in (("rosbag1_bad_index", "cannot be read as a bag"), ("rosbag_v1.2", "of version 1.2")):
+        with pytest.raises(LogError, match=says) as error:
+            inspect(real / "bags" / f"laserscan_{name}.bag")
+        assert "\n" not in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    root = tmp_path_factory.mktemp("whole")
+    return [drive(bag_path(root / kind, kind), kind, clouds=1) for kind in KINDS]
+
+
+@given(data=st.data())
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObject) -> None:
+    path = data.draw(st.sampled_from(whole))
+    file = data.draw(st.sampled_from(files(path)))
+    sound = file.read_bytes()
+    file.write_bytes(data.draw(damaged(sound)))
+    try:
+        assert bags(path).text()
+        assert isinstance(yaml.safe_load(proposal([path])), dict)
+    except YearlocError as error:
+        refused = str(error)
+    else:
+        return
+    finally:
+        file.write_bytes(sound)
+    assert "\n" not in refused

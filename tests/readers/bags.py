@@ -1,0 +1,44 @@
+"""Small bags that the tests know everything about, of all three kinds."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.formats.bag import BagWriter
+from pipeline.frames import pose
+
+KINDS = ("ros1", "sqlite3", "mcap")
+START_NS = 1_700_000_000_000_000_000
+STEP_NS = 100_000_000
+BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
+"""0.5 m ahead, 1.5 m up, turned to the left."""
+
+
+def at(x_m: float, yaw_rad: float = 0.0) -> np.ndarray:
+    """A pose on the x axis."""
+    return pose(np.array([[x_m, 0.0, 0.0]]), np.array([[0.0, 0.0, yaw_rad]]))[0]
+
+
+def bag_path(root: Path, kind: str, name: str = "drive") -> Path:
+    return root / (f"{name}.bag" if kind == "ros1" else name)
+
+
+def drive(path: Path, kind: str, clouds: int = 4, first: int = 0) -> Path:
+    """A bag of `fill`."""
+    with BagWriter(path, kind) as bag:
+        fill(bag, clouds, first)
+    return path
+
+
+def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
+    """Driven along x at 10 m/s: poses ten a second on /truth and /odom (from 100 m on), a cloud 50 ms after each.
+
+    Cloud i holds the points (i, 0, 0) and (1, 2, 3) of the LiDAR's frame.
+    """
+    bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
+    for i in range(first, first + clouds + 1):
+        stamp_ns = START_NS + i * STEP_NS
+        bag.odometry(stamp_ns, "map", "base_link", at(i), "/truth")
+        bag.odometry(stamp_ns, "odom", "base_link", at(100 + i), "/odom")
+        if i < first + clouds:
+            bag.points(stamp_ns + STEP_NS // 2, "lidar", np.array([[i, 0, 0], [1, 2, 3]], np.float32), np.ones(2), np.arange(2))

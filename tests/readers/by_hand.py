@@ -1,0 +1,169 @@
+"""Bags laid out byte by byte from the formats' descriptions, without the library that reads them.
+
+Two clouds at 10.5 s and 11 s with the points (1, 2, 3) and (4, 5, 6), and poses at 10 s and 12 s, 10 m apart on x, turned to the
+left. `/cloud` is a PointCloud2 in the frame `lidar`, `/pose` a PoseStamped in `map`.
+"""
+
+import sqlite3
+import struct
+from pathlib import Path
+
+CLOUD_MD5, POSE_MD5 = "1158d486dd51d683ce2f1be655c3c181", "d3812c3cbc69362b77dc0b19b345f8f5"
+HALF = 0.5**0.5
+CLOUDS = {10_500_000_000: (1.0, 2.0, 3.0), 11_000_000_000: (4.0, 5.0, 6.0)}
+POSES = {10_000_000_000: (0.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF), 12_000_000_000: (10.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF)}
+FIELDS = (("x", 0), ("y", 4), ("z", 8))
+
+
+class Cdr:
+    """Common Data Representation: each number at a multiple of its size after the four bytes of encapsulation."""
+
+    def __init__(self, big: bool) -> None:
+        self.order, self.data = ">" if big else "<", b"\0\0\0\0" if big else b"\0\1\0\0"
+
+    def add(self, code: str, *numbers: float) -> None:
+        for number in numbers:
+            size = struct.calcsize(code)
+            self.data += bytes(-(len(self.data) - 4) % size) + struct.pack(self.order + code, number)
+
+    def text(self, text: str) -> None:
+        self.add("I", len(text) + 1)
+        self.data += text.encode() + b"\0"
+
+    def header(self, stamp_ns: int, frame: str) -> None:
+        self.add("i", stamp_ns // 10**9)
+        self.add("I", stamp_ns % 10**9)
+        self.text(frame)
+
+
+def cdr_cloud(stamp_ns: int, point: tuple[float, ...], big: bool = False) -> bytes:
+    cdr = Cdr(big)
+    cdr.header(stamp_ns, "lidar")
+    cdr.add("I", 1, 1, 3)
+    for name, offset in FIELDS:
+        cdr.text(name)
+        cdr.add("I", offset)
+        cdr.add("B", 7)
+        cdr.add("I", 1)
+    cdr.add("B", big)
+    cdr.add("I", 12, 12, 12)
+    cdr.data += struct.pack(cdr.order + "3f", *point)
+    cdr.add("B", 1)
+    return cdr.data
+
+
+def cdr_pose(stamp_ns: int, numbers: tuple[float, ...], big: bool = False) -> bytes:
+    cdr = Cdr(big)
+    cdr.header(stamp_ns, "map")
+    cdr.add("d", *numbers)
+    return cdr.data
+
+
+def text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def ros1_header(stamp_ns: int, frame: str) -> bytes:
+    return struct.pack("<3I", 7, stamp_ns // 10**9, stamp_ns % 10**9) + text(frame)
+
+
+def ros1_cloud(stamp_ns: int, point: tuple[float, ...]) -> bytes:
+    fields = b"".join(text(name) + struct.pack("<IBI", offset, 7, 1) for name, offset in FIELDS)
+    sizes = struct.pack("<BIII", 0, 12, 12, 12)
+    return ros1_header(stamp_ns, "/lidar") + struct.pack("<3I", 1, 1, 3) + fields + sizes + struct.pack("<3fB", *point, 1)
+
+
+def ros1_pose(stamp_ns: int, numbers: tuple[float, ...]) -> bytes:
+    return ros1_header(stamp_ns, "map") + struct.pack("<7d", *numbers)
+
+
+def record(data: bytes, **fields: bytes) -> bytes:
+    """A record of a ROS 1 bag: its fields, then its data, each with its length before it."""
+    head = b"".join(
+        struct.pack("<I", len(name) + 1 + len(value)) + name.encode() + b"=" + value for name, value in fields.items()
+    )
+    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+
+def u32(*numbers: int) -> bytes:
+    return struct.pack(f"<{len(numbers)}I", *numbers)
+
+
+def ros1(path: Path) -> Path:
+    """https://wiki.ros.org/Bags/Format/2.0: header, one chunk, its index, then the connections and the chunk's info."""
+    topics = {0: ("/cloud", "sensor_msgs/PointCloud2", CLOUD_MD5), 1: ("/pose", "geometry_msgs/PoseStamped", POSE_MD5)}
+    connections = b"".join(
+        record(
+            b"".join(
+                struct.pack("<I", len(name) + 1 + len(value)) + f"{name}={value}".encode()
+                for name, value in {"topic": topic, "type": kind, "md5sum": md5, "message_definition": "by hand"}.items()
+            ),
+            op=b"\7",
+            conn=u32(number),
+            topic=topic.encode(),
+        )
+        for number, (topic, kind, md5) in topics.items()
+    )
+    sent = [(stamp, 0, ros1_cloud(stamp, point)) for stamp, point in CLOUDS.items()]
+    sent += [(stamp, 1, ros1_pose(stamp, numbers)) for stamp, numbers in POSES.items()]
+    chunk, index = connections, {0: b"", 1: b""}
+    for stamp, number, data in sorted(sent):
+        time = u32(stamp // 10**9, stamp % 10**9)
+        index[number] += time + u32(len(chunk))
+        chunk += record(data, op=b"\2", conn=u32(number), time=time)
+
+    def opening(index_pos: int) -> bytes:
+        fields = {"op": b"\3", "index_pos": struct.pack("<Q", index_pos), "conn_count": u32(2), "chunk_count": u32(1)}
+        padding = bytes(4096 - len(record(b"", **fields)))
+        return b"#ROSBAG V2.0\n" + record(padding, **fields)
+
+    body = record(chunk, op=b"\5", compression=b"none", size=u32(len(chunk)))
+    body += b"".join(record(entry, op=b"\4", ver=u32(1), conn=u32(n), count=u32(len(entry) // 12)) for n, entry in index.items())
+    start, end = min(sent)[0], max(sent)[0]
+    info = record(
+        u32(0, 2, 1, 2),
+        op=b"\6",
+        ver=u32(1),
+        chunk_pos=struct.pack("<Q", len(opening(0))),
+        start_time=u32(start // 10**9, start % 10**9),
+        end_time=u32(end // 10**9, end % 10**9),
+        count=u32(2),
+    )
+    path.write_bytes(opening(len(opening(0)) + len(body)) + body + connections + info)
+    return path
+
+
+def mcap(path: Path, big: bool = False) -> Path:
+    """https://mcap.dev/spec: magic, header, schemas, channels and messages, no chunks and no index, footer, magic."""
+
+    def part(op: int, data: bytes) -> bytes:
+        return struct.pack("<BQ", op, len(data)) + data
+
+    magic, data = b"\x89MCAP0\r\n", part(1, text("ros2") + text("by hand"))
+    for number, (topic, kind) in enumerate(
+        {"/cloud": "sensor_msgs/msg/PointCloud2", "/pose": "geometry_msgs/msg/PoseStamped"}.items(), 1
+    ):
+        data += part(3, struct.pack("<H", number) + text(kind) + text("ros2msg") + text("by hand"))
+        data += part(4, struct.pack("<HH", number, number) + text(topic) + text("cdr") + u32(0))
+    for stamp, number, message in messages(big):
+        data += part(5, struct.pack("<HIQQ", number, 0, stamp, stamp) + message)
+    path.write_bytes(magic + data + part(2, struct.pack("<QQI", 0, 0, 0)) + magic)
+    return path
+
+
+def db3(path: Path, big: bool = False) -> Path:
+    """rosbag2's sqlite3 tables of its first version, with neither metadata.yaml nor definitions."""
+    with sqlite3.connect(path) as base:
+        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        base.execute("INSERT INTO topics VALUES (1, '/cloud', 'sensor_msgs/msg/PointCloud2', 'cdr')")
+        base.execute("INSERT INTO topics VALUES (2, '/pose', 'geometry_msgs/msg/PoseStamped', 'cdr')")
+        for stamp, number, message in messages(big):
+            base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", (number, stamp, message))
+    base.close()
+    return path
+
+
+def messages(big: bool) -> list[tuple[int, int, bytes]]:
+    found = [(stamp, 1, cdr_cloud(stamp, point, big)) for stamp, point in CLOUDS.items()]
+    return sorted(found + [(stamp, 2, cdr_pose(stamp, numbers, big)) for stamp, numbers in POSES.items()])

@@ -1,0 +1,342 @@
+"""The bag reader on bags written by the writer, on bags laid out by hand, and on real ones."""
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags import rosbag1, rosbag2
+
+from pipeline.compute import Compute
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats.bag import BagWriter
+from pipeline.frames import transform, yaw
+from pipeline.readers.bag import Bag
+from pipeline.readers.bag_track import increasing
+from tests.readers import by_hand
+from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
+
+READER = Bag(truth="/truth", odometry="/odom")
+HERE = (0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
+    drive(bag_path(tmp_path, kind), kind)
+    log = READER.open(tmp_path, "drive")
+    assert log.stamps_ns.tolist() == [START_NS + STEP_NS // 2 + i * STEP_NS for i in range(4)]
+    # Clouds come half-way between the poses at i and i + 1 metres.
+    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[i + 0.5, 0, 0] for i in range(4)], atol=1e-6)
+    np.testing.assert_allclose(log.odom_T_scan[:, :3, 3], [[100.5 + i, 0, 0] for i in range(4)], atol=1e-6)
+    # The LiDAR looks left from (0.5, 0, 1.5): its x is the body's y, its y the body's −x.
+    for row in (3, 0, 2, 1):
+        np.testing.assert_allclose(log.points(row), [[0.5, row, 1.5], [-1.5, 1, 4.5]], atol=1e-6)
+    assert (log.notes, log.skipped) == ((), {})
+    assert READER.sequences(tmp_path) == {"drive": []}
+
+
+@pytest.mark.parametrize("make", [by_hand.ros1, by_hand.mcap, by_hand.db3])
+def test_bags_laid_out_by_hand_are_read(tmp_path: Path, make: Callable[..., Path]) -> None:
+    made = make(tmp_path / f"drive.{'bag' if make is by_hand.ros1 else make.__name__}")
+    for big in [False, True][: 1 if make is by_hand.ros1 else 2]:
+        made.unlink()
+        path = make(made) if not big else make(made, big)
+        log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(tmp_path, path.stem)
+        assert log.stamps_ns.tolist() == [10_500_000_000, 11_000_000_000]
+        np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2.5, 0, 0], [5, 0, 0]], atol=1e-12)
+        np.testing.assert_allclose(yaw(log.world_T_scan), np.pi / 2)
+        np.testing.assert_allclose(log.points(0), [[1, 2, 3.25]])
+        np.testing.assert_allclose(log.points(1), [[4, 5, 6.25]])
+        assert np.isnan(log.odom_T_scan).all()
+
+
+@pytest.mark.parametrize("fmt", rosbag1.Writer.CompressionFormat)
+def test_a_compressed_ros1_bag_is_read(tmp_path: Path, fmt: rosbag1.Writer.CompressionFormat) -> None:
+    source = drive(tmp_path / "plain.bag", "ros1")
+    with rosbag1.Reader(source) as old, rosbag1.Writer(tmp_path / "small.bag") as new:
+        new.compression_format, new.compressor = _compressor(fmt)
+        links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest) for c in old.connections}
+        for connection, stamp, data in old.messages():
+            new.write(links[connection.id], stamp, data)
+    same(READER.open(tmp_path, "small"), READER.open(tmp_path, "plain"))
+
+
+def _compressor(fmt: rosbag1.Writer.CompressionFormat) -> tuple[str, Callable[[bytes], bytes]]:
+    writer = rosbag1.Writer("unused.bag")
+    writer.set_compression(fmt)
+    return writer.compression_format, writer.compressor
+
+
+@pytest.mark.parametrize("mode", [rosbag2.CompressionMode.FILE, rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionMode.STORAGE])
+@pytest.mark.parametrize("plugin", rosbag2.StoragePlugin)
+def test_a_compressed_ros2_bag_is_read(tmp_path: Path, mode: rosbag2.CompressionMode, plugin: rosbag2.StoragePlugin) -> None:
+    if (mode, plugin) == (rosbag2.CompressionMode.STORAGE, rosbag2.StoragePlugin.SQLITE3):
+        pytest.skip("sqlite3 has no compression of its own")
+    source = drive(tmp_path / "plain", "mcap")
+    writer = rosbag2.Writer(tmp_path / "small", version=8, storage_plugin=plugin)
+    writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+    with rosbag2.Reader(source) as old, writer as new:
+        links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest) for c in old.connections}
+        for connection, stamp, data in old.messages():
+            new.write(links[connection.id], stamp, data)
+    same(READER.open(tmp_path, "small"), READER.open(tmp_path, "plain"))
+
+
+def same(log, other) -> None:
+    np.testing.assert_array_equal(log.stamps_ns, other.stamps_ns)
+    np.testing.assert_array_equal(log.world_T_scan, other.world_T_scan)
+    for row in range(len(log.stamps_ns)):
+        np.testing.assert_array_equal(log.points(row), other.points(row))
+
+
+def test_bags_of_all_kinds_make_one_sequence_in_order_of_time(tmp_path: Path) -> None:
+    # By name the last comes first; each holds the pose after its last cloud, as the next does again.
+    for kind, name, first in (("ros1", "c", 0), ("sqlite3", "b", 4), ("mcap", "a", 8)):
+        drive(bag_path(tmp_path / "day", kind, name), kind, first=first)
+    log = READER.open(tmp_path, "day")
+    np.testing.assert_allclose(log.world_T_scan[:, 0, 3], np.arange(12) + 0.5, atol=1e-6)
+    np.testing.assert_allclose(log.points(7)[0], [0.5, 7, 1.5], atol=1e-6)
+    assert "/truth: 2 of 15 poses are left out, their stamps repeat or run backwards" in log.notes
+    assert READER.sequences(tmp_path) == {"day": []}
+
+
+def test_reading_from_other_processes_and_threads_is_the_same(tmp_path: Path) -> None:
+    drive(bag_path(tmp_path, "ros1"), "ros1", clouds=40)
+    log = READER.open(tmp_path, "drive")
+    alone = [log.points(row) for row in range(40)]
+
+    def block(start: int, stop: int) -> list[np.ndarray]:
+        return [log.points(row) for row in range(start, stop)]
+
+    for scheduler in ("threads", "processes"):
+        found = [points for part in Compute(scheduler, 2).rows(block, 40, 8) for points in part]
+        np.testing.assert_array_equal(found, alone)
+
+
+def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> Path:
+    """A bag with poses each 100 ms on /truth, 1 m apart, and whatever `write` adds."""
+    with BagWriter(root / "drive.bag", "ros1") as bag:
+        for i in range(poses):
+            bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i), "/truth")
+        write(bag)
+    return root
+
+
+def cloud(bag: BagWriter, stamp_ns: int, x: float = 0.0, frame: str = "lidar") -> None:
+    bag.points(stamp_ns, frame, np.array([[x, 0, 0]], np.float32), np.zeros(1), np.zeros(1, np.uint16))
+
+
+def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> None:
+    def write(bag: BagWriter) -> None:
+        for x, step in ((1, 2), (2, 1), (3, 2), (4, 3)):
+            cloud(bag, START_NS + step * STEP_NS, x)
+
+    log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
+    assert [log.points(row)[0, 0] for row in range(3)] == [2, 1, 4]
+    assert log.skipped == {"stamp of an earlier one": 1}
+
+
+def test_the_fewest_poses_are_left_out_when_stamps_run_backwards() -> None:
+    # One stamp from the future costs one row, not all that follow; the jump back from 7 to 4 costs two.
+    assert increasing(np.array([1, 2, 99, 3, 3, 4, 5])).tolist() == [0, 1, 4, 5, 6]
+    assert increasing(np.array([1, 6, 7, 4, 5, 8, 9, 10])).size == 6
+    assert increasing(np.array([], np.int64)).size == 0
+
+
+def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> None:
+    # The data of hand-made messages with stamp 0, received at 10 s, 10.5 s, 11 s and 12 s.
+    stamps = {**by_hand.CLOUDS, **by_hand.POSES}
+    by_hand.db3(tmp_path / "drive.db3")
+    with sqlite3.connect(tmp_path / "drive.db3") as base:
+        for stamp, numbers in stamps.items():
+            data = by_hand.cdr_cloud(0, numbers) if stamp in by_hand.CLOUDS else by_hand.cdr_pose(0, numbers)
+            base.execute("UPDATE messages SET data = ? WHERE timestamp = ?", (data, stamp))
+    base.close()
+    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3).open(tmp_path, "drive")
+    assert log.stamps_ns.tolist() == list(by_hand.CLOUDS)
+    np.testing.assert_allclose(log.points(1), [[4, 5, 6]])
+    assert log.notes == tuple(f"{topic}: no message is stamped; the times of receipt are used" for topic in ("/cloud", "/pose"))
+
+
+def test_gaps_and_poses_that_are_none_are_counted(tmp_path: Path) -> None:
+    def write(bag: BagWriter) -> None:
+        bag.odometry(START_NS + 10 * STEP_NS, "map", "base_link", at(np.nan), "/truth")
+        bag.odometry(START_NS + 11 * STEP_NS, "map", "base_link", at(11), "/truth")
+        for step in (-1, 1, 6, 11, 12):
+            cloud(bag, START_NS + step * STEP_NS)
+
+    log = Bag(truth="/truth", body_T_lidar=HERE).open(written(tmp_path, write), "drive")
+    np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1, 11])
+    assert log.skipped == {"outside the poses' span": 2, "in a gap of the poses": 1}
+    assert log.notes == ("/truth: 1 of 7 poses hold no place or no rotation: gaps",)
+
+
+def test_a_way_through_the_tree_of_frames_is_a_trajectory(tmp_path: Path) -> None:
+    # map>odom moves 1 m aside within 400 ms, odom>base_link 1 m ahead each 100 ms, base_link is 1 m below the IMU.
+    def write(bag: BagWriter) -> None:
+        up = np.eye(4)
+        up[2, 3] = -1.0
+        bag.static_transform(START_NS, "imu", "base_link", up)
+        bag.static_transform(START_NS, "imu", "lidar", np.eye(4))
+        for i in range(5):
+            bag.transform(START_NS + i * STEP_NS, "odom", "imu", at(i))
+            if i % 4 == 0:
+                side = np.eye(4)
+                side[1, 3] = i / 4
+                bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
+        cloud(bag, START_NS + STEP_NS)
+
+    log = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link").open(written(tmp_path, write), "drive")
+    np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, 0.25, -1], atol=1e-12)
+    np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(log.points(0), [[0, 0, 1]])
+    with pytest.raises(
+        LogError, match="no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar"
+    ):
+        Bag(truth="tf:world>base_link").open(tmp_path, "drive")
+    with pytest.raises(LogError, match="tf:imu>lidar never changes"):
+        Bag(truth="tf:imu>lidar").open(tmp_path, "drive")
+
+
+def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
+    # tf/tfMessage of ROS before Groovy, with its MD5 as its definition gives it.
+    with BagWriter(tmp_path / "new.bag", "ros1") as bag:
+        for i in range(5):
+            bag.transform(START_NS + i * STEP_NS, "/odom", "/lidar", at(i))
+        cloud(bag, START_NS + STEP_NS, frame="/lidar")
+    with rosbag1.Reader(tmp_path / "new.bag") as new, rosbag1.Writer(tmp_path / "drive.bag") as old:
+        for connection, stamp_ns, data in new.messages():
+            kind = connection.msgtype.replace("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+            md5 = "94810edda583a504dfda3829e70d7eec" if kind == "tf/msg/tfMessage" else connection.digest
+            link = next((link for link in old.connections if link.topic == connection.topic), None)
+            link = link or old.add_connection(connection.topic, kind, msgdef=connection.msgdef.data, md5sum=md5)
+            old.write(link, stamp_ns, data)
+    log = Bag(truth="tf:odom>lidar").open(tmp_path, "drive")
+    np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1])
+
+
+def test_odometry_of_another_body_is_carried_to_the_true_one(tmp_path: Path) -> None:
+    # The wheels' frame is 2 m behind the body: the body is at 102 m when they are at 100.
+    def write(bag: BagWriter) -> None:
+        bag.static_transform(START_NS, "wheels", "base_link", at(2))
+        for i in range(5):
+            bag.odometry(START_NS + i * STEP_NS, "odom", "wheels", at(100 + i), "/odom")
+        cloud(bag, START_NS + STEP_NS, frame="base_link")
+
+    log = READER.open(written(tmp_path, write), "drive")
+    np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [103, 0, 0])
+
+
+def test_sweeps_are_laid_out_in_the_vehicle(tmp_path: Path) -> None:
+    # Five beams from −90° to 90°, clockwise on a scanner mounted upside down; the 1st too near, the 4th too far, the 5th none.
+    def write(bag: BagWriter) -> None:
+        ranges = np.array([0.05, 2.0, 3.0, 31.0, np.inf])
+        bag.laser_scan(START_NS + STEP_NS, "laser", ranges, np.pi / 2, -np.pi / 4, 0.1, 30.0)
+
+    reader = Bag(points="/scan", truth="/truth", body_T_lidar=[1, 0, 0.5, 0, 0, 90])
+    log = reader.open(written(tmp_path, write), "drive")
+    # 45° on the scanner is 135° on the vehicle, 0° is 90°.
+    np.testing.assert_allclose(log.points(0), [[1 - 2**0.5, 2**0.5, 0.5], [1, 3, 0.5]], atol=1e-6)
+
+
+def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_path: Path) -> None:
+    # Truth at 0 … 0.4 s and 3 … 3.2 s, odometry at 0 … 1 s and 2 … 3.2 s, a sweep each 0.1 s.
+    def write(bag: BagWriter) -> None:
+        for step in [*range(11), *range(20, 33)]:
+            bag.odometry(START_NS + step * STEP_NS, "odom", "base_link", at(step), "/odom")
+        for step in (30, 31, 32):
+            bag.odometry(START_NS + step * STEP_NS, "map", "base_link", at(step), "/truth")
+        for step in range(34):
+            bag.laser_scan(START_NS + step * STEP_NS, "laser", np.ones(3), 0, 0.1, 0.1, 30)
+
+    log = Bag("/scan", "/truth", "/odom", HERE).open(written(tmp_path, write), "drive")
+    steps = (log.stamps_ns - START_NS) // STEP_NS
+    assert steps.tolist() == [*range(11), 30, 31, 32]
+    assert np.isnan(log.world_T_scan[:, 0, 0]).tolist() == [False] * 5 + [True] * 6 + [False] * 3
+    # The first row after the break says so, by a NaN.
+    assert np.isnan(log.odom_T_scan[:, 0, 0]).tolist() == [False] * 11 + [True, False, False]
+    assert log.notes == ("6 of 14 sweeps have no place (no pose on /truth)",)
+    lost = {"in a gap of the poses": 9, "outside the poses' span": 1, "between a break of the odometry and the next place": 10}
+    assert log.skipped == lost
+
+
+def test_a_bag_without_poses_names_what_it_holds(real: Path) -> None:
+    says = r"reader.truth=/odom is not in it; expected Odometry, .*It holds /scan \(sensor_msgs/LaserScan, 360\)$"
+    with pytest.raises(LogError, match=says) as error:
+        Bag(points="/scan").open(real / "bags", "laserscan_rosbag1_v2.0")
+    assert "\n" not in str(error.value)
+    with pytest.raises(LogError, match=r"reader.points=/points is not in it; expected PointCloud2, LaserScan"):
+        Bag().open(real / "bags", "laserscan_rosbag1_v2.0")
+
+
+def test_a_real_laser_scan_is_read_with_poses_beside_it(real: Path, tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    (tmp_path / "day" / "scan.bag").symlink_to(real / "bags" / "laserscan_rosbag1_v2.0.bag")
+    with rosbag1.Reader(real / "bags" / "laserscan_rosbag1_v2.0.bag") as bag:
+        start, end = bag.start_time, bag.end_time
+    assert round((end - start) * 1e-9, 1) == 35.8
+    with BagWriter(tmp_path / "day" / "poses", "mcap") as writer:
+        for i, stamp in enumerate(range(start - 10**9, end + 10**9, 10**8)):
+            writer.odometry(stamp, "map", "base_link", at(0.1 * i))
+    log = Bag(points="/scan", body_T_lidar=HERE).open(tmp_path, "day")
+    assert len(log.stamps_ns) == 360
+    points = log.points(100)
+    assert len(points) > 100
+    assert (points[:, 2] == 0).all()
+    assert np.hypot(*points[:, :2].T).max() < 100
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("laserscan_rosbag1_bad_index", "bad_index.bag: cannot be read as a bag: sizes and contents do not fit"),
+        ("laserscan_rosbag_v1.2", "v1.2.bag: a ROS 1 bag of version 1.2; only 2.0 can be read"),
+    ],
+)
+def test_real_broken_bags_are_one_line(real: Path, name: str, says: str) -> None:
+    with pytest.raises(LogError, match=says) as error:
+        Bag(points="/scan").open(real / "bags", name)
+    assert "\n" not in str(error.value)
+    assert says in Bag(points="/scan").sequences(real / "bags")[name][0]
+
+
+def test_extrinsics_that_no_one_knows_are_asked_for(tmp_path: Path) -> None:
+    written(tmp_path, lambda bag: cloud(bag, START_NS))
+    with pytest.raises(LogError, match=r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"):
+        Bag(truth="/truth").open(tmp_path, "drive")
+
+
+def test_the_extrinsics_of_the_bag_and_of_the_yaml_are_one(tmp_path: Path) -> None:
+    drive(bag_path(tmp_path, "mcap"), "mcap")
+    told = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
+    np.testing.assert_allclose(told.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12)
+    np.testing.assert_allclose(told.points(2), transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"max_gap_s": 0}, "reader.max_gap_s=0"),
+        ({"lift_m": "high"}, "reader.lift_m=high"),
+        ({"points": None}, "reader.points=None"),
+        ({"odometry": 3}, "reader.odometry=3"),
+        ({"truth": "tf:map"}, "reader.truth=tf:map: expected tf:PARENT>CHILD"),
+        ({"body_T_lidar": [1, 2, 3]}, "reader.body_T_lidar"),
+        ({"body_T_lidar": [1, 2, 3, 0, 0, "x"]}, "reader.body_T_lidar"),
+        ({"body_T_lidar": "lidar"}, "reader.body_T_lidar"),
+    ],
+)
+def test_settings_that_cannot_be_are_named(keys: dict[str, object], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        Bag(**keys)  # type: ignore[arg-type]
+
+
+def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for name in ("empty", "absent"):
+        with pytest.raises(LogError, match=f"{name}: no bag there"):
+            Bag().open(tmp_path, name)
+    assert Bag().sequences(tmp_path) == {}
+    drive(bag_path(tmp_path, "ros1"), "ros1")
+    assert Bag(truth="/gps").sequences(tmp_path)["drive"][0].startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
