@@ -6,6 +6,7 @@ import sys
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
+from pydoc import locate
 from types import ModuleType
 
 import numpy as np
@@ -57,6 +58,19 @@ def test_a_stage_is_glue(path):
     functions = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
     assert all(node.end_lineno - node.lineno + 1 <= 25 for node in functions)
     assert (ROOT / "conf" / f"{path.stem}.yaml").is_file()
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("conf/dataset/*.yaml")), ids=lambda path: path.stem)
+def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
+    conf = yaml.safe_load(path.read_text())
+    reader = dict(conf["reader"])
+    assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
+    study = conf["study"]
+    assert study.keys() == {"train", "tests", "submap", "grids", "methods"} | (set() if conf["simulated"] else {"expected"})
+    assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()
+    for preset in study["tests"] if conf["simulated"] else ():
+        driven = yaml.safe_load((ROOT / f"conf/world/{path.stem}_{preset}.yaml").read_text())["sequences"]
+        assert {name.partition("-a")[0].partition("-b")[0] for name in (study["train"], *study["tests"][preset])} <= driven.keys()
 
 
 def own_class(module: ModuleType) -> type:

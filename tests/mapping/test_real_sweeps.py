@@ -1,0 +1,63 @@
+"""Submaps of scans and sweeps as readers give them: real KITTI scans, and a bag of laser scans."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from pipeline import store
+from pipeline.compute import Compute
+from pipeline.formats.bag import BagWriter
+from pipeline.mapping.gathering import Gathering
+from pipeline.mapping.scans import Intake
+from pipeline.mapping.submaps import Accumulated
+from pipeline.readers.bag import Bag
+from pipeline.readers.kitti import Kitti
+from pipeline.readers.log import Log
+from pipeline.schemas import SCANS
+from pipeline.watch import Watch
+
+
+def taken(path: Path, log: Log) -> store.Artifact:
+    """A log as a scans artifact."""
+    intake = Intake(log, 0.005, 0)
+    with store.write(path, SCANS, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped) as draft:
+        for points, offsets in intake.blocks(Compute(), Watch()):
+            draft.append("points", points)
+            draft.append("offsets", offsets)
+        for name, column in intake.poses().items():
+            draft.put(name, column)
+    return store.read(path, SCANS)
+
+
+@pytest.mark.parametrize(("newest", "median_m"), [(1, 0.07), (15, 0.34)])
+def test_real_scans_lie_on_each_other_in_a_submap(real: Path, tmp_path: Path, newest: int, median_m: float) -> None:
+    # real/README.md: points above z = −1 m of scan j, seen from scan 0; how they were cut is not said, so a quarter is allowed.
+    scans = taken(tmp_path / "00.zarr", Kitti().open(real / "kitti", "00"))
+    used = np.isin(np.arange(16), (0, newest))
+    oldest, last = np.array([0]), np.array([newest])
+    (points,) = Gathering(scans, "world_T_scan", oldest, last, np.zeros(1), used)
+    ends = scans.load("offsets")
+    older, newer = points[: ends[1]], points[ends[1] :]
+    assert len(newer) == ends[newest + 1] - ends[newest]
+    above = [cloud[cloud[:, 2] > -1 + Kitti().lidar_height_m] for cloud in (older, newer)]
+    assert np.median(cKDTree(above[0]).query(above[1])[0]) == pytest.approx(median_m, rel=0.25)
+
+
+def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
+    """Along x at a metre a second, beside a wall 5 m to the left that each sweep sees at one point, a lidar at 1 m of height."""
+    lidar = np.eye(4)
+    lidar[2, 3] = 1.0
+    with BagWriter(tmp_path / "monday", "mcap") as bag:
+        bag.static_transform(0, "base_link", "laser", lidar)
+        for step in range(60):
+            stamp_ns, pose = 10**9 + step * 10**8, np.eye(4)
+            pose[0, 3] = step / 10
+            bag.odometry(stamp_ns, "map", "base_link", pose, "/odom")
+            bag.laser_scan(stamp_ns, "laser", np.array([np.inf, 5.0]), 0.0, np.pi / 2, 0.1, 30.0)
+    log = Bag(points="/scan", truth="/odom", odometry="/odom").open(tmp_path, "monday")
+    scans = taken(tmp_path / "monday.zarr", log)
+    made = Accumulated(window_m=2.0, ground_percentile=-1).cut(scans, Watch())
+    *_, points = Gathering(scans, made.layout, made.first, made.scans, made.ground_m, made.used)
+    np.testing.assert_allclose(points, [[-x / 10, 5, 1] for x in range(20, -1, -1)], atol=0.006)
