@@ -16,6 +16,7 @@ from pipeline.errors import LogError, YearlocError
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive, fill
+from tests.readers.damage import ANY, of_any_file
 
 COUNT = itertools.count()
 READER = Bag(truth="/truth", odometry="/odom")
@@ -26,19 +27,12 @@ HUGE = [b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0\0\0\0", b"
 def damaged(draw: st.DrawFn, data: bytes) -> bytes:
     """`data` cut short, with bits flipped, a number replaced, a stretch lost, repeated or turned round, or none of it."""
     kind = draw(st.sampled_from(["cut", "flip", "flip", "number", "number", "stretch", "empty", "noise"]))
-    if kind == "cut":
-        return data[: draw(st.integers(0, len(data)))]
-    if kind == "flip":
-        found = bytearray(data)
-        for bit in draw(st.lists(st.integers(0, 8 * len(data) - 1), min_size=1, max_size=8)):
-            found[bit // 8] ^= 1 << bit % 8
-        return bytes(found)
-    if kind in ("number", "stretch"):
-        start = draw(st.integers(0, len(data) - 1))
-        part = data[start : start + draw(st.integers(1, 64))]
-        new = draw(st.sampled_from(HUGE if kind == "number" else [b"", part + part, part[::-1]]))
-        return data[:start] + new + data[start + len(new if kind == "number" else part) :]
-    return b"" if kind == "empty" else draw(st.binary(max_size=64))
+    if kind in ANY:
+        return of_any_file(draw, data, kind)
+    start = draw(st.integers(0, len(data) - 1))
+    part = data[start : start + draw(st.integers(1, 64))]
+    new = draw(st.sampled_from(HUGE if kind == "number" else [b"", part + part, part[::-1]]))
+    return data[:start] + new + data[start + len(new if kind == "number" else part) :]
 
 
 def opened(reader: Bag, root: Path) -> None:

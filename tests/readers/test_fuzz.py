@@ -21,6 +21,7 @@ from pipeline.readers.folder import Folder, read_scan
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Log, Reader
 from pipeline.readers.nclt import Nclt, read_poses, read_velodyne_hits, read_velodyne_sync
+from tests.readers.damage import ANY, of_any_file
 
 COUNT = itertools.count()
 HITS = (
@@ -52,13 +53,8 @@ LARGE = [b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\0\0\xc0\x7f
 def damaged(draw: st.DrawFn, data: bytes) -> bytes:
     """`data` with something wrong: most of what disks, cables, editors and other computers do to a file."""
     kind = draw(st.sampled_from(["cut", "flip", "number", "line", "order", "endian", "huge", "longer", "empty", "noise"]))
-    if kind == "cut":
-        return data[: draw(st.integers(0, len(data)))]
-    if kind == "flip":
-        found = bytearray(data)
-        for bit in draw(st.lists(st.integers(0, 8 * len(data) - 1), min_size=1, max_size=4)):
-            found[bit // 8] ^= 1 << bit % 8
-        return bytes(found)
+    if kind in ANY:
+        return of_any_file(draw, data, kind)
     if kind == "number":
         lines = [line.split(b" ") for line in data.split(b"\n")]
         line = draw(st.sampled_from(lines))
@@ -77,9 +73,7 @@ def damaged(draw: st.DrawFn, data: bytes) -> bytes:
     if kind == "huge":
         start = draw(st.integers(0, max(0, len(data) - 4)))
         return data[:start] + draw(st.sampled_from(LARGE)) + data[start + 4 :]
-    if kind == "longer":
-        return data + draw(st.sampled_from([data, bytes(1), bytes(16), data[-8:]]))
-    return b"" if kind == "empty" else draw(st.binary(max_size=64))
+    return data + draw(st.sampled_from([data, bytes(1), bytes(16), data[-8:]]))
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pipeline.errors import YearlocError
 from pipeline.readers.robotcar import RobotCar
+from tests.readers.damage import ANY, of_any_file
 from tests.readers.robotcar_drive import DATE, START, drive, sweep
 
 COUNT = itertools.count()
@@ -32,13 +33,8 @@ FILES = [
 def damaged(draw: st.DrawFn, data: bytes) -> bytes:
     """`data` cut short, with bits flipped, words replaced, rows lost, repeated or swapped, of the wrong end, endless or empty."""
     kind = draw(st.sampled_from(["cut", "flip", "word", "rows", "endian", "endless", "empty", "noise"]))
-    if kind == "cut":
-        return data[: draw(st.integers(0, len(data)))]
-    if kind == "flip":
-        found = bytearray(data)
-        for bit in draw(st.lists(st.integers(0, 8 * len(data) - 1), min_size=1, max_size=8)):
-            found[bit // 8] ^= 1 << bit % 8
-        return bytes(found)
+    if kind in ANY:
+        return of_any_file(draw, data, kind)
     if kind == "word":
         pieces = re.split(rb"([,\s])", data)
         for _ in range(draw(st.integers(1, 3))):
@@ -51,9 +47,7 @@ def damaged(draw: st.DrawFn, data: bytes) -> bytes:
         return b"\n".join(rows[:at] + changed + rows[at + 1 :])
     if kind == "endian":
         return np.frombuffer(data[: len(data) // 8 * 8], "<f8").byteswap().tobytes()
-    if kind == "endless":
-        return data * draw(st.integers(2, 2_000))
-    return b"" if kind == "empty" else draw(st.binary(max_size=96))
+    return data * draw(st.integers(2, 2_000))
 
 
 @pytest.mark.parametrize("file", FILES)
