@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ class Ledger:
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
         found: dict[str, Any] = yaml.safe_load((self._root / file).read_text())
-        return {key: _within(found, key) for key in keys if _within(found, key) is not None} if keys else found
+        named = {key: _within(found, key.split(".")) for key in keys}
+        return {key: value[0] for key, value in named.items() if value} if keys else found
 
 
 def digest(path: Path) -> str | None:
@@ -71,11 +72,13 @@ def digest(path: Path) -> str | None:
     return hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
 
 
-def _within(values: Any, key: str) -> Any:
-    """The value at a key with dots, None where there is none."""
-    for part in key.split("."):
-        values = values.get(part) if isinstance(values, dict) else None
-    return values
+def _within(values: Any, path: Sequence[str]) -> list[Any]:
+    """The value at the end of a path of keys; none where there is no such end."""
+    for part in path:
+        if not isinstance(values, dict) or part not in values:
+            return []
+        values = values[part]
+    return [values]
 
 
 def _relpath(entry: Mapping[str, str | None]) -> str:
