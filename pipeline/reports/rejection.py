@@ -35,7 +35,7 @@ def rejection(results: Sequence[Result], simulated: bool) -> Figure:
         values = np.stack([[of(r, protocol, f"{name}_at_threshold") for r in group] for protocol in PROTOCOLS])
         for axis, one in zip(row, values[:, :, : len(kinds)], strict=True):
             _draw(axis, one)
-        lowest = max(np.nanmin(values[..., 1], initial=1.0), np.nanmin(values[..., 0], initial=1.0) - LONG_BAR)
+        lowest = max(np.nanmin(values[..., 1], initial=0.9), np.nanmin(values[..., 0], initial=0.9) - LONG_BAR)
         row[0].set(ylabel=name, ylim=(max(0.0, np.floor(lowest * 10) / 10), 1.0))
     for column, protocol in zip(axes.T, PROTOCOLS, strict=True):
         column[0].set_title(f"by {protocol}", pad=6)
