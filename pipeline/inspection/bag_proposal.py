@@ -19,6 +19,9 @@ BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 DRIFTS = re.compile("odom|vo|vio|wheel")
 
+LEVEL_M = 0.1
+"""A lidar higher than this is high enough to be seen in a view of heights."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -80,7 +83,7 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   expected: one bag or one folder of bags a sequence
   train: null
   tests: []
-  submap: {"accumulated" if flat else "single"}
+  submap: {"flat" if flat else "single"}
   grids: [10m]
   methods: [sci]
 """
@@ -129,7 +132,10 @@ def _extrinsic(
 def _lift(contents: Contents, points: Held, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
     """What puts the ground at 0, by the first cloud."""
     unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
-    if body_T_lidar is None or points.kind == SWEEP:
+    if points.kind == SWEEP:
+        raised = body_T_lidar is not None and body_T_lidar[2, 3] > LEVEL_M
+        return 0.0 if raised else 1.0, "a level sweep sees no ground: its height stands for occupied, and must not be 0"
+    if body_T_lidar is None:
         return unknown
     try:
         cloud = contents.first_points(points) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]

@@ -84,7 +84,7 @@ def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
             bag.static_transform(START_NS, "base_link", "laser", at(1))
             bag.laser_scan(START_NS + i * STEP_NS, "laser", np.ones(9), 0, 0.1, 0.1, 30)
     keys = proposed(tmp_path / "drive.bag")
-    assert keys.pop("submap") == "accumulated"
+    assert keys.pop("submap") == "flat"
     assert (keys["points"], keys["truth"], keys["odometry"]) == ("/scan", "tf:map>base_link", "tf:odom>base_link")
     log = Bag(**keys).open(tmp_path, "drive")
     np.testing.assert_allclose(log.world_T_scan[:, :2, 3], [[i, 0.1 * i] for i in range(4)], atol=1e-12)

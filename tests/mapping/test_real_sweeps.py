@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial import cKDTree
 
 from pipeline import store
@@ -16,7 +17,10 @@ from pipeline.readers.bag import Bag
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.schemas import SCANS
+from pipeline.views.scan_context import ScanContext
 from pipeline.watch import Watch
+
+ROOT = Path(__file__).parents[2]
 
 
 def taken(path: Path, log: Log) -> store.Artifact:
@@ -58,6 +62,9 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
             bag.laser_scan(stamp_ns, "laser", np.array([np.inf, 5.0]), 0.0, np.pi / 2, 0.1, 30.0)
     log = Bag(points="/scan", truth="/odom", odometry="/odom").open(tmp_path, "monday")
     scans = taken(tmp_path / "monday.zarr", log)
-    made = Accumulated(window_m=2.0, ground_percentile=-1).cut(scans, Watch())
+    flat = yaml.safe_load((ROOT / "conf/submap/flat.yaml").read_text()) | {"window_m": 2.0}
+    assert flat.pop("_target_").endswith("Accumulated")
+    made = Accumulated(**flat).cut(scans, Watch())
     *_, points = Gathering(scans, made.layout, made.first, made.scans, made.ground_m, made.used)
     np.testing.assert_allclose(points, [[-x / 10, 5, 1] for x in range(20, -1, -1)], atol=0.006)
+    assert ScanContext(min_points=1)(points).max() == pytest.approx(1.0, abs=0.006)
