@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from pydoc import locate
 from typing import Any
@@ -56,15 +56,12 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if not path.is_file():
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
-    dataset = yaml.safe_load(path.read_text())
+    dataset = _parsed(path)
     allowed = {"world", "tests", "budget"} if dataset["simulated"] else {"root", "log", "train", "tests", "budget"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     found = _simulated(conf, name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
     study, places = dataset["study"], found.study
-    for sequence in [places["train"], *places["tests"]]:
-        if not SAFE_NAME.fullmatch(sequence):
-            raise ConfigError(f"sequence {sequence}: a name of letters, digits and ._+- is needed; rename its folder")
     views = {method: yaml.safe_load((conf / "method" / f"{method}.yaml").read_text())["view"] for method in study["methods"]}
     methods = [{"name": method, "view": view} for method, view in views.items()]
     budget = options.get("budget", places["budget"])
@@ -73,6 +70,37 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     return Proposal(
         {**places, "submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget}, found.notes
     )
+
+
+def check(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ConfigError for a study, maybe written by hand, that names a file which conf/ lacks."""
+    for dataset, study in studies.items():
+        named = [("dataset", dataset), *((word, study[word]) for word in ("world", "submap", "budget"))]
+        named += [("grid", grid) for grid in study["grids"]]
+        named += [(word, method[key]) for method in study["methods"] for word, key in (("method", "name"), ("view", "view"))]
+        for group, name in named:
+            if not (conf / group / f"{name}.yaml").is_file():
+                known = ", ".join(sorted(path.stem for path in (conf / group).glob("*.yaml")))
+                raise ConfigError(f"conf/benchmark.yaml: {dataset} names the {group} {name}; expected one of {known}")
+
+
+def _parsed(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text())
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else "?"
+        raise ConfigError(f"{path}: line {line} is no yaml: {error.problem}") from None
+
+
+def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
+    kind: Any = locate(settings.get("_target_", ""))
+    if kind is None:
+        raise ConfigError(f"conf/dataset/{name}.yaml: reader._target_={settings.get('_target_')}: no such reader")
+    known = [field.name for field in fields(kind)]
+    if unknown := [key for key in settings if key not in (*known, "_target_")]:
+        raise ConfigError(f"conf/dataset/{name}.yaml: reader has no key {unknown[0]}: expected {', '.join(known)}")
+    reader: Reader = kind(**{key: value for key, value in settings.items() if key != "_target_"})
+    return reader
 
 
 def _simulated(conf: Path, name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
@@ -108,11 +136,11 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
         raise ConfigError(
             f"root={root}: a path of letters, digits, blanks and ./_-+@~ is needed; a link with such a name will do"
         )
-    settings = dict(dataset["reader"])
-    reader: Reader = locate(settings.pop("_target_"))(**settings)  # type: ignore[operator]
-    lacking = reader.sequences(root)
+    lacking = _reader(name, dataset["reader"]).sequences(root)
     if not lacking:
         raise ConfigError(f"root={root}: no {name} sequence there; expected {dataset['study']['expected']}")
+    odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
+    lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
     train, tests = dataset["study"]["train"], list(dataset["study"]["tests"])
@@ -122,14 +150,19 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
     train = options.get("train", train or (whole or [""])[0])
     tests = options["tests"].split(",") if "tests" in options else tests or [sequence for sequence in whole if sequence != train]
+    why = "".join(f"; {note}" for note in notes)
     if train not in whole:
-        known = ", ".join(whole) or "none"
-        raise ConfigError(f"the training sequence {train} cannot be read below {root}: give train=, one of {known}")
+        known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
+        raise ConfigError(f"the training sequence {train} cannot be read below {root}: {known}{why}")
+    if tests == [train]:
+        raise ConfigError(f"tests={train}: is the training sequence; give others")
     absent = [sequence for sequence in tests if sequence not in whole]
     notes += [f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking]
     tests = [test for test in tests if test in whole and test != train]
     if not tests:
-        raise ConfigError(f"no test sequence can be read below {root}: give tests=, some of {', '.join(whole)}")
+        others = ", ".join(sequence for sequence in whole if sequence != train)
+        known = f"give tests=, some of {others}" if others else "one more is needed"
+        raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
     places = {
         "world": "recorded",
         "source": "readers",

@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them"
     )
     fetch.add_argument("dataset", help="nclt: a file in conf/fetch")
-    fetch.add_argument("words", nargs="+", metavar="SEQUENCE|KEY=VALUE", help="dates; root=FOLDER (data/DATASET), base=ADDRESS")
+    fetch.add_argument("words", nargs="*", metavar="SEQUENCE|KEY=VALUE", help="dates; root=FOLDER (data/DATASET), base=ADDRESS")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
     look.add_argument("path", type=Path, metavar="FILE-OR-ARTIFACT")
     look.add_argument("--format", choices=("nclt", "kitti"), help="whose .bin file it is, where its folder does not tell")
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.benchmark import propose, text
+    from pipeline.benchmark import check, propose, text
 
     conf = _conf()
     path = conf / "benchmark.yaml"
@@ -75,12 +75,14 @@ def _use(given: argparse.Namespace) -> None:
     wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
     studies = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
-    if not path.is_file() or path.read_text() != text(studies):
-        path.write_text(text(studies))
+    spelled_out = text(studies)
+    check(conf, studies)
+    if not path.is_file() or path.read_text() != spelled_out:
+        path.write_text(spelled_out)
     for note in (note for proposal in proposals.values() for note in proposal.notes):
         print(f"  {note}")
     for name, study in studies.items():
-        print(f"{name}: trained on {study['train']}, tested on {', '.join(study['tests'])}")
+        print(f"{name}: trained on {study['train']} with the budget {study['budget']}, tested on {', '.join(study['tests'])}")
 
 
 def _fetch(given: argparse.Namespace) -> None:
@@ -120,16 +122,21 @@ class _Bytes(Watch):
                 yield item
                 bar.update(task, advance=CHUNK)
 
+    def tell(self, line: str) -> None:
+        print(f"  {line}", file=sys.stderr, flush=True)
+
 
 def _inspect(given: argparse.Namespace) -> None:
     from pipeline.inspection.report import inspect
 
+    if given.save and (given.save.parent.resolve() != (_conf() / "dataset").resolve() or given.save.suffix != ".yaml"):
+        raise ConfigError(f"--save {given.save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it")
+    if given.save and given.save.exists():
+        raise ConfigError(f"--save {given.save}: is there already; remove it first, or give another name")
     print(inspect(given.path, given.format).text())
     if given.save:
         from pipeline.inspection.bags import proposal
 
-        if given.save.exists():
-            raise ConfigError(f"{given.save}: is there already; remove it first, or give another name")
         given.save.write_text(proposal([given.path]))
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 

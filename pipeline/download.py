@@ -15,6 +15,7 @@ from urllib.parse import urljoin, urlsplit
 
 import requests
 from requests import exceptions
+from urllib3.exceptions import NewConnectionError
 
 from pipeline.errors import LogError
 from pipeline.watch import Watch
@@ -25,6 +26,8 @@ CHUNK = 2**16
 AGAIN = (408, 425, 429, 500, 502, 503, 504)
 """Answers that may be better a little later."""
 REDIRECTS = 5
+UNREACHED = 3
+"""So often in all may nobody answer at the address before that is final."""
 HEADERS = {"Accept-Encoding": "identity", "User-Agent": "yearloc"}
 
 
@@ -83,9 +86,9 @@ class Downloader:
     wait_s: float
     """Before the second try, doubled at each further one up to 32 times that."""
 
-    def length(self, url: str) -> int:
+    def length(self, url: str, watch: Watch) -> int:
         """Bytes of the file at `url`; raises LogError where the server does not say."""
-        return self._patiently(url, lambda: self._length(url))
+        return self._patiently(url, lambda: self._length(url), watch)
 
     def fetch(self, url: str, path: Path, watch: Watch) -> None:
         """Bring `url` to `path`, which appears once it is whole; `watch` is shown chunks of up to CHUNK bytes.
@@ -93,19 +96,26 @@ class Downloader:
         Raises LogError for an answer that no further try would change, for a full disk, and when the tries are used up; what has
         arrived is kept for the next call.
         """
-        self._patiently(url, lambda: self._go_on(url, path, watch))
+        self._patiently(url, lambda: self._go_on(url, path, watch), watch)
 
-    def _patiently(self, url: str, work: Callable[[], Result]) -> Result:
-        why = ""
+    def _patiently(self, url: str, work: Callable[[], Result], watch: Watch) -> Result:
+        why, unreached = "", 0
         for attempt in range(self.tries):
             if attempt:
-                time.sleep(self.wait_s * 2 ** min(attempt - 1, 5))
+                wait_s = self.wait_s * 2 ** min(attempt - 1, 5)
+                watch.tell(f"{url}: {why}; try {attempt + 1} of {self.tries} in {wait_s:g} s")
+                time.sleep(wait_s)
             try:
                 return work()
             except exceptions.SSLError as error:
                 raise LogError(f"{url}: its certificate is not to be trusted ({_said(error)})") from None
             except (TryAgainError, exceptions.ConnectionError, exceptions.ChunkedEncodingError, exceptions.Timeout) as error:
                 why = _said(error)
+                unreached += _unreached(error)
+                if unreached == UNREACHED:
+                    raise LogError(
+                        f"{url}: cannot be reached ({why}); is there a network, and is the base address right?"
+                    ) from None
             except (exceptions.RequestException, ValueError) as error:  # requests lets some addresses' ValueErrors through
                 raise LogError(f"{url}: {_said(error)}; is the base address right?") from None
         raise LogError(f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is kept, call again")
@@ -183,6 +193,12 @@ def _length(answer: requests.Response) -> int:
     if not re.fullmatch("[0-9]{1,15}", said) or coding != "identity":
         raise LogError(f"{answer.url}: the server does not say how long the file is, so a part could not be told from the whole")
     return int(said)
+
+
+def _unreached(error: Exception) -> bool:
+    """Whether no connection came about at all."""
+    cause = getattr(error.args[0], "reason", None) if error.args else None
+    return isinstance(cause, NewConnectionError)
 
 
 def _said(error: Exception) -> str:

@@ -115,7 +115,7 @@ class Publisher:
                     yield f"{archive.name}: here already"
                 else:
                     lacking.append((root / sequence, archive))
-        self._check_disk(downloader, store, [archive for _, archive in lacking])
+        self._check_disk(downloader, store, [archive for _, archive in lacking], watch)
         for folder, archive in lacking:
             path = store / archive.name
             if not path.is_file():
@@ -127,14 +127,14 @@ class Publisher:
             path.unlink() if archive.packed else path.replace(folder / archive.holds)
             yield f"{archive.name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
-    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive]) -> None:
+    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Watch) -> None:
         """Before a byte is fetched: room for all of it unpacked, and for the largest archive beside it."""
         unpacked, packed = 0.0, 0
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
             here = path.stat().st_size if path.is_file() else part.arrived
-            whole = here if path.is_file() else part.total or downloader.length(urljoin(self.base, archive.path))
+            whole = here if path.is_file() else part.total or downloader.length(urljoin(self.base, archive.path), watch)
             unpacked += whole * archive.swells
             packed = max(packed, whole - here if archive.packed else 0)
         free = shutil.disk_usage(store).free

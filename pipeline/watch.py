@@ -28,3 +28,6 @@ class Watch:
 
     def note(self, **numbers: float) -> None:
         """Show the latest numbers, such as a loss, beside the bar."""
+
+    def tell(self, line: str) -> None:
+        """Show a line that a person should read now, such as what work waits for."""

@@ -22,7 +22,10 @@ def main(cfg: DictConfig) -> str:
         for name, column in asdict(labels).items():
             out.put(name, column)
     seen = int((labels.places >= 0).sum())
-    return f"{cfg.sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places of {grid.cell_m:g} m"
+    told = "" if seen else "; no submap lies at a place of training: do the poses of both share a frame?"
+    return (
+        f"{cfg.sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places of {grid.cell_m:g} m{told}"
+    )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,9 @@ from pipeline.errors import ArtifactError
 from pipeline.views.draw import BLOCK, Drawing
 from stages import Bars, stage
 
+SEEN_M = 0.01
+"""An image that nowhere reaches this height shows nothing."""
+
 
 @stage("views")
 def main(cfg: DictConfig) -> str:
@@ -16,7 +19,7 @@ def main(cfg: DictConfig) -> str:
     with store.write(cfg.out, schemas.VIEWS) as out:
         for images in Bars().track(drawing.blocks(instantiate(cfg.compute)), -(-len(drawing) // BLOCK), "draw"):
             out.append("images", images)
-            blank += int((images == 0).all(axis=(1, 2)).sum())
+            blank += int((images < SEEN_M).all(axis=(1, 2)).sum())
         if blank == len(drawing):
             raise ArtifactError(f"{cfg.submaps}: all images are blank, nothing stands off the ground; lift_m, or submap: flat?")
         for name in ("stamps_ns", "world_T_anchor"):

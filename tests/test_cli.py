@@ -40,8 +40,8 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 1
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
+    *before, line = capsys.readouterr().err.splitlines()
+    assert all("; try " in told for told in before)
     return line
 
 
@@ -145,6 +145,62 @@ def test_an_old_or_broken_list_is_written_anew(project, capsys):
 def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):
     nclt(project / "data", "2012-02-04", "2012-03-17")
     assert "one of 2012-02-04, 2012-03-17" in refused(capsys, "use", "nclt", f"root={project / 'data'}")
+
+
+def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys):
+    for day in ("mon", "tue"):
+        (project / "own" / day / "scans").mkdir(parents=True)
+        (project / "own" / day / "scans/1.0.npy").touch()
+    assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, "use", "folder", f"root={project / 'own'}")
+    (project / "own/mon/poses.txt").touch()
+    said = refused(capsys, "use", "folder", f"root={project / 'own'}", "train=mon")
+    assert "one more is needed; tue: lacks poses.txt" in said
+    (project / "own/tue/poses.txt").touch()
+    assert "is the training sequence" in refused(capsys, "use", "folder", f"root={project / 'own'}", "train=mon", "tests=mon")
+    (project / "own/tue").rename(project / "own/tue 2")
+    assert "rename it" in refused(capsys, "use", "folder", f"root={project / 'own'}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("scans: scans", "scan: scans", "reader has no key scan: expected scans, poses"),
+        ("scans: scans", "scans: [scans", "is no yaml"),
+        ("readers.folder.Folder", "readers.folder.Holder", "no such reader"),
+    ],
+)
+def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said):
+    path = project / "conf/dataset/folder.yaml"
+    path.write_text(path.read_text().replace(old, new))
+    assert said in refused(capsys, "use", "folder", f"root={project}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[10m]", "[7m]", "the grid 7m; expected one of 10m"),
+        ("name: sci,", "name: sco,", "the method sco"),
+        ("single", "dual", "submap"),
+    ],
+)
+def test_a_study_by_hand_names_what_there_is(project, capsys, old, new, said):
+    main(["use", "campus"])
+    path = project / "conf/benchmark.yaml"
+    path.write_text(path.read_text().replace(old, new, 1))
+    assert said in refused(capsys, "use")
+
+
+def test_a_proposal_is_saved_where_use_finds_it_and_over_nothing(project, capsys):
+    for place in ("robot.yaml", "conf/dataset/robot.yml", "/nowhere/robot.yaml"):
+        assert "conf/dataset/NAME.yaml" in refused(capsys, "inspect", "monday", "--save", place)
+    assert "there already" in refused(capsys, "inspect", "monday", "--save", "conf/dataset/nclt.yaml")
+
+
+def test_fetch_says_what_it_could_bring(project, capsys):
+    assert "expected one of nclt" in refused(capsys, "fetch", "kitti")
+    assert "for example, 2012-01-15" in refused(capsys, "fetch", "nclt")
+    said = refused(capsys, "fetch", "nclt", "2012-01-15", "base=http://127.0.0.1:9/")
+    assert "cannot be reached" in said.splitlines()[-1]
 
 
 def test_repair_removes_what_a_kill_tore_and_nothing_else(project):

@@ -87,7 +87,8 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   grids: [10m]
   methods: [sci]
 """
-    return Proposal(text, tuple(warnings))
+    head, rest = text.split("\n", 1)
+    return Proposal("\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), tuple(warnings))
 
 
 def _poses(contents: Contents) -> tuple[Source | None, Source | None]:

@@ -91,7 +91,7 @@ def array_file(path: Path) -> Inspection:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
-        raise LogError(f"{path}: not a whole .npy file of numbers ({str(error).splitlines()[0]}); save it anew") from None
+        raise LogError(f"{path}: not a whole .npy file of numbers ({type(error).__name__}); save it anew") from None
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu" or not len(array):
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
     stride = max(1, len(array) // 2_000_000)

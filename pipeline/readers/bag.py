@@ -43,6 +43,10 @@ class Bag:
     """Poses further apart than this are a gap."""
 
     def __post_init__(self) -> None:
+        if self.truth is None:
+            raise ConfigError(
+                "reader.truth=null: expected the topic of the true poses, such as /odom; without poses nothing is learned"
+            )
         check(self, "reader")
         positive("reader", max_gap_s=self.max_gap_s)
         if not isinstance(self.odometry, str | None):

@@ -121,7 +121,10 @@ class Folder:
             else:
                 found[stamp] = path
         if not found:
-            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {self._names()}; .bin, .npy or .pcd)")
+            there = next((f"; {path.name} is none" for path in sorted(self._files(folder))), "")
+            raise LogError(
+                f"{folder}: holds no readable scan in {self.scans} (named by {self._names()}; .bin, .npy or .pcd{there})"
+            )
         return found
 
     def _names(self) -> str:

@@ -2,7 +2,10 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.compute import Compute
 from pipeline.errors import LogError
@@ -20,15 +23,20 @@ class Recorded:
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
         """Open the log below `root` and write what it holds into folder/inventory.csv; says how much that is.
 
+        A line a scan, with a digest of its poses and points, so that a log that was replaced is seen to be another.
+
         Raises LogError for a log that cannot be opened; a scan that cannot be read is counted.
         """
         log = self.reader.open(Path(self.root), sequence)
-        skipped, rows = Counter(log.skipped), ["stamp_ns,points\n"]
+        skipped, rows = Counter(log.skipped), ["stamp_ns,points,sha256\n"]
         for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
             try:
-                rows.append(f"{stamp},{len(log.points(row))}\n")
+                points = log.points(row)
             except LogError:
                 skipped["unreadable scan"] += 1
+                continue
+            held = b"".join(np.ascontiguousarray(part).data for part in (log.world_T_scan[row], log.odom_T_scan[row], points))
+            rows.append(f"{stamp},{len(points)},{sha256(held).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows))
         left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))

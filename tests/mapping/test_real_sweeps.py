@@ -1,14 +1,17 @@
 """Submaps of scans and sweeps as readers give them: real KITTI scans, and a bag of laser scans."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
 from pipeline import store
 from pipeline.compute import Compute
+from pipeline.errors import ArtifactError
 from pipeline.formats.bag import BagWriter
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.scans import Intake
@@ -16,9 +19,10 @@ from pipeline.mapping.submaps import Accumulated
 from pipeline.readers.bag import Bag
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
-from pipeline.schemas import SCANS
+from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.scan_context import ScanContext
 from pipeline.watch import Watch
+from stages.views import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -68,3 +72,30 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
     *_, points = Gathering(scans, made.layout, made.first, made.scans, made.ground_m, made.used)
     np.testing.assert_allclose(points, [[-x / 10, 5, 1] for x in range(20, -1, -1)], atol=0.006)
     assert ScanContext(min_points=1)(points).max() == pytest.approx(1.0, abs=0.006)
+
+
+def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweeps at the height of the ground: that of a level lidar when its own height is taken for the ground's."""
+    monkeypatch.chdir(tmp_path)
+    poses = np.tile(np.eye(4), (30, 1, 1))
+    poses[:, 0, 3] = np.arange(30)
+    thicket = np.mgrid[38:42:0.25, -2:2:0.25].reshape(2, -1).T
+    sweep = np.column_stack([np.concatenate([[[4.0, 0.0]], thicket]), np.full(len(thicket) + 1, 0.6)])
+    level = Log(np.arange(30), poses, poses, lambda row: sweep, Counter())
+    scans = taken(tmp_path / "scans.zarr", level)
+    stage = {"sequence": "monday", "scans": "scans.zarr", "submaps": "submaps.zarr"}
+    view = {"_target_": "pipeline.views.scan_context.ScanContext", "rings": 40, "sectors": 120}
+    drawn = stage | {"out": "views.zarr", "view": view, "compute": {"_target_": "pipeline.compute.Compute"}}
+    for percentile, shows in ((5.0, False), (-1.0, True)):
+        made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Watch())
+        with store.write("submaps.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
+            for name in ("first", "scans", "ground_m", "used"):
+                draft.put(name, getattr(made, name))
+            draft.put("stamps_ns", scans.load("stamps_ns")[made.scans])
+            draft.put("world_T_anchor", poses[made.scans])
+        if shows:
+            assert main.run(OmegaConf.create(drawn)).startswith("monday: 24 images")
+        else:
+            with pytest.raises(ArtifactError, match="submap: flat"):
+                main.run(OmegaConf.create(drawn))
+            assert not Path("views.zarr").exists()
