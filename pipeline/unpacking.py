@@ -11,7 +11,7 @@ from pipeline.errors import LogError
 
 LARGEST_HEADER = 2**20
 """A member's header; longer ones are made to fill the memory."""
-MOST_FILES = 10**6
+MOST_ENTRIES = 10**6
 
 
 class Stream(gzip.GzipFile):
@@ -53,13 +53,13 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
 
 def _extract(path: Path, scratch: Path) -> int:
     """Every member into `scratch`, and the archive's own checksum."""
-    room, taken, files = shutil.disk_usage(scratch).free, 0, 0
+    room, taken, entries, files = shutil.disk_usage(scratch).free, 0, 0, 0
     with Stream(path) as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
         while (member := tar.next()) is not None:
             tar.members = []  # type: ignore[attr-defined]  # they would pile up
             _refuse_odd(path, member)
-            taken, files = taken + member.size, files + 1
-            if taken > room or files > MOST_FILES:
+            taken, entries, files = taken + member.size, entries + 1, files + member.isreg()
+            if taken > room or entries > MOST_ENTRIES:
                 raise LogError(f"{path}: unpacks to more than the {room / 1e9:.1f} GB free here or to a million files; refused")
             _place(tar, member, scratch / member.name)
         for _ in range(LARGEST_HEADER):  # gzip checks what was read when it comes to its end

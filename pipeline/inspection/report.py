@@ -9,7 +9,7 @@ from pipeline.inspection import artifacts, bags, files, folders, origin, pcd, ro
 from pipeline.inspection.inspection import Inspection
 
 KNOWN = (
-    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib), .npy, .pcd, "
+    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib; TUM poses), .npy, .pcd, "
     ".bag, .mcap, .db3, or a folder of these"
 )
 
@@ -76,6 +76,8 @@ def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
         found = tracks.kitti_calib(path)
     elif path.suffix == ".txt" and path.stem.isdecimal():
         found = tracks.kitti_poses(path)
+    elif path.suffix in (".txt", ".tum") and tracks.is_tum(path):
+        found = tracks.tum_poses(path)
     else:
         raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {KNOWN}")
     return _with_origin(found, path, lock)

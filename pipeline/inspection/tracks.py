@@ -1,4 +1,4 @@
-"""Files of numbers beside the scans: NCLT's poses, KITTI's poses, times and calibration."""
+"""Files of numbers beside the scans: NCLT's poses, KITTI's poses, times and calibration, TUM's poses."""
 
 import warnings
 from pathlib import Path
@@ -10,6 +10,7 @@ from pipeline.errors import LogError
 from pipeline.formats import kitti
 from pipeline.inspection.inspection import Inspection, Section, duration, metres, moment
 from pipeline.readers import log
+from pipeline.readers.folder import read_tum
 
 GAP_S = 0.5
 """Rows further apart leave the scans between them without a pose (the NCLT reader's max_gap_s)."""
@@ -70,6 +71,30 @@ def kitti_poses(path: Path) -> Inspection:
             f"{len(table(times, 1))} times in {times} for {len(rows)} poses: the reader refuses the log; one is cut short"
         )
     return Inspection(f"{path} — KITTI ground truth, poses of camera 0", (Section("", cells),), tuple(found))
+
+
+def is_tum(path: Path) -> bool:
+    """Whether the first row that says anything has the eight words of a TUM trajectory."""
+    with path.open(errors="replace") as file:
+        rows = (line.split("#")[0].replace(",", " ").split() for line in file)
+        return len(next((words for words in rows if words), [])) == 8
+
+
+def tum_poses(path: Path) -> Inspection:
+    """A TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
+    stamps_ns, poses = read_tum(path)
+    known = np.isfinite(poses).all(axis=(1, 2))
+    xyz = poses[known, :3, 3]
+    steps = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
+    lacking = int((~known).sum())
+    cells = (
+        ("rows", f"{len(stamps_ns):,}" + (f", of which {lacking:,} hold a NaN: gaps" if lacking else "")),
+        *clock(stamps_ns * 1e-9),
+        ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
+        ("box", box(xyz, "x", "y", "z")),
+        ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
+    )
+    return Inspection(f"{path} — TUM trajectory", (Section("", cells),))
 
 
 def kitti_times(path: Path) -> Inspection:

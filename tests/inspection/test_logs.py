@@ -154,3 +154,19 @@ def test_real_files_are_told_without_warnings(name: str, words: str) -> None:
     found = inspect(REAL / name)
     assert words in found.text()
     assert found.warnings == ()
+
+
+def test_a_tum_trajectory_tells_its_path_and_its_gaps(tmp_path: Path) -> None:
+    rows = [f"{100 + i / 10}, {3 * i} 0 {4 * i} 0 0 0 1" for i in range(5)]  # 5 m a row
+    (tmp_path / "poses.txt").write_text("# stamp x y z qx qy qz qw\n" + "\n".join([*rows, "101 nan 0 0 0 0 0 1"]) + "\n")
+    text = inspect(tmp_path / "poses.txt").text()
+    assert "TUM trajectory" in text
+    assert "6, of which 1 hold a NaN" in text
+    assert "20 m, median step 5 m" in text
+    assert "x 0.0 … 12.0 m, y 0.0 … 0.0 m, z 0.0 … 16.0 m" in text
+    (tmp_path / "poses.txt").write_text("100 0 0 0 0 0 0 2\n")
+    with pytest.raises(LogError, match="quaternion"):
+        inspect(tmp_path / "poses.txt")
+    (tmp_path / "poses.txt").write_text("hello\n")
+    with pytest.raises(ConfigError, match="no kind of file"):
+        inspect(tmp_path / "poses.txt")
