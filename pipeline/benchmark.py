@@ -110,7 +110,9 @@ def _simulated(conf: Path, name: str, dataset: Mapping[str, Any], options: Mappi
         raise ConfigError(f"world={world}: expected one of {', '.join(usual)}")
     driven = yaml.safe_load((conf / "world" / f"{name}_{world}.yaml").read_text())["sequences"]
     tests = options["tests"].split(",") if "tests" in options else list(usual[world])
-    if unknown := [test for test in tests if test.removesuffix("-b") not in driven]:
+    if dataset["study"].get("parts"):
+        driven = [f"{log}-b" for log in driven]
+    if unknown := [test for test in tests if test not in driven]:
         raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
     places = {
         "world": f"{name}_{world}",
@@ -144,7 +146,7 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
     train, tests = dataset["study"]["train"], list(dataset["study"]["tests"])
-    if name == "kitti":
+    if dataset["study"].get("parts"):
         log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
         train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]

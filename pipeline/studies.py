@@ -13,7 +13,8 @@ from pipeline.errors import ConfigError
 Lists = dict[str, dict[str, dict[str, Any]]]
 
 DRIVEN = ("world", "source", "heeds", "root", "submap")
-"""What the stages of one drive take from its study."""
+"""What the stages of one drive take from its study. `heeds` is what its logs depend on in the data set's yaml: the
+reader, or of a simulated one no more than that it is simulated."""
 
 
 def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:

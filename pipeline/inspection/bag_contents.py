@@ -26,7 +26,7 @@ class Held:
     rate_hz: float
     """NaN where it cannot be told."""
     frame: str
-    """frame_id of its first message; empty for types that the reader does not use."""
+    """frame_id of its first message; empty if that is broken, and for types that the reader does not use."""
     child: str
     """child_frame_id of an Odometry."""
 

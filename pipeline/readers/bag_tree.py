@@ -25,15 +25,19 @@ class Tree:
 
     where: str
     edges: dict[tuple[str, str], tuple[Stamps, Poses]]
+    broken: int
+    """Messages that could not be read."""
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
         """Transforms of the topics that end in tf_static, and with `moving` of all others too."""
         sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
+        broken = 0
         for file, key, data in _transforms(files, moving):
             try:
                 message = file.decode(data, TRANSFORMS)
             except LogError:
+                broken += 1
                 continue
             for stamped in message.transforms:
                 stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
@@ -46,7 +50,7 @@ class Tree:
             known = np.isfinite(found[:, 0, 0])
             if known.any():
                 edges[edge] = np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known], found[known]
-        return Tree(str(files[0].path), edges)
+        return Tree(str(files[0].path), edges, broken)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
         """a_T_b (4, 4) by transforms that never change; None where there is no such way."""
@@ -74,7 +78,7 @@ class Tree:
         moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
         if not moving:
             raise LogError(f"{self.where}: {name} never changes, so it is no path; name the frame that the vehicle moves in")
-        notes: tuple[str, ...] = ()
+        notes: tuple[str, ...] = (f"{name}: {self.broken:,} broken messages of transforms are left out",) if self.broken else ()
         trajectories = {}
         for edge in moving:
             trajectories[edge], said = trajectory(">".join(edge), *self.edges[edge], max_gap_s)

@@ -28,7 +28,6 @@ BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0
 """From x right, y down, z forward to x forward, y left, z up."""
 FARTHEST_M = 1e6
 """A point beyond is none: no lidar sees 1,000 km."""
-EARTH_M = 1e8
 
 
 @dataclass(frozen=True)
@@ -169,15 +168,17 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
         raise LogError(f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after the row before it")
-    known = np.isfinite(rows).all(axis=1)
+    known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
-    _refuse(path, known & ~(np.abs(norms - 1) < 1e-3), "has a quaternion qx qy qz qw whose length is not 1")
-    _refuse(path, known & (np.abs(rows[:, :3]).max(axis=1) > EARTH_M), "lies nowhere on Earth; positions are in metres")
+    odd = np.flatnonzero(known & ~(np.abs(norms - 1) < 1e-3))
+    if len(odd):
+        raise LogError(f"{path}: row {odd[0] + 1} has a quaternion qx qy qz qw whose length is not 1")
     poses = np.full((len(rows), 4, 4), np.nan)
     poses[known] = np.eye(4)
     if known.any():
         poses[known, :3, :3] = Rotation.from_quat(rows[known, 3:]).as_matrix()
     poses[known, :3, 3] = rows[known, :3]
+    log.refuse_poses(path, poses, known)
     return stamps_ns, poses
 
 
@@ -188,17 +189,9 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
     poses = kitti.matrix(rows)
     known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
-    _refuse(path, known & (np.abs(poses[:, :3, 3]).max(axis=1) > EARTH_M), "lies nowhere on Earth; positions are in metres")
-    R = np.where(known[:, None, None], poses[:, :3, :3], np.eye(3)).clip(-2, 2)
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    _refuse(path, (off > 1e-3) | (np.linalg.det(R) < 0), "has no rotation in its 3×4 matrix")
+    log.refuse_poses(path, poses, known)
     poses[~known] = np.nan
     return log.nanoseconds(times_path, times_s, "s", 10**9), poses
-
-
-def _refuse(path: Path, wrong: NDArray[np.bool_], why: str) -> None:
-    if wrong.any():
-        raise LogError(f"{path}: row {np.flatnonzero(wrong)[0] + 1} {why}")
 
 
 def _span(stamps_ns: Stamps) -> str:

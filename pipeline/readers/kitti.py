@@ -16,8 +16,6 @@ from pipeline.formats import kitti
 from pipeline.readers import log
 from pipeline.readers.log import Log
 
-EARTH_M = 1e8
-
 
 @dataclass(frozen=True)
 class Kitti:
@@ -85,19 +83,15 @@ def read_velodyne(path: str | Path) -> NDArray[np.float32]:
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
-    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne."""
+    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne.
+
+    Raises LogError for what is no pose, naming the row.
+    """
     rows = log.table(Path(poses_path), 12)
-    sane = (np.abs(rows) < EARTH_M).all(axis=1)
-    if not sane.all():
-        raise LogError(
-            f"{poses_path}: row {int(np.flatnonzero(~sane)[0]) + 1} is not finite, or lies nowhere on Earth; the file is damaged"
-        )
-    R = kitti.matrix(rows)[:, :3, :3].clip(-2, 2)
-    wrong = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
-    if wrong.any():
-        raise LogError(f"{poses_path}: row {int(np.flatnonzero(wrong)[0]) + 1} holds no rotation in its 3×4 matrix")
+    first_T_cam = kitti.matrix(rows)
+    log.refuse_poses(Path(poses_path), first_T_cam, np.ones(len(rows), bool))
     cam_T_velo = _transform_row(Path(calib_path))
-    return np.linalg.inv(cam_T_velo) @ kitti.matrix(rows) @ cam_T_velo
+    return np.linalg.inv(cam_T_velo) @ first_T_cam @ cam_T_velo
 
 
 def _transform_row(path: Path) -> NDArray[np.float64]:

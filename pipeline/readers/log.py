@@ -35,6 +35,8 @@ class Log:
     """What else a person should know of the log's completeness."""
 
 
+EARTH_M = 1e8
+"""No position is as far from its frame's origin: the Earth's centre is 6.4e6 m away."""
 LATEST_NS = 2**62
 """Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 
@@ -94,6 +96,17 @@ def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int
         raise LogError(f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; stamps must increase")
     whole = np.floor(stamps)
     return whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
+
+
+def refuse_poses(path: Path, poses: Poses, known: NDArray[np.bool_]) -> None:
+    """Raise LogError naming the first of the `known` rows of `poses` (n, 4, 4), read from `path`, that no body can have."""
+    far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
+    R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
+    skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
+    for wrong, why in ((far, "is not finite, or lies nowhere on Earth; positions are in metres"), (skew, "has no rotation")):
+        rows = np.flatnonzero(wrong & known)
+        if len(rows):
+            raise LogError(f"{path}: row {rows[0] + 1} {why}")
 
 
 def posed(

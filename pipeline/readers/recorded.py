@@ -28,7 +28,7 @@ class Recorded:
         Raises LogError for a log that cannot be opened; a scan that cannot be read is counted.
         """
         log = self.reader.open(Path(self.root), sequence)
-        skipped, rows = Counter(log.skipped), ["stamp_ns,points,sha256\n"]
+        skipped, rows = Counter(log.skipped), ["stamp_ns,points,digest\n"]
         for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
             try:
                 points = log.points(row)

@@ -11,9 +11,11 @@ from rosbags import rosbag1, rosbag2
 from pipeline.compute import Compute
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats.bag import BagWriter
+from pipeline.formats.bag_file import BagFile
 from pipeline.frames import transform, yaw
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_track import increasing
+from pipeline.readers.bag_tree import Tree
 from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
 
@@ -340,3 +342,22 @@ def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     assert Bag().sequences(tmp_path) == {}
     drive(bag_path(tmp_path, "ros1"), "ros1")
     assert Bag(truth="/gps").sequences(tmp_path)["drive"][0].startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
+
+
+def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> None:
+    path = tmp_path / "drive.bag"
+    with BagWriter(path, "ros1") as bag:
+        for i in range(4):
+            bag.transform(START_NS + i * STEP_NS, "map", "base_link", at(i))
+    file = BagFile(path)
+    whole = file.decode
+    answers = iter([LogError("cut short")])
+    file.decode = lambda data, kind: raised(next(answers, None)) or whole(data, kind)  # type: ignore[method-assign]
+    assert Tree.read([file], moving=True).track("map", "base_link", 0.5).notes == (
+        "tf:map>base_link: 1 broken messages of transforms are left out",
+    )
+
+
+def raised(error: LogError | None) -> None:
+    if error:
+        raise error

@@ -142,7 +142,7 @@ def test_a_quaternion_half_a_per_mille_too_long_is_made_right(tmp_path: Path) ->
         ("nan 0 0 0 0 0 0 1\n", "row 1 is"),
         ("1e18 0 0 0 0 0 0 1\n", "row 1 is"),
         ("1e999999999999 0 0 0 0 0 0 1\n", "row 1 is"),
-        (tum("0 0 0 1e300 0 0 0 1"), "row 1 lies nowhere on Earth"),
+        (tum("0 0 0 1e300 0 0 0 1"), "row 1 is not finite, or lies nowhere on Earth"),
         ("\x00\xff", "row 1 is"),
     ],
 )
@@ -161,7 +161,7 @@ def test_a_tum_file_that_cannot_be_is_one_line_naming_the_row(tmp_path: Path, te
         (f"{POSE}0\n", "0\n1\n", "2 times for 1 poses"),
         (f"{POSE}0\n2 0 0 0 0 1 0 0 0 0 1 0\n", "0\n1\n", "row 2 has no rotation"),
         (f"{POSE}0\n-1 0 0 0 0 1 0 0 0 0 1 0\n", "0\n1\n", "row 2 has no rotation"),  # a mirror
-        (f"{POSE}1e9\n{POSE}0\n", "0\n1\n", "row 1 lies nowhere on Earth"),
+        (f"{POSE}1e9\n{POSE}0\n", "0\n1\n", "row 1 is not finite, or lies nowhere on Earth"),
         (f"{POSE}0\n{POSE}0\n", "1\n1\n", "row 2 is stamped"),
         ("1 2 3\n", "0\n", "expected 12 numbers a row"),
     ],

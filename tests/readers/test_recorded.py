@@ -19,7 +19,7 @@ def test_what_is_on_disk_is_listed(tmp_path: Path, kitti: Callable[..., Path]) -
     root = kitti(tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]})
     says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Watch())
     header, one, other = (tmp_path / "out" / "07" / "inventory.csv").read_text().splitlines()
-    assert (header, one[:12], other[:12]) == ("stamp_ns,points,sha256", "100000000,1,", "400000000,2,")
+    assert (header, one[:12], other[:12]) == ("stamp_ns,points,digest", "100000000,1,", "400000000,2,")
     assert says.startswith(f"2 scans found below {root}")
     assert "1 skipped (truncated record)" in says
     assert "4 of 6 scans are not on disk" in says

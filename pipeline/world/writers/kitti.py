@@ -1,26 +1,19 @@
 """KITTI odometry's layout and frames: a root of its own for one log, in the folder (METHODS 7.3)."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.formats import kitti
-from pipeline.frames import Poses
 from pipeline.world.drive import Drive
 from pipeline.world.lidar import Returns
 from pipeline.world.names import kitti_log
 from pipeline.world.seeds import Noise
+from pipeline.world.writers.files import FilesWriter
 
 
-@dataclass(frozen=True)
-class KittiWriter:
+class KittiWriter(FilesWriter):
     """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, which the reader splits."""
-
-    folder: Path
-    sequence: str
-    body_T_sensor: Poses
-    in_order: bool = False
 
     def open(self) -> None:
         self._scans().mkdir(parents=True, exist_ok=True)
@@ -37,9 +30,6 @@ class KittiWriter:
         """velodyne/<scan>.bin."""
         data = kitti.encode(returns.points_m, returns.intensity / 255)
         (self._scans() / f"{scan:06d}.bin").write_bytes(data)
-
-    def close(self) -> None:
-        """Every scan is a file of its own."""
 
     def _scans(self) -> Path:
         return kitti.scan_folder(self.folder, kitti_log(self.sequence))

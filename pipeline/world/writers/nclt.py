@@ -1,30 +1,24 @@
 """NCLT's layout and frames: velodyne_sync scans in the body's frame, ground truth and wheel odometry (METHODS 7.1)."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.formats.nclt import ODOMETRY, SCANS, TRUTH, encode, write_pose_rows
-from pipeline.frames import Poses, flip_ned
+from pipeline.frames import flip_ned
 from pipeline.world.drive import Drive
 from pipeline.world.lidar import Returns
 from pipeline.world.odometry import integrate
 from pipeline.world.seeds import Noise, Stream
+from pipeline.world.writers.files import FilesWriter
 from pipeline.world.writers.rows import xyzrpy
 
 LEADING_GAPS = 5
 """Rows of NaN that open the truth, as in the real files, before the SLAM solution sets in."""
 
 
-@dataclass(frozen=True)
-class NcltWriter:
+class NcltWriter(FilesWriter):
     """Writes one sequence into its folder."""
-
-    folder: Path
-    sequence: str
-    body_T_sensor: Poses
-    in_order: bool = False
 
     def open(self) -> None:
         self._scans().mkdir(parents=True, exist_ok=True)
@@ -41,9 +35,6 @@ class NcltWriter:
         """velodyne_sync/<utime>.bin."""
         points_m = returns.points_m @ self.body_T_sensor[:3, :3].T + self.body_T_sensor[:3, 3]
         (self._scans() / f"{utime}.bin").write_bytes(encode(points_m.astype(np.float32), returns.intensity, returns.laser))
-
-    def close(self) -> None:
-        """Every scan is a file of its own."""
 
     def _scans(self) -> Path:
         return self.folder / SCANS

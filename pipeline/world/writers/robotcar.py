@@ -3,18 +3,16 @@
 The folder is a sequence's own, with the SDK's extrinsics inside.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 
 from pipeline.formats import robotcar
-from pipeline.frames import Poses, flip_ned, pose
+from pipeline.frames import flip_ned, pose
 from pipeline.world.drive import Drive
 from pipeline.world.ins import inertial
 from pipeline.world.lidar import CAMERA_HEIGHT_M, Returns
 from pipeline.world.odometry import visual
 from pipeline.world.seeds import Noise, Stream
+from pipeline.world.writers.files import FilesWriter
 from pipeline.world.writers.rows import xyzrpy
 
 LASER = robotcar.LASERS[0]
@@ -28,14 +26,8 @@ VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
 """Of the z-down vehicle."""
 
 
-@dataclass(frozen=True)
-class RobotCarWriter:
+class RobotCarWriter(FilesWriter):
     """Writes one sequence into its folder."""
-
-    folder: Path
-    sequence: str
-    body_T_sensor: Poses
-    in_order: bool = False
 
     def open(self) -> None:
         robotcar.sweep_folder(self.folder, "", LASER).mkdir(parents=True, exist_ok=True)
@@ -56,6 +48,3 @@ class RobotCarWriter:
         """lms_front/<utime>.bin."""
         data = robotcar.encode_sweep(returns.points_m[:, :2], returns.intensity)
         (robotcar.sweep_folder(self.folder, "", LASER) / f"{utime}.bin").write_bytes(data)
-
-    def close(self) -> None:
-        """Every sweep is a file of its own."""
