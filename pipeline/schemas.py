@@ -62,15 +62,22 @@ SUBMAPS = Schema(
         "left_out": "anchors that make no submap: reason to count",
     },
 )
-VIEWS = Schema(
-    "views",
-    1,
-    {
-        "images": Column("f4", ("submap", "ring", "sector"), "Scan Context: highest z in metres, 0 where empty", 32, 2_048),
+
+
+def _view(kind: str, column: Column) -> Schema:
+    """One view of each submap: what a method looks at."""
+    anchor = {
         "stamps_ns": Column("i8", ("submap",), "of the anchor, nanoseconds since 1970"),
         "world_T_anchor": Column("f8", ("submap", "row", "col"), "ground truth of the anchor"),
-    },
-)
+    }
+    return Schema(kind, 1, {"images": column, **anchor})
+
+
+VIEWS = _view("views", Column("f4", ("submap", "ring", "sector"), "Scan Context: highest z in metres, 0 where empty", 32, 2_048))
+CLOUDS = _view("clouds", Column("f2", ("submap", "point", "xyz"), "about their mean, in units of the cube's half side", 16, 512))
+SIGNATURES = _view("signatures", Column("f4", ("submap", "number"), "a descriptor that needs no training", 512, 4_096))
+LOOKED_AT = (VIEWS, CLOUDS, SIGNATURES)
+"""Artifacts of the views stage."""
 LABELS = Schema(
     "labels",
     1,
@@ -165,4 +172,4 @@ EVALUATIONS = Schema(
     },
 )
 
-ALL = (SCANS, SUBMAPS, VIEWS, LABELS, RANKINGS, EVALUATIONS)
+ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS)

@@ -42,8 +42,8 @@ class Artifact:
         return np.asarray(self._group[name][:])
 
 
-def read(path: str | Path, schema: Schema) -> Artifact:
-    """Open an artifact; raises ArtifactError if it is missing or not of the schema's kind and version."""
+def read(path: str | Path, *schemas: Schema) -> Artifact:
+    """Open an artifact; raises ArtifactError if it is missing or not of the kind and version of one of the schemas."""
     path = Path(path)
     if not (path / "zarr.json").is_file():
         raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
@@ -52,8 +52,9 @@ def read(path: str | Path, schema: Schema) -> Artifact:
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"{path}: not a whole zarr group ({error}); remove it and `dvc repro` it") from None
     found = (group.attrs.get("kind"), group.attrs.get("version"))
-    if found != (schema.kind, schema.version):
-        raise ArtifactError(f"{path}: expected {schema.kind} version {schema.version}, found {found[0]} version {found[1]}")
+    if found not in [(schema.kind, schema.version) for schema in schemas]:
+        expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
+        raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}")
     return Artifact(path, group)
 
 

@@ -21,14 +21,14 @@ class Rows:
     """A window on a view artifact, a row a submap."""
 
     images: Any
-    """(submap, ring, sector) heights in metres; slicing reads."""
+    """(submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what else; slicing reads."""
     stamps_ns: Stamps
     world_T_anchor: Poses
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
         """Open a view artifact."""
-        views = store.read(path, schemas.VIEWS)
+        views = store.read(path, *schemas.LOOKED_AT)
         return cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
 
 
@@ -47,7 +47,7 @@ class Ranking:
     confidence: NDArray[np.float32]
     """(query,) chance that the first answer is right, if the query is seen; NaN where the method gives none."""
     heading_deg: NDArray[np.float32]
-    """(query,) how the query is turned, NaN where the method cannot tell."""
+    """(query,) the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell."""
     kinds: tuple[str, ...]
     """Name of each kind of novelty."""
 

@@ -1,0 +1,125 @@
+"""What a descriptor method keeps of the training sequence besides its descriptors, and how it answers with it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from pipeline.errors import InputError
+from pipeline.frames import yaw
+from pipeline.matching import holdout
+from pipeline.matching.nearest import first_of_each, nearest
+from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.rejection import Evidence, near
+from pipeline.schemas import RANKINGS
+
+PREFIX = "database/"
+QUERIES = 256
+"""Asked at once when each is held against the whole database."""
+KIND = "distance"
+"""The one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)."""
+Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]]
+"""Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
+
+
+@dataclass(frozen=True)
+class Database:
+    """A row a training submap."""
+
+    places: NDArray[np.int64]
+    """(n,)."""
+    xy_m: NDArray[np.float64]
+    """(n, 2)."""
+    yaw_deg: NDArray[np.float64]
+    """(n,) in the world."""
+
+    @classmethod
+    def learned(cls, views: Rows, places: NDArray[np.int64]) -> Self:
+        """Of the training sequence; raises InputError unless each of its views has a place."""
+        if len(places) != len(views.world_T_anchor) or not len(places) or (places < 0).any():
+            raise InputError("every view of the training sequence needs a known place")
+        return cls(places.astype(np.int64), views.world_T_anchor[:, :2, 3], np.rad2deg(yaw(views.world_T_anchor)))
+
+    @classmethod
+    def of(cls, model: Model) -> Self:
+        """What a model holds of it."""
+        return cls(**{name.removeprefix(PREFIX): model[name] for name in model if name.startswith(PREFIX)})
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """As a part of a model."""
+        return {PREFIX + name: array for name, array in asdict(self).items()}
+
+    def evidence(self, search: Search, views: Rows, every_m: float, length_m: float, neighbour_m: float) -> Evidence:
+        """How held-out blocks of the path fare against the rest of it, and with what is nearer than `neighbour_m` forgotten.
+
+        The database that answers the year holds the blocks too: nothing but a threshold is chosen on them.
+        """
+        held = holdout.blocks(views.world_T_anchor, self.places, every_m, length_m)
+        held = held if held.any() else ~held  # a path too short for blocks: each of its views against the others
+        asked = np.flatnonzero(held)
+        others = asked[:, None] != np.arange(len(held)) if held.all() else np.broadcast_to(~held, (len(asked), len(held)))
+        away = others & ~near(self.xy_m[asked], self.xy_m, neighbour_m)
+        seen, found = search(asked, others)
+        unseen, _ = search(asked, np.where(away.any(axis=1, keepdims=True), away, others))
+        return Evidence(self.places[found] == self.places[asked], {KIND: seen}, {KIND: unseen})
+
+    def answer(
+        self,
+        distances: NDArray[np.float32],
+        rows: NDArray[np.int64],
+        k: int,
+        distinct_places: bool,
+        turned_deg: NDArray[np.floating] | None = None,
+    ) -> Ranking:
+        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg` (q,) is each query's
+        yaw against the first of them.
+
+        With `distinct_places` a place is answered once, where its nearest training row lies, and what is missing of k places
+        is place −1 at an infinite cost; else neighbouring rows of one place follow each other.
+        """
+        novelty = distances[:, :1].astype(np.float32)
+        columns = first_of_each(self.places[rows], k) if distinct_places else np.arange(min(k, rows.shape[1]))
+        columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
+        there = columns >= 0
+        picked = np.take_along_axis(rows, columns.clip(0), axis=1)
+        heading = np.full(len(rows), np.nan)
+        if turned_deg is not None:
+            heading = 180 - (180 - self.yaw_deg[rows[:, 0]] - turned_deg) % 360
+        return Ranking(
+            np.where(there, self.places[picked], -1),
+            np.where(there, np.take_along_axis(distances, columns.clip(0), axis=1), np.inf).astype(np.float32),
+            np.where(there[..., None], self.xy_m[picked], np.nan),
+            novelty,
+            np.full(len(rows), np.nan, np.float32),
+            heading.astype(np.float32),
+            (KIND,),
+        )
+
+    def nearest(self, descriptors: NDArray[np.float32], queries: NDArray[np.float32], k: int, distinct_places: bool) -> Ranking:
+        """The ranking of queries (q, d) by Euclidean distance to the database's descriptors (n, d)."""
+        if not distinct_places:
+            return self.answer(*nearest(descriptors, queries, k), k, distinct_places=False)
+        parts = [
+            nearest(descriptors, queries[i : i + QUERIES], len(descriptors)) for i in range(0, max(len(queries), 1), QUERIES)
+        ]
+        return joined([self.answer(*part, k, distinct_places=True) for part in parts])
+
+
+def euclidean(descriptors: NDArray[np.float32]) -> Search:
+    """The search among training's own descriptors (n, d)."""
+
+    def search(asked: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        distances = np.where(allowed, cdist(descriptors[asked], descriptors), np.inf)
+        rows = distances.argmin(axis=1)
+        return distances[np.arange(len(asked)), rows], rows
+
+    return search
+
+
+def joined(parts: Sequence[Ranking]) -> Ranking:
+    """Rankings of one query after the other as one."""
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in RANKINGS.columns}
+    return Ranking(**columns, kinds=parts[0].kinds)

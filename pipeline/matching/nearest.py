@@ -1,0 +1,38 @@
+"""The nearest of a database's descriptors by Euclidean distance: one search for every method, faiss's exact one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+
+def nearest(database: NDArray[np.float32], queries: NDArray[np.float32], k: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Distances and rows (q, k) of the k nearest of a database (n, d), nearest first, to each of queries (q, d).
+
+    All n where there are no more. Of equally near rows the first comes first, however many queries are asked at once: faiss
+    finds squared distances through inner products, so those of what it found are computed anew.
+    """
+    from faiss import knn
+
+    if database.ndim != 2 or queries.ndim != 2 or database.shape[1] != queries.shape[1]:
+        raise InputError(f"queries of shape {queries.shape}: expected (q, d) like the database's {database.shape}")
+    k = min(k, len(database))
+    if not k or not len(queries):
+        return np.empty((len(queries), k), np.float32), np.empty((len(queries), k), np.int64)
+    _, rows = knn(queries, database, k)
+    distances = np.linalg.norm(database[rows] - queries[:, None], axis=2)
+    order = np.lexsort((rows, distances))
+    return np.take_along_axis(distances, order, axis=1), np.take_along_axis(rows, order, axis=1)
+
+
+def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:
+    """Columns (q, k) of the first member of the first k distinct groups in each row of groups (q, m); −1 beyond the last."""
+    order = np.argsort(groups, axis=1, kind="stable")
+    ordered = np.take_along_axis(groups, order, axis=1)
+    new = np.ones(groups.shape, bool)
+    np.put_along_axis(new, order[:, 1:], ordered[:, 1:] != ordered[:, :-1], axis=1)
+    columns = np.full((len(groups), k), -1, np.int64)
+    rank = np.cumsum(new, axis=1) - 1
+    row, column = np.nonzero(new & (rank < k))
+    columns[row, rank[row, column]] = column
+    return columns
