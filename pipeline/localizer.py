@@ -23,15 +23,15 @@ class Localizer(mlflow.pyfunc.PythonModel):  # type: ignore[misc]  # MLflow is n
         module, _, name = context.model_config["method"].partition(":")
         kind = getattr(import_module(module), name)
         given = context.model_config["parameters"]
-        self.method = kind(**{field.name: given[field.name] for field in fields(kind) if field.name in given})
-        self.model = store.read_model(context.artifacts["arrays"])
+        method = kind(**{field.name: given[field.name] for field in fields(kind) if field.name in given})
+        self.localizer = method.localizer(store.read_model(context.artifacts["arrays"]))
         self.outputs = context.model_config["outputs"]
 
     def predict(self, context: Any, model_input: np.ndarray, params: Any = None) -> dict[str, NDArray[Any]]:
         """Rank the `k` likeliest places of each image; MLflow knows the bare `np.ndarray` alone, and hands over a named one."""
         (images,) = model_input.values() if isinstance(model_input, dict) else (model_input,)
         nowhere = np.tile(np.eye(4), (len(images), 1, 1))
-        ranking = self.method.localize(self.model, Rows(images, np.zeros(len(images), np.int64), nowhere), int(params["k"]))
+        ranking = self.localizer(Rows(images, np.zeros(len(images), np.int64), nowhere), int(params["k"]))
         return {name: np.asarray(getattr(ranking, name)) for name in self.outputs}
 
 

@@ -28,13 +28,16 @@ def fingerprint(*parts: object) -> str:
 
 
 def recipe(path: Path, lock: Path = Path("dvc.lock")) -> dict[str, Any] | None:
-    """What dvc.lock says of the stage that wrote `path`: its name, cmd, deps, params and outs; None if it knows no such file."""
+    """What dvc.lock says of the stage that wrote `path`, or a folder around it: its name, cmd, deps, params and outs.
+
+    None if it knows no such file.
+    """
     try:
         stages = _stages(lock, lock.stat().st_mtime_ns)
     except (FileNotFoundError, yaml.YAMLError):
         return None
-    wanted = path.as_posix().rstrip("/")
-    found = ((name, stage) for name, stage in stages.items() if wanted in [out["path"] for out in stage.get("outs", [])])
+    around = {path.as_posix(), *(parent.as_posix() for parent in path.parents)}
+    found = ((name, stage) for name, stage in stages.items() if around & {out["path"] for out in stage.get("outs", [])})
     return next(({"stage": name, **stage} for name, stage in found), None)
 
 

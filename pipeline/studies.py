@@ -1,11 +1,10 @@
 """The studies of conf/benchmark.yaml, and the lists that dvc.yaml expands to.
 
 A study is one data set's training sequence, its test sequences, and the cells and methods that are compared on them. DVC can look
-up no name within another, so all that a stage needs to know is spelled out once for each sequence, view, grid and method.
+up no name within another, so all that a stage needs to know is spelled out once for each drive, view, grid and method.
 """
 
 from collections.abc import Mapping
-from itertools import product
 from typing import Any
 
 from pipeline.errors import ConfigError
@@ -19,27 +18,21 @@ reader, or of a simulated one no more than that it is simulated."""
 
 def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:
     """For each list the name of a stage's instance, such as campus-10m-sci, to its words."""
-    lists: Lists = {name: {} for name in ("drives", "views", "labels", "models", "answers", "reports")}
+    lists: Lists = {name: {} for name in ("drives", "views", "labels", "models", "reports")}
     for dataset, study in studies.items():
         train, sequences = study["train"], [study["train"], *study["tests"]]
         words = {"dataset": dataset, "train": train}
         for sequence in sequences:
             own = {name: study[name] for name in DRIVEN}
             lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **own}
-        for view, sequence in product(dict.fromkeys(method["view"] for method in study["methods"]), sequences):
-            lists["views"][f"{dataset}-{view}-{sequence}"] = {"dataset": dataset, "view": view, "sequence": sequence}
+        for view in dict.fromkeys(method["view"] for method in study["methods"]):
+            lists["views"][f"{dataset}-{view}"] = {"dataset": dataset, "view": view, "sequences": " ".join(sequences)}
         for grid in study["grids"]:
             lists["reports"][f"{dataset}-{grid}"] = {"grid": grid, **words}
-            for sequence in sequences:
-                lists["labels"][f"{dataset}-{grid}-{sequence}"] = {"grid": grid, "sequence": sequence, **words}
+            lists["labels"][f"{dataset}-{grid}"] = {"grid": grid, **words, "sequences": " ".join(sequences)}
             for method in study["methods"]:
-                name, model = (
-                    f"{dataset}-{grid}-{method['name']}",
-                    {"grid": grid, "method": method["name"], "view": method["view"]},
-                )
-                lists["models"][name] = {**model, "budget": study["budget"], **words}
-                for sequence in study["tests"]:
-                    lists["answers"][f"{name}-{sequence}"] = {**model, "sequence": sequence, **words}
+                own = {"grid": grid, "method": method["name"], "view": method["view"], "budget": study["budget"]}
+                lists["models"][f"{dataset}-{grid}-{method['name']}"] = {**own, **words, "tests": " ".join(study["tests"])}
     return lists
 
 

@@ -32,10 +32,8 @@ def with_model(cfg: DictConfig, grid: str, run: tracking.RunRecord) -> tracking.
     (view,) = (listed.view for listed in words.methods if listed.name == method)
     at = {stage: Path(cfg.artifacts, stage, cfg.study) for stage in ("views", "train", "localize", "evaluate")}
     model = at["train"] / grid / f"{method}.safetensors"
-    artifacts = {"views": [at["views"] / view / f"{name}.zarr" for name in (words.train, *words.tests)], "train": [model]}
-    artifacts |= {
-        stage: [at[stage] / grid / method / f"{name}.zarr" for name in words.tests] for stage in ("localize", "evaluate")
-    }
+    artifacts = {"views": [at["views"] / view], "train": [model]}
+    artifacts |= {stage: [at[stage] / grid / method] for stage in ("localize", "evaluate")}
     trace = Trace.read(model)
     series = {f"cost/{name}": [(0, value)] for name, value in costs(artifacts).items()}
     return replace(run, series={**run.series, **series, **(trace.series() if trace else {})}, model=Served.read(model))

@@ -74,15 +74,11 @@ def _localised_for_a_year(cfg: DictConfig, said: Mapping[str, str]) -> dict[str,
         print(f"{step.stage}: {line}", flush=True)
 
     found = Job(steps, Ledger(ROOT), Shelf(SWEEPS), composer.settings, run)
-    numbers = {}
-    for step in steps:
-        if step.stage == "evaluate":
-            metrics = next(out for out in step.outs if out.endswith(".json"))
-            numbers[step.fields["sequence"]] = json.loads(found.path(metrics).read_text())
-    (model,) = (store.read_model(found.path(step.outs[0])) for step in steps if step.stage == "train")
-    last = next(step for step in steps if step.stage == "localize")
-    kind = store.read(found.path(last.outs[0]), schemas.RANKINGS).attrs["kinds"][0]
-    rejection = composer.config(last, {}).rejection
+    train, localize, evaluate = (next(step for step in steps if step.stage == name) for name in ("train", "localize", "evaluate"))
+    numbers = json.loads(found.path(evaluate.outs[1]).read_text())
+    model = store.read_model(found.path(train.outs[0]))
+    kind = store.read(found.path(localize.outs[0]) / f"{next(iter(numbers))}.zarr", schemas.RANKINGS).attrs["kinds"][0]
+    rejection = composer.config(localize, {}).rejection
     counts = {name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")}
     return {"numbers": numbers, "held_out_auc": held_out_auc(Evidence.of(model), kind, rejection.unseen_share), **counts}
 

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
@@ -15,14 +16,22 @@ from stages import Bars, stage
 @stage("train")
 def main(cfg: DictConfig) -> str:
     views, places = Rows.read(cfg.views), store.read(cfg.labels, schemas.LABELS).load("places")
-    method = instantiate(cfg.method)
-    key = fingerprint(method, cfg.budget.share, views.images[:], places, views.world_T_anchor, type(method))
+    method, share = within_budget(cfg)
+    key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
-    model = method.learn(views, places, Bars(budget=cfg.budget.share, checkpoint=checkpoint))
-    store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": cfg.budget.share})
+    model = method.learn(views, places, Bars(budget=share, checkpoint=checkpoint))
+    store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
-    return f"{len(places)} views of {places.max() + 1} places, {cfg.budget.share:g} of the full training: {numbers}"
+    told = f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training"
+    return f"{told}: {numbers}" if numbers else told
+
+
+def within_budget(cfg: DictConfig) -> tuple[Any, float]:
+    """The method and its share of its full training, as conf/budget has them: one for all, and words for a method by its name."""
+    own = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
+    share = float(own.pop("share"))
+    return instantiate(cfg.method, **own), share
 
 
 if __name__ == "__main__":

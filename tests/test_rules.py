@@ -91,23 +91,28 @@ def test_a_method_is_one_file_and_one_yaml_with_its_fields(name):
     assert conf == {field.name: field.default for field in fields(method)}
 
 
+def poles(rng: np.random.Generator) -> np.ndarray:
+    """A scene of forty poles of 2 to 12 m, a point every 0.2 m."""
+    xy_m, heights_m = rng.uniform(-22, 22, (40, 2)), rng.uniform(2, 12, 40)
+    return np.concatenate([[(*xy, z) for z in np.arange(0.1, top, 0.2)] for xy, top in zip(xy_m, heights_m, strict=True)])
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_learns_and_localises(name):
     """Six places in a row, five views of each that differ by a little noise: any method must tell them apart."""
     conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
-    conf.pop("_target_")
+    look = yaml.safe_load((ROOT / f"conf/view/{conf['view']}.yaml").read_text())
+    view, method = (locate(words.pop("_target_"))(**words) for words in (look, conf))
     rng = np.random.default_rng(1)
-    scenes = np.repeat(rng.uniform(0, 12, (6, 40, 120)).astype(np.float32), 5, axis=0)
+    scenes, places = [poles(rng) for _ in range(6)], np.repeat(np.arange(6), 5)
+    images = np.stack([view(scenes[place] + rng.normal(0, 0.03, scenes[place].shape)) for place in places])
     world_T_anchor = np.tile(np.eye(4), (30, 1, 1))
     world_T_anchor[:, 0, 3] = 2.0 * np.arange(30)
-    places = np.repeat(np.arange(6), 5)
-    stamps_ns = 10**9 * np.arange(30, dtype=np.int64)
-    rows = Rows(scenes + rng.normal(0, 0.2, scenes.shape).astype(np.float32), stamps_ns, world_T_anchor)
-    method = own_class(import_module(f"pipeline.methods.{name}"))(**conf)
+    rows = Rows(images, 10**9 * np.arange(30, dtype=np.int64), world_T_anchor)
     model = method.learn(rows, places, Watch(budget=0.25))
     assert all(isinstance(array, np.ndarray) for array in model.values())
     assert len(Evidence.of(model).right)
-    ranking = method.localize(model, rows, k=3)
+    ranking = method.localizer(model)(rows, 3)
     assert isinstance(ranking, Ranking)
     assert ranking.places.shape == ranking.costs.shape == (30, 3)
     assert ranking.xy_m.shape == (30, 3, 2)

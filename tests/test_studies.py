@@ -25,16 +25,18 @@ OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [{"nam
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
-    # drives 3 + 2; views 2 × 3 + 2 (two methods share one); labels 2 × 3 + 2; models 2 × 3 + 1; answers 6 × 2 + 1; reports 2 + 1
-    assert counts == {"drives": 5, "views": 8, "labels": 8, "models": 7, "answers": 13, "reports": 3}
-    assert lists["answers"]["one-5m-m2dp-c"] == {
+    # drives 3 + 2; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
+    assert counts == {"drives": 5, "views": 3, "labels": 3, "models": 7, "reports": 3}
+    assert lists["models"]["one-5m-m2dp"] == {
         "dataset": "one",
         "grid": "5m",
         "method": "m2dp",
         "view": "cloud",
+        "budget": "tiny",
         "train": "a",
-        "sequence": "c",
+        "tests": "b c",
     }
+    assert lists["views"]["one-cloud"]["sequences"] == "a b c"
 
 
 def test_studies_do_not_mix() -> None:

@@ -1,6 +1,6 @@
 """The waist: what every method answers, whatever it looks at and however it learns."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -58,6 +58,10 @@ class Ranking:
         return replace(self, novelty=self.novelty[:, order], kinds=tuple(self.kinds[column] for column in order))
 
 
+Localizer = Callable[[Rows, int], Ranking]
+"""Ranks the k likeliest places of each view."""
+
+
 class Method(Protocol):
     """One file in pipeline/methods; its fields are the keys of its yaml."""
 
@@ -66,5 +70,5 @@ class Method(Protocol):
     def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
         """Learn the training sequence's views, whose places (submap,) are all known."""
 
-    def localize(self, model: Model, views: Rows, k: int) -> Ranking:
-        """Rank the k likeliest places of each view."""
+    def localizer(self, model: Model) -> Localizer:
+        """Ready the model once, then ask it as often as one likes; it runs in one thread at a time."""

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
-from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import temperature
 from pipeline.networks import loop
@@ -130,33 +130,36 @@ class Sci:
             **{f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)},
         }
 
-    def localize(self, model: Model, views: Rows, k: int) -> Ranking:
+    def localizer(self, model: Model) -> Localizer:
         """The k places of highest softmax; cost = 1 − probability."""
-        place_xy = model["place_xy_m"]
+        place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
-        heights = torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
-        if heights.shape[1:] != (rings, sectors):
-            raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
-        with loop.reproducible(self.threads):
-            net = LeNet(len(place_xy), rings, sectors, len(colours(self.colormap)[0]))
-            net.load_state_dict(
-                {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
+        net = LeNet(len(place_xy), rings, sectors, len(colours(self.colormap)[0]))
+        net.load_state_dict({n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")})
+        net.to(device())
+        memory = torch.from_numpy(model["memory"].copy())
+
+        def localize(views: Rows, k: int) -> Ranking:
+            heights = torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
+            if heights.shape[1:] != (rings, sectors):
+                raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
+            with loop.reproducible(self.threads):
+                logits, features = self._look(net, heights)
+                likest = [(part @ memory.T).amax(1) for part in torch.split(features, 512)]
+            scores = logits.numpy().astype(np.float64)
+            probability, novelty = softmax(scores, axis=1), novelties(scores, softness, torch.cat(likest).numpy())
+            places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
+            return Ranking(
+                places.astype(np.int64),
+                (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
+                place_xy[places],
+                np.stack([*novelty.values()], axis=1).astype(np.float32),
+                softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
+                np.full(len(places), np.nan, np.float32),
+                tuple(novelty),
             )
-            logits, features = self._look(net.to(device()), heights)
-            memory = torch.from_numpy(model["memory"].copy())
-            likest = [(part @ memory.T).amax(1) for part in torch.split(features, 512)]
-        scores, softness = logits.numpy().astype(np.float64), float(model["temperature"])
-        probability, novelty = softmax(scores, axis=1), novelties(scores, softness, torch.cat(likest).numpy())
-        places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
-        return Ranking(
-            places.astype(np.int64),
-            (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
-            place_xy[places],
-            np.stack([*novelty.values()], axis=1).astype(np.float32),
-            softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
-            np.full(len(places), np.nan, np.float32),
-            tuple(novelty),
-        )
+
+        return localize
 
     def _images(self, heights: Tensor, where: torch.device) -> Tensor:
         """Coloured images (batch, channels, rings, sectors) in [0, 1] of quantized heights (batch, rings, sectors)."""

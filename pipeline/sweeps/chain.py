@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.errors import ConfigError
@@ -15,7 +15,7 @@ REFERENCE = re.compile(r"\$\{([\w.]+)\}")
 
 @dataclass(frozen=True)
 class Step:
-    """One instance of a stage: for one sequence, view, grid and method."""
+    """One instance of a stage: for one drive, view, grid and method."""
 
     stage: str
     command: str
@@ -63,8 +63,13 @@ def producers(steps: Sequence[Step]) -> dict[str, Step]:
 
 
 def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
-    """The artifacts that a step reads, and the steps that make them."""
-    return {dep: makers[dep] for dep in step.deps if dep in makers}
+    """The artifacts that a step reads, whole, a part of each or a folder full of them, and the steps that make them."""
+    read = [PurePosixPath(dep) for dep in step.deps if dep.startswith("artifacts/")]
+    return {
+        artifact: maker
+        for artifact, maker in makers.items()
+        if any(dep.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(dep) for dep in read)
+    }
 
 
 def code(step: Step) -> list[Path]:

@@ -40,6 +40,7 @@ class Job:
         self._makers = producers(steps)
         self._ledger, self._shelf, self._settings, self._run = ledger, shelf, settings, run
         self._keys: dict[str, str] = {}
+        self._needed: dict[str, dict[str, Step]] = {}
         self._found: dict[str, Path] = {}
         self.from_dvc: Counter[str] = Counter()
         self.from_sweeps: Counter[str] = Counter()
@@ -56,8 +57,8 @@ class Job:
         """Digest of a step's parameters, code, and the keys of its inputs."""
         name = step.outs[0]
         if name not in self._keys:
-            makers = inputs(step, self._makers)
-            given = self._given(step, {artifact: self.key(maker) for artifact, maker in makers.items()})
+            keys = {artifact: self.key(maker) for artifact, maker in self._inputs(step).items()}
+            given = self._given(step, keys, lambda parts: fingerprint(sorted(parts.items())))
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
             values = json.dumps(self._settings(step).values, sort_keys=True)
             self._keys[name] = fingerprint(step.stage, values, sorted(given.items()), sources)
@@ -65,7 +66,7 @@ class Job:
 
     def usual(self, step: Step) -> bool:
         """Whether neither this step nor any before it gets other parameters than those of the files in conf/."""
-        return self._settings(step).usual and all(map(self.usual, inputs(step, self._makers).values()))
+        return self._settings(step).usual and all(map(self.usual, self._inputs(step).values()))
 
     def _obtain(self, step: Step) -> list[Path]:
         if self.usual(step) and self._ledger.vouches(step, self._makers) and self._ledger.intact(step):
@@ -74,18 +75,31 @@ class Job:
         names = [PurePosixPath(out).name for out in step.outs]
 
         def build(folder: Path) -> None:
-            paths = {artifact: self.path(artifact).as_posix() for artifact in inputs(step, self._makers)}
+            paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs(step)}
             made = {out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)}
-            self._run(step, self._given(step, paths | made))
+            self._run(step, self._given(step, paths | made, lambda parts: self._shelf.gather(parts).as_posix()))
 
         folder, built = self._shelf.get(step.stage, self.key(step), names, build)
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
 
-    def _given(self, step: Step, stands_for: Mapping[str, str]) -> dict[str, str]:
-        """A step's fields with something else in place of each artifact's path, or of the folder that it lies in."""
-        folders = {
-            str(PurePosixPath(artifact).parent): str(PurePosixPath(other).parent) for artifact, other in stands_for.items()
-        }
-        own = {**folders, **stands_for}
-        return {field: own.get(value, value) for field, value in step.fields.items() if value not in step.outs or value in own}
+    def _inputs(self, step: Step) -> dict[str, Step]:
+        if step.command not in self._needed:
+            self._needed[step.command] = inputs(step, self._makers)
+        return self._needed[step.command]
+
+    def _given(self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]) -> dict[str, str]:
+        """A step's fields with something else in place of each artifact's path, of one within it, or of a folder full of them."""
+
+        def other(value: str) -> str:
+            path = PurePosixPath(value)
+            for artifact, place in stands_for.items():
+                if path.is_relative_to(artifact):
+                    return (PurePosixPath(place) / path.relative_to(artifact)).as_posix()
+            inside = {artifact: place for artifact, place in stands_for.items() if PurePosixPath(artifact).is_relative_to(path)}
+            parts = {PurePosixPath(artifact).relative_to(path).as_posix(): place for artifact, place in inside.items()}
+            if len(folders := {place.removesuffix(f"/{name}") for name, place in parts.items()}) == 1:
+                return folders.pop()  # side by side already, as DVC leaves them
+            return gather(parts) if parts else value
+
+        return {field: other(value) for field, value in step.fields.items() if value not in step.outs or value in stands_for}

@@ -38,12 +38,13 @@ class Ledger:
         if entry is None or entry["cmd"] != step.command:
             return False
         recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
-        needed = inputs(step, makers)
+        needed, sources = inputs(step, makers), {path.as_posix() for path in code(step)}
+        read = [path for path in step.deps if path not in sources]
         return (
             recorded.keys() == set(step.deps)
             and entry.get("params", {}) == {file: self._params(file, keys) for file, keys in step.params.items()}
-            and all(recorded[path.as_posix()] == self._digest(path.as_posix()) for path in code(step))
-            and all(recorded[path] == self._recorded(path) for path in needed)
+            and all(recorded[path] == self._digest(path) for path in sources)
+            and all(recorded[path] == (self._recorded(path) or self._digest(path)) for path in read)
             and all(self.vouches(maker, makers) for maker in needed.values())
         )
 

@@ -1,10 +1,13 @@
 """Artifacts of sweeps, each under a key of all that made it: built once, by whoever comes first, and kept."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from filelock import FileLock
+
+from pipeline.provenance import fingerprint
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,15 @@ class Shelf:
                 return folder, False
             build(folder)
         return folder, True
+
+    def gather(self, parts: Mapping[str, str]) -> Path:
+        """A folder that shows each path under a name of its own."""
+        folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, path in parts.items():
+            with suppress(FileExistsError):
+                (folder / name).symlink_to(Path(path).absolute())
+        return folder
 
     def _finished(self, folder: Path, names: Sequence[str]) -> bool:
         return all((folder / name).exists() for name in names)

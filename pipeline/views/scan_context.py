@@ -6,12 +6,14 @@ Scan Context: Kim and Kim, IROS 2018; Scan Context Images: Kim, Park and Kim, RA
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
+from pipeline.schemas import Schema
 from pipeline.settings import check, positive
 from pipeline.views import kernels
 
@@ -20,6 +22,7 @@ from pipeline.views import kernels
 class ScanContext:
     """What is drawn of a submap; the defaults are the authors' Matlab reference."""
 
+    schema: ClassVar[Schema] = schemas.VIEWS
     rings: int = 40
     sectors: int = 120
     max_range_m: float = 80.0

@@ -42,7 +42,7 @@ def model() -> Model:
 
 @pytest.fixture(scope="module")
 def ranking(model: Model) -> Ranking:
-    return SMALL.localize(model, rows(3), k=3)
+    return SMALL.localizer(model)(rows(3), k=3)
 
 
 def same(one: Model, other: Model) -> bool:
@@ -58,18 +58,18 @@ def test_places_are_learned(model: Model, ranking: Ranking) -> None:
 def test_a_reversed_view_is_known_after_two_way_training(model: Model) -> None:
     # n_way 2 turns each training image by half of the 24 columns; one-way training never saw that side.
     back = rows(3, turn=SECTORS // 2)
-    assert (SMALL.localize(model, back, 1).places[:, 0] == TRUTH).mean() > 0.95
+    assert (SMALL.localizer(model)(back, 1).places[:, 0] == TRUTH).mean() > 0.95
     one_way = replace(SMALL, n_way=1)
     once = one_way.learn(rows(2), TRUTH, Watch())
-    assert (one_way.localize(once, rows(3), 1).places[:, 0] == TRUTH).mean() > 0.95
-    assert (one_way.localize(once, back, 1).places[:, 0] == TRUTH).mean() < 0.7
+    assert (one_way.localizer(once)(rows(3), 1).places[:, 0] == TRUTH).mean() > 0.95
+    assert (one_way.localizer(once)(back, 1).places[:, 0] == TRUTH).mean() < 0.7
 
 
 def test_every_way_of_n_is_known() -> None:
     four = replace(SMALL, n_way=4)
     learned = four.learn(rows(2), TRUTH, Watch())
     for turn in (0, 6, 12, 18):
-        assert (four.localize(learned, rows(3, turn), 1).places[:, 0] == TRUTH).mean() > 0.9
+        assert (four.localizer(learned)(rows(3, turn), 1).places[:, 0] == TRUTH).mean() > 0.9
 
 
 def test_answers_are_ranked_from_cheapest_to_dearest(ranking: Ranking) -> None:
@@ -82,12 +82,12 @@ def test_answers_are_ranked_from_cheapest_to_dearest(ranking: Ranking) -> None:
 
 
 def test_costs_of_all_places_are_one_minus_a_probability(model: Model) -> None:
-    costs = SMALL.localize(model, rows(3), k=PLACES).costs
+    costs = SMALL.localizer(model)(rows(3), k=PLACES).costs
     np.testing.assert_allclose((1 - costs).sum(axis=1), 1, atol=1e-5)
 
 
 def test_asking_for_more_places_than_there_are_gives_them_all(model: Model) -> None:
-    found = SMALL.localize(model, rows(3), k=25)
+    found = SMALL.localizer(model)(rows(3), k=25)
     assert sorted(found.places[0].tolist()) == list(range(PLACES))
 
 
@@ -99,8 +99,8 @@ def test_an_answer_lies_at_the_mean_of_its_places_views(ranking: Ranking) -> Non
 
 def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(model: Model, ranking: Ranking) -> None:
     strange = rows(4, places=PLACES + 4)
-    unknown = SMALL.localize(
-        model, Rows(strange.images[len(TRUTH) :], strange.stamps_ns[len(TRUTH) :], strange.world_T_anchor[len(TRUTH) :]), 1
+    unknown = SMALL.localizer(model)(
+        Rows(strange.images[len(TRUTH) :], strange.stamps_ns[len(TRUTH) :], strange.world_T_anchor[len(TRUTH) :]), 1
     )
     for novelty in (ranking.novelty, unknown.novelty):
         assert ((novelty[:, :2] >= 0) & (novelty[:, :2] <= 1)).all()
@@ -120,7 +120,7 @@ def test_each_novelty_is_what_its_name_says() -> None:
 
 
 def test_confidence_is_the_highest_tempered_probability(model: Model) -> None:
-    everything = SMALL.localize(model, rows(3), k=PLACES)
+    everything = SMALL.localizer(model)(rows(3), k=PLACES)
     odds = (1 - everything.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
     np.testing.assert_allclose(everything.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
 
@@ -128,13 +128,13 @@ def test_confidence_is_the_highest_tempered_probability(model: Model) -> None:
 def test_one_query_is_answered_as_in_a_crowd(model: Model, ranking: Ranking) -> None:
     crowd = rows(3)
     for row in (0, 30):
-        alone = SMALL.localize(model, Rows(crowd.images[row : row + 1], crowd.stamps_ns[:1], crowd.world_T_anchor[:1]), 3)
+        alone = SMALL.localizer(model)(Rows(crowd.images[row : row + 1], crowd.stamps_ns[:1], crowd.world_T_anchor[:1]), 3)
         assert alone.places.tolist() == ranking.places[row : row + 1].tolist()
         np.testing.assert_allclose(alone.costs[0], ranking.costs[row], atol=1e-5)
 
 
 def test_no_queries_have_no_answers(model: Model) -> None:
-    none = SMALL.localize(model, Rows(np.empty((0, RINGS, SECTORS), np.float32), np.empty(0, np.int64), np.empty((0, 4, 4))), 3)
+    none = SMALL.localizer(model)(Rows(np.empty((0, RINGS, SECTORS), np.float32), np.empty(0, np.int64), np.empty((0, 4, 4))), 3)
     assert len(none.places) == len(none.novelty) == len(none.costs) == 0
 
 
@@ -196,7 +196,7 @@ def test_every_training_view_needs_its_place(spoil: Callable[[np.ndarray], np.nd
 def test_views_of_another_shape_are_refused(model: Model) -> None:
     other = rows(3)
     with pytest.raises(InputError, match="8 rings × 24 sectors"):
-        SMALL.localize(model, Rows(other.images[:, :, :12], other.stamps_ns, other.world_T_anchor), 1)
+        SMALL.localizer(model)(Rows(other.images[:, :, :12], other.stamps_ns, other.world_T_anchor), 1)
 
 
 def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:

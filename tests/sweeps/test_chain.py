@@ -35,21 +35,23 @@ def test_other_names_make_another_chain() -> None:
     studies = {"campus": NAMES["studies"]["campus"] | other}
     steps = expand(DEFINITION, {"studies": studies, "first": "campus/5m", **spelled_out(studies)})
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
-    assert evaluate.outs[0] == "artifacts/evaluate/campus/5m/sci/2013-04-05.zarr"
+    assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/evaluate/campus/5m/sci.json")
+    assert evaluate.fields["sequences"] == "2013-04-05"
     (train,) = [step for step in steps if step.stage == "train"]
     assert "artifacts/views/campus/scan_context_paper/2012-01-15.zarr" in train.deps
 
 
 def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
-    (step,) = [s for s in STEPS if s.stage == "labels" and s.overrides["sequence"] == "2012-02-04"]
-    assert step.choices == {"dataset": "campus", "grid": "10m"}
+    (step,) = [s for s in STEPS if s.stage == "labels" and s.overrides["dataset"] == "town"]
+    assert step.choices == {"dataset": "town", "grid": "10m"}
+    train, *tests = NAMES["studies"]["town"]["train"], *NAMES["studies"]["town"]["tests"]
     assert step.fields == {
-        "sequence": "2012-02-04",
-        "submaps": "artifacts/submaps/campus/2012-02-04.zarr",
-        "training": "artifacts/submaps/campus/2012-01-15.zarr",
-        "out": "artifacts/labels/campus/10m/2012-02-04.zarr",
+        "train": train,
+        "sequences": " ".join((train, *tests)),
+        "submaps": "artifacts/submaps/town",
+        "out": "artifacts/labels/town/10m",
     }
-    assert step.params["conf/dataset/campus.yaml"] == ("box",)
+    assert step.params["conf/dataset/town.yaml"] == ("box",)
 
 
 def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
@@ -59,6 +61,12 @@ def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
     assert Path("stages/train.py") in code(step)
     assert not makers.keys() & {path.as_posix() for path in code(step)}
     assert len(makers) + len(code(step)) == len(step.deps)
+
+
+def test_a_folder_full_of_artifacts_is_the_input_of_whoever_reads_it() -> None:
+    (labels,) = [step for step in STEPS if step.stage == "labels" and step.overrides["dataset"] == "campus"]
+    drives = [key for key in NAMES["drives"] if key.startswith("campus-")]
+    assert len(inputs(labels, producers(STEPS))) == len(drives) == 6
 
 
 def test_a_name_that_is_not_listed_is_one_line() -> None:

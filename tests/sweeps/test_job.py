@@ -164,11 +164,33 @@ def test_a_damaged_input_is_not_read(project: Project) -> None:
     assert project.ran == ["views", "train"]
 
 
-def test_an_artifacts_folder_is_found_through_its_parent(project: Project) -> None:
-    # `root` names the folder that the logs lie in; a step that makes no such artifact keeps it as it stands.
-    step = project.steps[0]
-    assert project.job()._given(step, {"artifacts/logs/day": ".sweeps/logs/k/day"})["root"] == ".sweeps/logs/k"
-    assert project.job()._given(step, {})["root"] == "artifacts/logs"
+def gathered(parts: Mapping[str, str]) -> str:
+    return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
+
+
+@pytest.mark.parametrize(
+    ("stands_for", "root"),
+    [
+        ({}, "artifacts/logs"),  # a step that makes no such artifact keeps it as it stands
+        ({"artifacts/logs/day": ".sweeps/logs/k/day"}, ".sweeps/logs/k"),
+        ({"artifacts/logs/day": "x/day", "artifacts/logs/night": "x/night"}, "x"),
+        ({"artifacts/logs/day": "x/day", "artifacts/logs/night": "y/night"}, "day at x/day and night at y/night"),
+        ({"artifacts": "elsewhere"}, "elsewhere/logs"),  # a part of one artifact
+    ],
+)
+def test_a_folder_of_artifacts_is_where_they_are(project: Project, stands_for: dict[str, str], root: str) -> None:
+    assert project.job()._given(project.steps[0], stands_for, gathered)["root"] == root
+
+
+def test_artifacts_from_several_places_are_shown_in_one_folder(tmp_path: Path) -> None:
+    for key in ("a", "b"):
+        (tmp_path / key).mkdir()
+        (tmp_path / key / "day").write_text(key)
+    shelf = Shelf(tmp_path / "shelf")
+    parts = {"monday": str(tmp_path / "a/day"), "friday": str(tmp_path / "b/day")}
+    folder = shelf.gather(parts)
+    assert shelf.gather(parts) == folder
+    assert [(folder / name).read_text() for name in ("monday", "friday")] == ["a", "b"]
 
 
 def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
