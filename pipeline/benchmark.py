@@ -48,7 +48,7 @@ def _block(name: str, members: Mapping[str, Any]) -> str:
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, train, tests (with commas), world and budget.
+    """The study of data set `name`; options are root, log, train, tests and methods (with commas), world and budget.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
@@ -57,19 +57,27 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
     dataset = _parsed(path)
-    allowed = {"world", "tests", "budget"} if dataset["simulated"] else {"root", "log", "train", "tests", "budget"}
+    allowed = {"tests", "methods", "budget"} | ({"world"} if dataset["simulated"] else {"root", "log", "train"})
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     found = _simulated(conf, name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
     study, places = dataset["study"], found.study
-    views = {method: yaml.safe_load((conf / "method" / f"{method}.yaml").read_text())["view"] for method in study["methods"]}
-    methods = [{"name": method, "view": view} for method, view in views.items()]
+    wanted = options["methods"].split(",") if "methods" in options else study["methods"]
+    methods = [{"name": method, "view": _view(conf, method)} for method in wanted]
     budget = options.get("budget", places["budget"])
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")
     return Proposal(
         {**places, "submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget}, found.notes
     )
+
+
+def _view(conf: Path, method: str) -> str:
+    """What a method looks at."""
+    path = conf / "method" / f"{method}.yaml"
+    if not path.is_file():
+        raise ConfigError(f"methods={method}: expected some of {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}")
+    return str(_parsed(path)["view"])
 
 
 def check(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> None:

@@ -19,7 +19,7 @@ Learn a place from LiDAR on one day, localise in it for a year.
 The work itself is a chain of stages that DVC runs: `dvc repro` builds whatever is out of date, from raw logs to a report.
 This command chooses what the chain runs on, and looks at what it made.
 
-  yearloc use campus town                    the simulated campus and town (no data needed); world=tiny|demo|year
+  yearloc use campus town                    the simulated campus and town (no data needed); world=tiny|demo|year methods=sci,m2dp
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack; train=DATE tests=DATE,DATE
   yearloc use robotcar root=/data/robotcar   Oxford RobotCar: 2-D sweeps gathered along the visual odometry
   yearloc use kitti root=/data/kitti log=00  KITTI odometry: the first part of one log against the rest
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk and write conf/benchmark.yaml")
-    options = "names of files in conf/dataset, and root, log, train, tests, world, budget; without any, the studies in use"
+    options = "names of files in conf/dataset, and root, log, train, tests, methods, world, budget; without any, the studies in use"
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
     use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")

@@ -1,6 +1,6 @@
 """A method's model as MLflow serves it: its arrays, the code that reads them, and a signature; no pickle.
 
-`mlflow.pyfunc.load_model("models:/m-…").predict(images)` ranks places for images (query, ring, sector) of heights in metres.
+`mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights (query, ring, sector) in metres.
 """
 
 import ast
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parent
-REQUIREMENTS = ("mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
+REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
 """What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
 OURS = "yearloc.model"
 """The tag of a model that was logged here; others are somebody else's."""
@@ -51,10 +51,10 @@ class Served:
     """Module and class, as `pipeline.methods.sci:Sci`."""
     parameters: Mapping[str, bool | int | float | str]
     """Of the class's constructor; those that it has no field for are left out there."""
-    image_shape: tuple[int, int]
-    """Rings and sectors."""
+    image_shape: tuple[int, ...]
+    """Of one view, such as rings and sectors."""
     k: int = 25
-    """Places ranked unless `predict(images, params={"k": …})` asks for another number."""
+    """Places ranked unless `predict(views, params={"k": …})` asks for another number."""
 
     def __post_init__(self) -> None:
         if self.arrays.suffix != ".safetensors" or not self.arrays.is_file():
@@ -70,8 +70,7 @@ class Served:
             return None
         module, _, name = recipe["_target_"].rpartition(".")
         parameters = {key: _plain(value) for key, value in recipe.items() if key != "_target_"}
-        rings, sectors = (int(side) for side in model["image_shape"])
-        return cls(arrays, f"{module}:{name}", parameters, (rings, sectors), k)
+        return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])), k)
 
     def content(self) -> dict[str, object]:
         """All that the model depends on, for a digest."""
@@ -83,13 +82,13 @@ class Served:
         rows = [("in", name, _words(kind, dims)) for name, (kind, dims) in self.inputs.items()]
         rows += [("in", "k", f"int, {self.k} unless given")]
         rows += [("out", name, _words(kind, dims)) for name, (kind, dims) in OUTPUTS.items()]
-        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(heights_m, params={{"k": {self.k}}})'
+        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(views, params={{"k": {self.k}}})'
         return "\n".join(["```", call, "", *(f"{way:<5}{name:<12}{words}" for way, name, words in rows), "```"])
 
     @property
     def inputs(self) -> dict[str, tuple[type, Dims]]:
-        """What `predict` takes: Scan Context images, the highest z of each cell in metres."""
-        return {"heights_m": (np.float32, ("query", *self.image_shape))}
+        """What `predict` takes: views, as the method looks at them."""
+        return {"views": (np.float32, ("query", *self.image_shape))}
 
     def save(self, folder: Path, **about: Any) -> None:
         """Write an MLflow model into a new folder; `about` goes into its MLmodel file."""

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
@@ -19,7 +20,8 @@ def main(cfg: DictConfig) -> str:
     method, share = within_budget(cfg)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
-    model = method.learn(views, places, Bars(budget=share, checkpoint=checkpoint))
+    learned = method.learn(views, places, Bars(budget=share, checkpoint=checkpoint))
+    model = {"image_shape": np.array(views.images.shape[1:]), **learned}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)

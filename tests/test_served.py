@@ -65,4 +65,4 @@ def test_a_model_requires_what_the_methods_import() -> None:
     roots = {"pipeline.localizer"} | graph.find_children("pipeline.methods")
     imported = roots.union(*(graph.find_upstream_modules(root) for root in roots))
     packages = {module.partition(".")[0] for module in imported} - {"pipeline"} - sys.stdlib_module_names
-    assert packages == set(REQUIREMENTS)
+    assert {"faiss-cpu" if package == "faiss" else package for package in packages} == set(REQUIREMENTS)
