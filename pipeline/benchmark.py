@@ -76,7 +76,9 @@ def _view(conf: Path, method: str) -> str:
     """What a method looks at."""
     path = conf / "method" / f"{method}.yaml"
     if not path.is_file():
-        raise ConfigError(f"methods={method}: expected some of {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}")
+        raise ConfigError(
+            f"methods={method}: expected some of {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}"
+        )
     return str(_parsed(path)["view"])
 
 

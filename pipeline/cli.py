@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk and write conf/benchmark.yaml")
-    options = "names of files in conf/dataset, and root, log, train, tests, methods, world, budget; without any, the studies in use"
+    options = (
+        "names of files in conf/dataset, and root, log, train, tests, methods, world, budget; without any, the studies in use"
+    )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
     use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")
@@ -52,10 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
     )
     commands.add_parser("results", help="print the results of the last report and where its figures are")
+    commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     given = parser.parse_args(arguments)
     try:
-        {"use": _use, "fetch": _fetch, "inspect": _inspect, "results": _results, "repair": _repair}[given.command](given)
+        COMMANDS[given.command](given)
     except YearlocError as error:
         print(f"yearloc {given.command}: {error}", file=sys.stderr)
         sys.exit(1)
@@ -148,10 +151,17 @@ def _results(given: argparse.Namespace) -> None:
             if not (folder / "results.txt").is_file():
                 raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
             print((folder / "results.txt").read_text())
-            for path in [folder / "report.md", *sorted(folder.glob("*.svg"))]:
-                print(f"  {path}")
+            print(f"  {folder}/report.md, with {len(list(folder.glob('*.svg')))} figures beside it")
+            if (timed := Path("artifacts/latency", dataset, grid, "latency.txt")).is_file():
+                print(f"  {timed}")
             print()
     print("dashboard: make dashboard")
+
+
+def _methods(given: argparse.Namespace) -> None:
+    from pipeline.catalogue import entries, table
+
+    print(table(entries(_conf())), end="")
 
 
 def _repair(given: argparse.Namespace) -> None:
@@ -210,3 +220,6 @@ def _studies(path: Path) -> dict[str, dict[str, Any]]:
     except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
         pass
     raise ConfigError(f"{path}: expected `benchmark:` with `studies:`; `yearloc use campus` writes it anew")
+
+
+COMMANDS = {"use": _use, "fetch": _fetch, "inspect": _inspect, "results": _results, "methods": _methods, "repair": _repair}

@@ -82,6 +82,12 @@ SECTIONS = (
         unfolded=True,
     ),
     Section(
+        "Heading of what is placed right over days",
+        (Chart(("distance/median_heading_error_deg",), share=False), Chart(("distance/heading_within_10deg",))),
+        unfolded=True,
+        columns=2,
+    ),
+    Section(
         "Calibration error over days",
         (Chart(("calibration/ece",), share=False), Chart(("calibration/ece_raw",), share=False)),
         unfolded=True,

@@ -121,7 +121,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    2,
+    3,
     {
         "thresholds": Column("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
@@ -153,8 +153,10 @@ EVALUATIONS = Schema(
         "answer": Column("i8", ("query",), "the place ranked first"),
         "cost": Column("f4", ("query",), "of that place"),
         "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
-        "error_m": Column("f8", ("query",), "distance from there to the first answer"),
-        "nearest_m": Column("f8", ("query",), "distance from there to the nearest training anchor"),
+        "answer_xy_m": Column("f8", ("query", "xy"), "where the first answer lies"),
+        "error_m": Column("f8", ("query",), "distance from the one to the other"),
+        "heading_error_deg": Column("f8", ("query",), "told heading against the true one, 0 to 180; NaN where none was told"),
+        "nearest_m": Column("f8", ("query",), "distance to the nearest training anchor"),
         "turn_deg": Column("f8", ("query",), "heading against the nearest training anchor's"),
     },
     {

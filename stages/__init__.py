@@ -1,5 +1,6 @@
 """Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
 
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -34,6 +35,7 @@ def _kernels() -> str:
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
+logging.getLogger("faiss").setLevel(logging.WARNING)  # it tells which instructions it was built for
 
 
 class Stage(Protocol):

@@ -20,7 +20,7 @@ LISTED = ("world", "submap", "budget", "grid", "method", "view")
 """Groups whose file conf/benchmark.yaml names."""
 
 
-TELLING = ("report", "publish", "sweep")
+TELLING = ("report", "latency", "publish", "sweep")
 """Stages that tell of results: a sweep does that itself, so no setting of theirs is one of a job."""
 
 

@@ -39,6 +39,7 @@ def test_sections_keep_the_order_given() -> None:
         "AUC over days since training",
         "Recall by distance over days",
         "Rejection of unseen places over days",
+        "Heading of what is placed right over days",
         "Calibration error over days",
         "Training curves over epochs",
     ]

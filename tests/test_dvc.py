@@ -61,7 +61,7 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
         for key, value in cfg.items()
         if key not in ("hydra", "tracking") and isinstance(value, DictConfig)
     }
-    if name in ("labels", "report", "publish") or (name == "logs" and cfg.dataset.simulated):
+    if name in ("labels", "report", "latency", "publish") or (name == "logs" and cfg.dataset.simulated):
         plain.pop("dataset")  # they look at the data set's box or label, and build no reader
     roots = {f"stages.{name}", *targets(plain)}
     needed = roots.union(*(GRAPH.find_upstream_modules(root) for root in roots)) - {"pipeline"} - UNTRACKED_MODULES

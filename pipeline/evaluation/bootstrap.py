@@ -12,6 +12,9 @@ BOUNDS = (2.5, 97.5)
 CHUNK = 1 << 17
 """Weights held at once: a MB in each array between, whatever the number of queries."""
 
+Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Weights (r, q) to m numbers (m, r)."""
+
 
 @dataclass(frozen=True)
 class Bootstrap:
@@ -30,28 +33,27 @@ class Bootstrap:
         settings.check(self, "bootstrap")
         settings.positive("bootstrap", block_m=self.block_m, resamples=self.resamples)
 
-    def intervals(
-        self, numbers: Callable[[NDArray[np.float64]], NDArray[np.float64]], xy_m: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def intervals(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).
 
-        `numbers` turns weights (r, q) into (m, r). NaN for a number that all queries together leave undefined, and on a path
-        of a single block; resamples that leave it undefined are left out.
+        NaN for a number that all queries together leave undefined, and on a path of a single block; resamples that leave it
+        undefined are left out.
         """
+        bounds = [np.percentile(spread, BOUNDS) if len(spread) else (np.nan, np.nan) for spread in self.spreads(numbers, xy_m)]
+        return np.array(bounds, np.float64).reshape(-1, 2)
+
+    def spreads(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Each number in the resamples that define it; empty where `intervals` has NaN."""
         block = blocks(xy_m, self.block_m)
         estimate = numbers(np.ones((1, len(xy_m))))[:, 0]
-        bounds = np.full((len(estimate), 2), np.nan)
         count = block.max(initial=-1) + 1
         if count < 2:
-            return bounds
+            return [np.empty(0)] * len(estimate)
         drawn = np.random.default_rng(self.seed).multinomial(count, np.full(count, 1 / count), self.resamples)
         step = max(1, CHUNK // len(block))
         chunks = [numbers(drawn[i : i + step, block].astype(np.float64)) for i in range(0, self.resamples, step)]
-        for i, spread in enumerate(np.concatenate(chunks, axis=1)):
-            defined = spread[~np.isnan(spread)]
-            if len(defined) and not np.isnan(estimate[i]):
-                bounds[i] = np.percentile(defined, BOUNDS)
-        return bounds
+        resampled = np.concatenate(chunks, axis=1)
+        return [spread[~np.isnan(spread) & ~np.isnan(one)] for spread, one in zip(resampled, estimate, strict=True)]
 
 
 def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:

@@ -16,5 +16,5 @@ def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen, ~seen, np.where(right, 0, -1), right)
     nothing = np.zeros(len(novelty))
-    queries = Queries(novelty[:, None].astype(np.float32), (0.0,), np.zeros(1), nothing, nothing)
+    queries = Queries(novelty[:, None].astype(np.float32), (0.0,), np.zeros(1), nothing, nothing, nothing, nothing)
     return float(measures(truth, queries, 0, weight[None])["auc_exact_top1"][0])

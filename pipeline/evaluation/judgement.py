@@ -14,7 +14,7 @@ from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import PROTOCOLS, Distance, Truth, by_cells
-from pipeline.frames import Poses
+from pipeline.frames import Poses, yaw
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import EVALUATIONS
@@ -57,7 +57,9 @@ class Evaluation:
     answer: NDArray[np.int64]  # (q,)
     cost: NDArray[np.float32]  # (q,)
     xy_m: NDArray[np.float64]  # (q, 2)
+    answer_xy_m: NDArray[np.float64]  # (q, 2)
     error_m: NDArray[np.float64]  # (q,)
+    heading_error_deg: NDArray[np.float64]  # (q,)
     nearest_m: NDArray[np.float64]  # (q,)
     turn_deg: NDArray[np.float64]  # (q,)
     kinds: tuple[str, ...]
@@ -76,7 +78,7 @@ class Evaluation:
     @property
     def queries(self) -> Queries:
         """What its numbers are made of besides the truth."""
-        return Queries(self.novelty, self.reject_from, self.thresholds, self.error_m, self.turn_deg)
+        return Queries(**{field.name: getattr(self, field.name) for field in fields(Queries)})
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The arrays of its artifact."""
@@ -119,13 +121,16 @@ def judge(
     `reject_from` is the model's threshold on each kind of novelty; `days` are since training.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
-    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
+    xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
+    off_deg = ranking.heading_deg.astype(np.float64) - np.rad2deg(yaw(world_T_anchor))
     queries = Queries(
         novelty=np.asarray(ranking.novelty, np.float32),
         reject_from=tuple(map(float, reject_from)),
         thresholds=spread(ranking.novelty[:, 0]),
-        error_m=np.linalg.norm(ranking.xy_m[:, 0].astype(np.float64) - xy_m, axis=1),
+        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
         turn_deg=np.asarray(labels.nearest_turn_deg, np.float64),
+        nearest_m=np.asarray(labels.nearest_m, np.float64),
+        heading_error_deg=np.abs(180 - (180 - off_deg) % 360),
     )
     return Evaluation(
         cells=_judgement(by_cells(ranking.places, labels.places, labels.oracle), queries, xy_m, bootstrap),
@@ -135,7 +140,7 @@ def judge(
         answer=ranking.places[:, 0],
         cost=ranking.costs[:, 0],
         xy_m=xy_m,
-        nearest_m=labels.nearest_m,
+        answer_xy_m=answer_xy_m,
         kinds=ranking.kinds,
         days=days,
     )
@@ -203,7 +208,7 @@ def _valid(numbers: dict[str, float]) -> dict[str, float | None]:
 
 
 def _check(ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses) -> None:
-    told = (ranking.places, ranking.costs, ranking.xy_m, ranking.novelty, ranking.confidence)
+    told = (ranking.places, ranking.costs, ranking.xy_m, ranking.novelty, ranking.confidence, ranking.heading_deg)
     true = (world_T_anchor, labels.places, labels.oracle, labels.nearest_m, labels.nearest_turn_deg)
     rows = {len(array) for array in (*told, *true)}
     if len(rows) != 1:

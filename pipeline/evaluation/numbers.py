@@ -1,6 +1,7 @@
 """The numbers that are compared, from weighted queries: weights of one give the estimate, a bootstrap's give its spread."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +29,21 @@ NUMBERS = (
     "precision_at_threshold",
     "recall_at_threshold",
     "median_error_m",
+    "oracle_auc_exact_top1",
+    "median_heading_error_deg",
+    "heading_within_10deg",
 )
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
-every threshold there is. auroc: how well novelty tells unseen from seen. …_at_threshold: where the model itself rejects."""
+every threshold there is; of the oracle, which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen
+from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and told a heading, since
+an answer in another street has none to compare."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is told of each kind of novelty."""
 PRECISE = 0.99
 SAME_HEADING_DEG = 45.0
 """Turned at most this far against the nearest training anchor, a query drives the street as training did."""
+GOOD_HEADING_DEG = 10.0
 
 Weight = NDArray[np.float64]
 """(r, q) how often each of q queries counts in each of r resamples."""
@@ -58,6 +65,10 @@ class Queries:
     """(q,) from the query to its first answer."""
     turn_deg: NDArray[np.float64]
     """(q,) heading against the nearest training anchor's."""
+    nearest_m: NDArray[np.float64]
+    """(q,) distance to that anchor."""
+    heading_error_deg: NDArray[np.float64]
+    """(q,) told heading against the true one, 0 to 180; NaN where the method told none."""
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -67,6 +78,8 @@ def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     found = answers(truth, queries, weight) | rejection(truth, exact, queries.reject_from[0], seen)
     for n in (1, 5, 25):
         found[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
+    oracle = replace(truth, true_rank=np.where(truth.oracle_right, 0, -1))
+    found["oracle_auc_exact_top1"] = auc_exact(oracle, queries.nearest_m, weight)
     return {name: found[name] for name in NUMBERS}
 
 
@@ -75,6 +88,12 @@ def measures(truth: Truth, queries: Queries, kind: int, weight: Weight) -> dict[
     exact = ExactCounts(truth, queries.novelty[:, kind], weight)
     found = rejection(truth, exact, queries.reject_from[kind], weight @ truth.seen)
     return {name: found[name] for name in MEASURES}
+
+
+def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
+    """Area under precision over recall of the first answers through every novelty (q,)."""
+    seen = weight @ truth.seen
+    return where(seen, auc(*curve(truth, ExactCounts(truth, novelty, weight).count(1), seen)))
 
 
 def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -86,6 +105,9 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
         found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
         found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
     found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
+    turned_deg, told = queries.heading_error_deg, right(truth, 1) & np.isfinite(queries.heading_error_deg)
+    found["median_heading_error_deg"] = median(turned_deg[told], weight[:, told])
+    found["heading_within_10deg"] = share(turned_deg <= GOOD_HEADING_DEG, told, weight)
     return found
 
 

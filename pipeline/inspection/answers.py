@@ -90,14 +90,16 @@ def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> tuple[t
 
     judged = f"{int(judgement.seen.sum()):,} seen and {int(judgement.unseen.sum()):,} unseen"
     outcomes = np.bincount(judgement.outcome, minlength=len(OUTCOMES))
-    return (
+    rows = (
         ("queries", judged),
         ("recall", ", ".join(f"at {n} {told(f'recall_at_{n}')}" for n in (1, 5, 25)) + " of the seen, none rejected"),
         ("oracle", f"{told('oracle')}: the nearest training anchor's answer"),
         ("AUC", ", ".join(f"top {n} {told(f'auc_top{n}')}" for n in (1, 5, 25)) + f", exact {told('auc_exact_top1')}"),
+        ("heading", f"median error {told('median_heading_error_deg')}°, within 10° {told('heading_within_10deg')} of the right"),
         ("rejection", f"AUROC {told('auroc')}, recall at 99 % precision {told('recall_at_99_precision')}"),
         ("outcome", ", ".join(f"{count:,} {name}" for name, count in zip(OUTCOMES, outcomes, strict=True)) + " at the threshold"),
     )
+    return tuple(row for row in rows if row[0] != "heading" or numbers["heading_within_10deg"] is not None)
 
 
 def _spread(values: NDArray[Any]) -> str:

@@ -85,7 +85,7 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   tests: []
   submap: {"flat" if flat else "single"}
   grids: [10m]
-  methods: [sci]
+  methods: [sci, scan_context]
 """
     head, rest = text.split("\n", 1)
     return Proposal("\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), tuple(warnings))

@@ -15,6 +15,7 @@ from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
 from pipeline.schemas import RANKINGS
+from pipeline.settings import check, positive
 
 PREFIX = "database/"
 QUERIES = 256
@@ -23,6 +24,23 @@ KIND = "distance"
 """The one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)."""
 Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]]
 """Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
+
+
+@dataclass(frozen=True)
+class DescriptorMethod:
+    """What all methods have in common that answer with the nearest of a database."""
+
+    distinct_places: bool = False
+    """Rank places, each once where its nearest training row lies, instead of training rows."""
+    held_out_every_m: float = 40.0
+    held_out_length_m: float = 4.0
+    """One block of this length in every `held_out_every_m` of the training path chooses what is to be chosen."""
+    neighbour_m: float = 20.0
+    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+
+    def __post_init__(self) -> None:
+        check(self, "method")
+        positive("method", held_out_every_m=self.held_out_every_m)
 
 
 @dataclass(frozen=True)
@@ -52,16 +70,16 @@ class Database:
         """As a part of a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
-    def evidence(self, search: Search, views: Rows, every_m: float, length_m: float, neighbour_m: float) -> Evidence:
-        """How held-out blocks of the path fare against the rest of it, and with what is nearer than `neighbour_m` forgotten.
+    def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
+        """How held-out blocks of the path fare against the rest of it, and with their surroundings forgotten.
 
         The database that answers the year holds the blocks too: nothing but a threshold is chosen on them.
         """
-        held = holdout.blocks(views.world_T_anchor, self.places, every_m, length_m)
+        held = holdout.blocks(views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m)
         held = held if held.any() else ~held  # a path too short for blocks: each of its views against the others
         asked = np.flatnonzero(held)
         others = asked[:, None] != np.arange(len(held)) if held.all() else np.broadcast_to(~held, (len(asked), len(held)))
-        away = others & ~near(self.xy_m[asked], self.xy_m, neighbour_m)
+        away = others & ~near(self.xy_m[asked], self.xy_m, method.neighbour_m)
         seen, found = search(asked, others)
         unseen, _ = search(asked, np.where(away.any(axis=1, keepdims=True), away, others))
         return Evidence(self.places[found] == self.places[asked], {KIND: seen}, {KIND: unseen})

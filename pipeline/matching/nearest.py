@@ -20,9 +20,12 @@ def nearest(database: NDArray[np.float32], queries: NDArray[np.float32], k: int)
     if not k or not len(queries):
         return np.empty((len(queries), k), np.float32), np.empty((len(queries), k), np.int64)
     _, rows = knn(queries, database, k)
-    distances = np.linalg.norm(database[rows] - queries[:, None], axis=2)
-    order = np.lexsort((rows, distances))
-    return np.take_along_axis(distances, order, axis=1), np.take_along_axis(rows, order, axis=1)
+    rows.sort(axis=1)
+    away = database[rows] - queries[:, None]
+    squares = np.vecdot(away, away)
+    order = squares.argsort(axis=1, kind="stable")
+    query = np.arange(len(rows))[:, None]
+    return np.sqrt(squares[query, order]), rows[query, order]
 
 
 def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:

@@ -135,7 +135,9 @@ class Sci:
         place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
         net = LeNet(len(place_xy), rings, sectors, len(colours(self.colormap)[0]))
-        net.load_state_dict({n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")})
+        net.load_state_dict(
+            {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
+        )
         net.to(device())
         memory = torch.from_numpy(model["memory"].copy())
 

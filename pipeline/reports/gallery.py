@@ -24,18 +24,20 @@ class Plate:
     """One figure file of a study."""
 
     illustration: Illustration
-    draw: Callable[[], Figure]
+    draw: Callable[[], Figure | None]
     method: str = ""
     """Whose it is; empty for a figure of all methods."""
     sequence: str = ""
     """The one test sequence that it shows; empty for a figure of all."""
+    optional: bool = False
+    """`draw` gives None where there is nothing to draw it from."""
 
 
 def plates(study: "Study") -> Iterator[Plate]:
     """Every figure of a study, in the report's order."""
 
-    def plate(kind: str, name: str, title: str, draw: Callable[[], Figure], method: str = "", sequence: str = "") -> Plate:
-        return Plate(Illustration(kind, f"{name}.svg", title), draw, method, sequence)
+    def plate(kind: str, name: str, title: str, draw: Callable[[], Figure | None], *whose: Any) -> Plate:
+        return Plate(Illustration(kind, f"{name}.svg", title), draw, *whose)
 
     results, simulated = study.results, study.simulated
     for protocol in PROTOCOLS:
@@ -51,10 +53,12 @@ def plates(study: "Study") -> Iterator[Plate]:
 
 def draw(study: "Study", folder: Path) -> list[Illustration]:
     """Draw every figure of a study into a folder."""
-    drawn = list(plates(study))
-    for plate in drawn:
-        save(plate.draw(), folder / plate.illustration.path)
-    return [plate.illustration for plate in drawn]
+    drawn = []
+    for plate in plates(study):
+        if figure := plate.draw():
+            save(figure, folder / plate.illustration.path)
+            drawn.append(plate.illustration)
+    return drawn
 
 
 def files(study: "Study", folder: Path, method: str, sequence: str = "") -> list[Path]:
@@ -62,7 +66,9 @@ def files(study: "Study", folder: Path, method: str, sequence: str = "") -> list
     return [
         folder / plate.illustration.path
         for plate in plates(study)
-        if plate.sequence == sequence and (plate.method == method or not (plate.method or sequence))
+        if plate.sequence == sequence
+        and (plate.method == method or not (plate.method or sequence))
+        and not (plate.optional and not (folder / plate.illustration.path).is_file())
     ]
 
 
@@ -77,20 +83,31 @@ def _of_method(study: "Study", plate: Callable[..., Plate], method: str, group: 
         yield plate("reliability", f"reliability_{method}", title, partial(reliability.diagram, group, simulated), method)
     if chosen := examples.choose(group):
         title = f"{method}: queries and what they were matched with (Fig. 7)"
-        yield plate("matches", f"matches_{method}", title, partial(_matches, study, method, chosen), method)
+        yield plate("matches", f"matches_{method}", title, partial(_matches, study, method, chosen), method, "", True)
     for result in group:
         name, draw = f"outcomes_{method}_{result.sequence}", partial(maps.outcome_map, result, study.train_xy_m, simulated)
         yield plate("map", name, f"{method} on {result.label}", draw, method, result.sequence)
-    if model.best_epoch is not None:
-        draw = partial(plots.history, model.curves, model.best_epoch, method, simulated)
+    if model.curves:
+        draw = partial(plots.history, model.curves, model.best_round, method, simulated)
         yield plate("history", f"history_{method}", f"How {method} was learned", draw, method)
 
 
-def _matches(study: "Study", method: str, chosen: list[examples.Example]) -> Figure:
-    """Opens the views, of which only the few rows that are shown are read."""
+def _matches(study: "Study", method: str, chosen: list[examples.Example]) -> Figure | None:
+    """Drawn of the method's own Scan Contexts, else of another method's; None where no method of the study looks at any.
+
+    Opens the views, of which only the few rows that are shown are read.
+    """
+
+    def views(sequence: str, method: str) -> store.Artifact:
+        return store.read(study.find("views", sequence, method), *schemas.LOOKED_AT)
+
+    lookers = [method, *(other for other in study.models if other != method)]
+    drawable = [one for one in lookers if views(study.train, one).attrs["kind"] == schemas.VIEWS.kind]
+    if not drawable:
+        return None
 
     def images(sequence: str) -> Any:
-        return store.read(study.find("views", sequence, method), schemas.VIEWS)["images"]
+        return views(sequence, drawable[0])["images"]
 
     training = matches.Training(images(study.train), study.train_places, study.train_xy_m)
-    return matches.matches(chosen, training, images, study.simulated)
+    return matches.matches(chosen, training, images, study.simulated, own=drawable[0] == method)

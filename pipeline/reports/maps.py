@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.reports.result import Result, some
-from pipeline.reports.style import STYLE, TEXT_WIDTH_IN, balanced, figure, panels
+from pipeline.reports.result import Result, by_method, by_sequence, some
+from pipeline.reports.style import STYLE, TEXT_WIDTH_IN, balanced, colour, figure, panels
 
 OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, light ones seen and dark ones mostly unseen
     ("hit", "#6BB6E8", "o"),
@@ -42,16 +42,21 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool
 
 @matplotlib.rc_context(STYLE)
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
-    """All the maps at a glance, one panel a result, on one scale; the counts under each are in the legend's order."""
+    """All the maps at a glance on one scale, of several methods a row each; the counts under each are in the legend's order."""
     box = _box(some(results), train_xy_m)
     width_m, height_m = box[1] - box[0]
-    rows, columns = balanced(len(results), COLUMNS)
-    panel_in = TEXT_WIDTH_IN / max(columns, 3)
-    fig = figure(panel_in * max(columns, 2), rows * (panel_in * height_m / width_m + 0.42) + 0.5, simulated, HEADING)
-    several = len({result.method for result in results}) > 1
-    for number, (axis, result) in enumerate(zip(panels(fig, len(results), columns, shared=False), results, strict=True)):
+    methods = by_method(results)
+    rows, columns = (len(methods), len(by_sequence(results))) if len(methods) > 1 else balanced(len(results), COLUMNS)
+    panel_in, title_in = TEXT_WIDTH_IN / max(columns, 4 if len(methods) > 1 else 3), 0.24 if len(methods) > 1 else 0.42
+    fig = figure(panel_in * max(columns, 2), rows * (panel_in * height_m / width_m + title_in) + 0.7, simulated, HEADING)
+    ordered = [result for group in methods.values() for result in group]
+    for number, (axis, result) in enumerate(zip(panels(fig, len(ordered), columns, shared=False), ordered, strict=True)):
         _draw(axis, result, train_xy_m, box, size=1.6, bar=number == 0)
-        axis.set_title(f"{result.method}\n{result.label}" if several else result.label, pad=2)
+        if len(methods) == 1 or number < columns:
+            axis.set_title(result.label, pad=2)
+        if len(methods) > 1 and number % columns == 0:
+            name = axis.text(-0.04, 0.5, result.method, rotation=90, ha="right", va="center", transform=axis.transAxes)
+            name.set(color=colour(result.method), weight="bold")
         for place, (share, (_, tint, _)) in enumerate(zip(_counts(result), OUTCOMES, strict=True)):
             axis.text(0.2 + 0.2 * place, -0.02, str(share), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
     _legend(fig)

@@ -30,10 +30,10 @@ class Training:
     xy_m: NDArray[np.float64]
     """(submap, 2)."""
 
-    def example(self, place: int) -> int:
-        """The submap of a place that lies nearest to the place's mean."""
+    def answered(self, place: int, xy_m: NDArray[np.float64]) -> int:
+        """The submap of a place that lies nearest to where the answer does (2,): at the matched one, or at the place's mean."""
         rows = np.flatnonzero(self.places == place)
-        return int(rows[np.linalg.norm(self.xy_m[rows] - self.xy_m[rows].mean(axis=0), axis=1).argmin()])
+        return int(rows[np.linalg.norm(self.xy_m[rows] - xy_m, axis=1).argmin()])
 
     def nearest(self, xy_m: NDArray[np.float64]) -> int:
         """The submap nearest to a point (2,)."""
@@ -41,16 +41,18 @@ class Training:
 
 
 @matplotlib.rc_context(STYLE)
-def matches(examples: Sequence[Example], training: Training, images: Callable[[str], Any], simulated: bool) -> Figure:
+def matches(
+    examples: Sequence[Example], training: Training, images: Callable[[str], Any], simulated: bool, own: bool = True
+) -> Figure:
     """A row an example: the query's image, the answered place's, and for a wrong answer the one taken nearest to the query.
 
-    `images` gives a test sequence's images (submap, ring, sector). Training images are turned to where they look most like
-    the query, as the network's own training copies are turned; how far is written in them.
+    They are the method's `own` views, or stand for what it looks at. `images` gives a test sequence's images (submap, ring,
+    sector). Training images are turned to where they look most like the query, as the network's own training copies are turned;
+    how far is written in them.
     """
     method = some([example.result for example in examples])[0].method
-    fig = figure(
-        TEXT_WIDTH_IN, 0.45 + 0.73 * len(examples), simulated, f"{method}: queries and the training images they were matched with"
-    )
+    heading = f"{method}: queries and the training images they were matched with" + ("" if own else ", as Scan Contexts")
+    fig = figure(TEXT_WIDTH_IN, 0.45 + 0.73 * len(examples), simulated, heading)
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
     for row, example in zip(axes, examples, strict=True):
         evaluation, i = example.result.evaluation, example.query
@@ -59,7 +61,8 @@ def matches(examples: Sequence[Example], training: Training, images: Callable[[s
         tint = WRONG if example.wrong else "0.1"
         row[0].text(0.0, 0.5, example.caption(), transform=row[0].transAxes, va="center", size=7, color=tint, linespacing=1.3)
         _show(row[1], query)
-        _show_turned(row[2], query, np.asarray(training.images[training.example(int(evaluation.answer[i]))]))
+        answered = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
+        _show_turned(row[2], query, np.asarray(training.images[answered]))
         if example.wrong:
             _show_turned(row[3], query, np.asarray(training.images[training.nearest(example.xy_m)]))
             _note(row[3], 0.99, f"{evaluation.nearest_m[i]:.0f} m away")

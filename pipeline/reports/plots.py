@@ -1,10 +1,13 @@
 """The papers' curves: precision over recall, recall among the first n, and how a model was learned."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.counts import ExactCounts
@@ -14,6 +17,11 @@ from pipeline.reports.result import Result, by_method, by_sequence, some
 from pipeline.reports.style import QUIET, STYLE, TEXT_WIDTH_IN, VEIL, balanced, colour, figure, name_at_the_end, panels
 
 COLUMNS = 5
+FEW = 3
+"""From so many methods on, panels are larger."""
+HELD_OUT = "held_out_"
+SHARE_ENDINGS = ("accuracy", "recall")
+"""Curves of these names lie between 0 and 1."""
 SHARES = (0.0, 0.5, 1.0), ("0", ".5", "1")
 """Ticks of an axis from 0 to 1 in a small panel."""
 
@@ -22,13 +30,14 @@ SHARES = (0.0, 0.5, 1.0), ("0", ".5", "1")
 def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) -> Figure:
     """Fig. 6 of the SCI paper: one panel a test sequence, one curve a method, a dot at the model's own threshold.
 
-    The curve is the exact one, through every novelty that was met; each method is named in its panel with the area under it.
+    The curve is the exact one, through every novelty that was met; the area under it stands in the panel, in the method's colour.
     """
-    groups = by_sequence(some(results))
-    rows, columns = balanced(len(groups), COLUMNS)
+    groups, methods = by_sequence(some(results)), list(by_method(results))
+    rows, columns = balanced(len(groups), COLUMNS if len(methods) < FEW else 3)
     width_in = TEXT_WIDTH_IN if columns > 1 else 3.5
-    fig = figure(width_in, 0.6 + (1.5 if columns > 3 else 2.0) * rows, simulated, f"Precision over recall, by {protocol}")
-    for axis, group in zip(panels(fig, len(groups), columns, shared=True), groups.values(), strict=True):
+    fig = figure(width_in, 0.85 + (1.5 if columns > 3 else 2.0) * rows, simulated, f"Precision over recall, by {protocol}")
+    axes = panels(fig, len(groups), columns, shared=True)
+    for axis, group in zip(axes, groups.values(), strict=True):
         for line, result in enumerate(reversed(group)):
             tint, (precision, recall) = colour(result.method), exact(result, protocol)
             axis.plot(recall, precision, color=tint, lw=1.0, zorder=3)
@@ -36,15 +45,20 @@ def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) 
             if x is not None and y is not None:
                 axis.plot(x, y, "o", ms=4, color=tint, mec="white", mew=0.6, clip_on=False, zorder=4)
             area = result.number(protocol, "auc_exact_top1")
-            text = f"{result.method} –" if area is None else f"{result.method} {area:.3f}"
-            name = axis.annotate(text, (0.04, 0.03), (0, 9 * line), xycoords="axes fraction", textcoords="offset points")
+            place: Any = {"xycoords": "axes fraction", "textcoords": "offset points"}
+            name = axis.annotate("–" if area is None else f"{area:.3f}", (0.04, 0.03), (0, 8.5 * line), **place)
             name.set(color=tint, size=7, zorder=5, bbox=VEIL)
         axis.set(xlim=(0, 1), ylim=(0, 1.02))
         axis.set_xticks(*SHARES)
         axis.set_yticks(*SHARES)
         axis.set_title(group[0].label, pad=5)
-    fig.supxlabel("recall (number: exact AUC; dot: the model's own threshold)", size=8)
-    fig.supylabel("precision", size=8)
+    for axis in axes[columns * (rows - 1) :]:
+        axis.set_xlabel("recall")
+    for axis in axes[::columns]:
+        axis.set_ylabel("precision")
+    handles = [Line2D([], [], color=colour(method), lw=1.6, label=method) for method in methods]
+    across: Any = {"loc": "outside lower center", "ncols": 5 if columns > 1 else 2, "frameon": False, "handlelength": 1.4}
+    fig.legend(handles=handles, title="number: exact AUC; dot: the model's own threshold", title_fontsize=7, **across)
     return fig
 
 
@@ -87,22 +101,24 @@ def recall_at(results: Sequence[Result], simulated: bool) -> Figure:
 
 
 @matplotlib.rc_context(STYLE)
-def history(curves: Mapping[str, NDArray[np.float64]], best_epoch: int, method: str, simulated: bool) -> Figure:
-    """How a model was learned: loss and accuracy (epoch,) on training and held-out blocks; `best_epoch` is 0-based."""
-    epochs = np.arange(1, len(curves["loss"]) + 1)
-    heading = f"{method}: kept after epoch {best_epoch + 1} of {len(epochs)}"
+def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, method: str, simulated: bool) -> Figure:
+    """How a model was learned: a panel for each curve (round,), of training and of held-out blocks; `best` was kept, from 0."""
+    names = sorted({name.removeprefix(HELD_OUT) for name in curves})
+    rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
+    heading = f"{method}: " + (f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}")
     fig = figure(TEXT_WIDTH_IN, 2.4, simulated, heading)
-    few = "." if len(epochs) < 3 else ""
-    for axis, (name, what) in zip(
-        fig.subplots(1, 2), (("loss", "cross-entropy [nat]"), ("accuracy", "accuracy, top-1")), strict=True
-    ):
-        train, held_out = curves[name], curves[f"held_out_{name}"]
-        axis.plot(epochs, train, color="0.6", lw=1.0, marker=few, label="training")
-        axis.plot(epochs, held_out, color=colour(method), marker=few, label="held out")
-        axis.axvline(best_epoch + 1, color=QUIET, lw=0.7, ls=(0, (4, 3)), zorder=1)
-        best = best_epoch + 1, held_out[best_epoch]
-        axis.plot(*best, "o", ms=4, color=colour(method), mec="white", mew=0.6, clip_on=False, zorder=4)
-        axis.set(xlabel="epoch", ylabel=what, xlim=(1, max(len(epochs), 2)), ylim=(0, None if name == "loss" else 1))
-        axis.xaxis.get_major_locator().set_params(integer=True)
-    fig.axes[1].legend(frameon=False, loc="lower right", labelcolor="linecolor", handlelength=1.2, fontsize=8)
+    few = "." if len(rounds) < 3 else ""
+    for axis, name in zip(panels(fig, len(names), min(len(names), 3), shared=False), names, strict=True):
+        for key, tint, label in ((name, "0.6", "training"), (HELD_OUT + name, colour(method), "held out")):
+            if key in curves:
+                axis.plot(rounds, curves[key], color=tint, marker=few, label=label)
+        if best is not None:
+            last = axis.lines[-1]
+            dot = best + 1, np.asarray(last.get_ydata())[best]
+            axis.plot(*dot, "o", ms=4, color=last.get_color(), mec="white", mew=0.6, clip_on=False, zorder=4)
+            axis.axvline(best + 1, color=QUIET, lw=0.7, ls=(0, (4, 3)), zorder=1)
+        axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))
+        axis.set_ylim(0, 1 if name.endswith(SHARE_ENDINGS) else None)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    fig.axes[0].legend(frameon=False, loc="best", labelcolor="linecolor", handlelength=1.2, fontsize=8)
     return fig

@@ -44,8 +44,9 @@ def rejection(results: Sequence[Result], simulated: bool) -> Figure:
         ticks = [result.sequence[:10] for result in group]
         column[1].set_xticks(range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor")
     fig.align_ylabels(axes[:, 0])
+    used = " (in use)" if len(kinds) > 1 else ""
     handles = [
-        Line2D([], [], ls="", marker=marker, ms=4, color=tint, mew=0, label=kind.replace("_", " ") + ("" if i else " (in use)"))
+        Line2D([], [], ls="", marker=marker, ms=4, color=tint, mew=0, label=kind.replace("_", " ") + ("" if i else used))
         for i, (kind, (tint, marker)) in enumerate(zip(kinds, KINDS, strict=False))
     ]
     if wanted is not None:

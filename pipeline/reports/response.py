@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pipeline.errors import InputError
 from pipeline.reports.style import PALETTE, STYLE, TEXT_WIDTH_IN, figure
-from pipeline.reports.tables import mean
+from pipeline.reports.table import mean
 
 if TYPE_CHECKING:
     from pipeline.reports.sweep import Job

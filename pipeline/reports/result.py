@@ -68,5 +68,11 @@ def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
     return groups
 
 
+def dates(results: Sequence[Result]) -> dict[str, str]:
+    """Each sequence's name without its time of day, unless two were driven on one day."""
+    names = list(by_sequence(results))
+    return {name: name[:10] if len({name[:10] for name in names}) == len(names) else name for name in names}
+
+
 def _when(result: Result) -> tuple[int, str]:
     return result.days, result.sequence

@@ -9,7 +9,7 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.reports import gallery
 from pipeline.reports.rejection import of
 from pipeline.reports.result import Result
-from pipeline.reports.tables import present
+from pipeline.reports.table import present
 from pipeline.tracking import RunRecord
 
 if TYPE_CHECKING:

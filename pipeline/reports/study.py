@@ -3,18 +3,20 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from functools import cached_property
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
+from pipeline.errors import ArtifactError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
 from pipeline.reports import gallery, page, runs, series
+from pipeline.reports.comparison import Against, against_first
 from pipeline.reports.result import Result, by_method
 from pipeline.tracking import RunRecord
 
@@ -22,8 +24,8 @@ from pipeline.tracking import RunRecord
 class Find(Protocol):
     """Where an artifact lies.
 
-    `kind` is a stage (submaps, labels, views, train, evaluate) or metrics, the json beside an evaluation. Submaps and labels are
-    of a sequence, a model is of a method, and views, evaluations and metrics are of both.
+    `kind` is a stage (submaps, labels, views, train, evaluate) or metrics, the json beside a method's evaluations. Submaps and
+    labels are of a sequence, models and metrics of a method, and views and evaluations of both.
     """
 
     def __call__(self, kind: str, sequence: str = "", method: str = "") -> Path: ...
@@ -33,15 +35,15 @@ def folders(artifacts: Path, dataset: str, grid: str, views: Mapping[str, str]) 
     """Where `dvc repro` leaves the artifacts of one data set and grid; `views` says what each method looks at."""
 
     def find(kind: str, sequence: str = "", method: str = "") -> Path:
-        stage, suffix = ("evaluate", "json") if kind == "metrics" else (kind, "safetensors" if kind == "train" else "zarr")
-        within = {
-            "submaps": sequence,
-            "labels": f"{grid}/{sequence}",
-            "views": f"{views.get(method)}/{sequence}",
-            "train": f"{grid}/{method}",
-            "evaluate": f"{grid}/{method}/{sequence}",
-        }[stage]
-        return artifacts / stage / dataset / f"{within}.{suffix}"
+        stage, within = {
+            "submaps": ("submaps", f"{sequence}.zarr"),
+            "labels": ("labels", f"{grid}/{sequence}.zarr"),
+            "views": ("views", f"{views.get(method)}/{sequence}.zarr"),
+            "train": ("train", f"{grid}/{method}.safetensors"),
+            "evaluate": ("evaluate", f"{grid}/{method}/{sequence}.zarr"),
+            "metrics": ("evaluate", f"{grid}/{method}.json"),
+        }[kind]
+        return artifacts / stage / dataset / within
 
     return find
 
@@ -53,16 +55,25 @@ class Learned:
     recipe: Mapping[str, str]
     """The parameters that it was learned with."""
     curves: Mapping[str, NDArray[np.float64]]
-    """Name to values (epoch,); none for a method without epochs."""
-    best_epoch: int | None
-    """The epoch that was kept, 0-based."""
+    """Name to values (round,), a round being an epoch or whatever else is learned between two looks at held-out blocks; none for
+    a method that learns nothing."""
+    best_round: int | None
+    """The one that was kept, 0-based; None where the model does not say."""
+    megabytes: float = 0.0
+    """Of all its arrays."""
+
+    @property
+    def rounds(self) -> int:
+        """How many there were."""
+        return max(map(len, self.curves.values()), default=0)
 
     @classmethod
     def read(cls, path: Path) -> Self:
         """From the file that training left."""
         model = store.read_model(path)
         curves = {name.removeprefix("curves/"): model[name] for name in sorted(model) if name.startswith("curves/")}
-        return cls(store.read_recipe(path), curves, int(model["best_epoch"]) if "best_epoch" in model else None)
+        kept = int(model["best_epoch"]) if "best_epoch" in model else None
+        return cls(store.read_recipe(path), curves, kept, sum(array.nbytes for array in model.values()) / 1e6)
 
 
 @dataclass(frozen=True)
@@ -94,12 +105,13 @@ class Study:
         """Read a study's artifacts; raises ArtifactError for one that is not there."""
         models = {method: Learned.read(find("train", method=method)) for method in methods}
         results, rules = [], {}
-        for method, sequence in product(methods, tests):
-            artifact = store.read(find("evaluate", sequence, method), schemas.EVALUATIONS)
-            numbers = json.loads(find("metrics", sequence, method).read_text())
-            wanted = float(artifact.attrs["wanted_precision"])
-            results.append(Result(method, sequence, numbers, Evaluation.read(artifact), wanted))
-            rules = artifact.attrs
+        for method in methods:
+            numbers = _metrics(find("metrics", method=method), tests)
+            for sequence in tests:
+                artifact = store.read(find("evaluate", sequence, method), schemas.EVALUATIONS)
+                wanted = float(artifact.attrs["wanted_precision"])
+                results.append(Result(method, sequence, numbers[sequence], Evaluation.read(artifact), wanted))
+                rules = artifact.attrs
         track = store.read(find("submaps", train), schemas.SUBMAPS).load("world_T_anchor")[:, :2, 3]
         labels = store.read(find("labels", train), schemas.LABELS)
         places, cell_m = labels.load("places"), float(labels.attrs["cell_m"])
@@ -111,32 +123,27 @@ class Study:
         """Method to the parameters that its model was learned with."""
         return {method: model.recipe for method, model in self.models.items()}
 
+    @cached_property
+    def tested(self) -> list[Against]:
+        """Each method against the first, on the same queries."""
+        return against_first(self.results, self.bootstrap)
+
     def write(self, folder: Path) -> None:
         """Draw every figure and write report.md, results.txt and the plain data of two plots into `folder`."""
         folder.mkdir(parents=True)
-        figures = gallery.draw(self, folder)
-        told = page.report(
-            self.dataset,
-            self.train,
-            self.cell_m,
-            self.recipes,
-            self.results,
-            figures,
-            self.simulated,
-            self.distance,
-            self.bootstrap,
-        )
-        (folder / "report.md").write_text(told)
-        (folder / "results.txt").write_text(self.table())
+        (folder / "report.md").write_text(page.report(self, gallery.draw(self, folder)))
+        (folder / "results.txt").write_text(page.text(self))
         (folder / "year.csv").write_text(series.year(self.results, self.simulated))
         (folder / "precision_recall.csv").write_text(series.precision_recall(self.results, self.simulated))
-
-    def table(self) -> str:
-        """The results for a terminal."""
-        made = f"simulated {self.dataset}" if self.simulated else self.dataset
-        head = f"{made}, trained on {self.train} alone, cells of {self.cell_m:g} m"
-        return page.text(head, self.results, self.cell_m, self.distance)
 
     def runs(self, figures: Path, colours: Mapping[str, str]) -> list[RunRecord]:
         """A run a method, with its metrics over the days since training, and a child run a test sequence."""
         return [runs.record(self, method, group, figures, colours[method]) for method, group in by_method(self.results).items()]
+
+
+def _metrics(path: Path, tests: Sequence[str]) -> dict[str, Any]:
+    """Sequence to its numbers; raises ArtifactError unless the file holds every test sequence."""
+    numbers: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    if missing := [sequence for sequence in tests if sequence not in numbers]:
+        raise ArtifactError(f"{path}: no numbers of {missing[0]}; `dvc repro` makes them")
+    return numbers

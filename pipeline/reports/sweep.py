@@ -7,7 +7,7 @@ from typing import Any
 
 from pipeline.reports import response
 from pipeline.reports.style import save
-from pipeline.reports.tables import MISSING, Table, mean, number, present, spread
+from pipeline.reports.table import MISSING, Table, mean, number, present, spread
 
 SHOWN = (
     ("AUC top-1 (cells)", "cells", "auc_top1", 3),

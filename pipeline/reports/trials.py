@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pipeline.reports.sweep import Job, Sweep
-from pipeline.reports.tables import mean, present
+from pipeline.reports.table import mean, present
 from pipeline.tracking import RunRecord
 
 CHARTED = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"))

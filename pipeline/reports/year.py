@@ -22,7 +22,7 @@ PANELS = (
 @matplotlib.rc_context(STYLE)
 def year(results: Sequence[Result], train: str, simulated: bool) -> Figure:
     """Each number of `PANELS` over the days since training, its 95 % interval as a band, and the oracle's recall@1 in grey."""
-    fig = figure(TEXT_WIDTH_IN, 5.6, simulated, f"The year after training on {train[:10]}")
+    fig = figure(TEXT_WIDTH_IN, 6.2, simulated, f"The year after training on {train[:10]}")
     axes = fig.subplots(len(PANELS), 1, sharex=True)
     for axis, (protocol, name, label) in zip(axes, PANELS, strict=True):
         _draw(axis, some(results), protocol, name)
@@ -37,10 +37,11 @@ def year(results: Sequence[Result], train: str, simulated: bool) -> Figure:
 def _draw(axis: Axes, results: Sequence[Result], protocol: str, name: str) -> None:
     lines: list[tuple[str, str, NDArray[np.float64]]] = []
     lowest = []
+    alpha = 0.4 / max(len({result.method for result in results}), 3)
     for method, group in by_method(results).items():
         points = _points(group, protocol, name)
         bounds = np.array([r.interval(protocol, name) or (np.nan, np.nan) for r in group])
-        axis.fill_between(points[:, 0], *bounds.T, color=colour(method), alpha=0.14, lw=0, zorder=1)
+        axis.fill_between(points[:, 0], *bounds.T, color=colour(method), alpha=alpha, lw=0, zorder=1)
         if len(points) == 1:  # no band has a width there
             axis.vlines(points[:, 0], *bounds.T, color=colour(method), lw=0.9, alpha=0.6)
         axis.plot(points[:, 0], points[:, 1], "-o", ms=4, mec="white", mew=0.6, color=colour(method), zorder=3)
@@ -54,7 +55,7 @@ def _draw(axis: Axes, results: Sequence[Result], protocol: str, name: str) -> No
     axis.set_ylim(low, 1.0 + 0.02 * (1.0 - low))
     axis.grid(axis="y", lw=0.4, color="0.9")
     axis.set_axisbelow(True)
-    name_at_the_end(axis, lines, gap=0.13 * (1.0 - low))
+    name_at_the_end(axis, lines, gap=0.09 * (1.0 - low))
 
 
 def _points(results: Sequence[Result], protocol: str, name: str) -> NDArray[np.float64]:

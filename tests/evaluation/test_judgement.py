@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pipeline import store
 from pipeline.errors import ArtifactError, InputError
@@ -25,9 +26,11 @@ RANKING = Ranking(
     xy_m=np.zeros((5, 2, 2)),
     novelty=np.array([[0.1, 5], [0.2, 1], [0.3, 3], [0.6, 2], [0.9, 4]], np.float32),
     confidence=np.array([0.95, 0.95, 0.45, 0.95, 0.5], np.float32),
-    heading_deg=np.zeros(5, np.float32),
+    heading_deg=np.array([170, 20, -30, 90, np.nan], np.float32),
     kinds=("entropy", "energy"),
 )
+YAW_DEG = np.array([-170.0, 17.0, 15.0, 90.0, 0.0])
+"""The told headings are 20, 3, 45 and 0 off."""
 LABELS = Labels(
     places=np.array([7, 8, 9, 3, -1]),
     cells=np.arange(10),
@@ -46,6 +49,8 @@ def drive(
     """
     world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
     world_T_anchor[:, :2, 3] = xy_m
+    if len(xy_m) == len(YAW_DEG):
+        world_T_anchor[:, :3, :3] = Rotation.from_euler("z", YAW_DEG[:, None], degrees=True).as_matrix()
     return judge(ranking, reject_from, labels, world_T_anchor, 20, Distance(), Bootstrap(block_m=5.0, resamples=40))
 
 
@@ -80,6 +85,8 @@ def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
     assert distance.unseen.tolist() == [False, False, False, False, True]
     assert distance.oracle_right.tolist() == [True, True, True, False, False]
     assert evaluation.answer.tolist() == [7, 8, 1, 3, 2]
+    assert evaluation.answer_xy_m.tolist() == [[0.0, 0.0]] * 5
+    assert evaluation.nearest_m.tolist() == [1.0, 1.0, 4.0, 6.0, 50.0]
 
 
 def test_the_numbers_of_five_queries_by_hand() -> None:
@@ -99,6 +106,21 @@ def test_the_numbers_of_five_queries_by_hand() -> None:
     assert (distance["seen"], distance["unseen"]) == (3, 1)
     assert (distance["recall_at_1"], distance["oracle"], distance["median_error_m"]) == (1.0, 1.0, 5.0)
     assert (distance["precision_at_threshold"], distance["recall_at_threshold"]) == (1.0, 1.0)
+
+
+def test_a_heading_is_judged_where_the_answer_is_right() -> None:
+    evaluation = drive()
+    assert evaluation.heading_error_deg == pytest.approx([20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4)  # over ±180° too
+    numbers = summary(evaluation)
+    # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
+    assert numbers["cells"]["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
+    assert numbers["distance"]["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
+    assert (numbers["cells"]["heading_within_10deg"], numbers["distance"]["heading_within_10deg"]) == (2 / 3, 1 / 3)
+
+
+def test_a_method_that_tells_no_heading_has_none_judged() -> None:
+    numbers = summary(drive(replace(RANKING, heading_deg=np.full(5, np.nan, np.float32))))["cells"]
+    assert numbers["median_heading_error_deg"] is numbers["heading_within_10deg"] is None
 
 
 def test_calibration_is_of_the_seen_queries_by_cells() -> None:

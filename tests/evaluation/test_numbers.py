@@ -21,6 +21,8 @@ QUERIES = Queries(
     thresholds=np.array([0.0, 0.15, 0.25, 0.35, 0.5, 0.65, 1.0]),
     error_m=np.array([1.0, 40.0, 2.0, 90.0, 4.0, 80.0]),
     turn_deg=np.array([10.0, -45.0, 46.0, 0.0, 180.0, 0.0]),
+    nearest_m=np.array([1.0, 2.0, 3.0, 6.0, 4.0, 2.5]),
+    heading_error_deg=np.array([2.0, 1.0, 10.0, 3.0, 170.0, np.nan]),
 )
 EVERYONE = np.ones((1, 6))
 
@@ -43,6 +45,11 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     assert found["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
     assert found["recall_at_threshold"] == 2 / 3  # two hits, one miss
     assert found["median_error_m"] == 3.0  # of 1, 2, 4 and 40
+    assert found["median_heading_error_deg"] == 10.0  # of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
+    assert found["heading_within_10deg"] == 2 / 3
+    # The oracle, nearest first: queries 0 and 1 right, 5 unseen, 2 right, 4 misplaced, 3 unseen. Precision falls from 1 after the
+    # second to 2/3, 3/4, 3/5, 3/6, recall rises 1/4, 2/4, 2/4, 3/4, 1, 1.
+    assert found["oracle_auc_exact_top1"] == pytest.approx(1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8)
 
 
 def test_by_the_usual_recall_a_misplaced_query_is_not_recalled() -> None:
@@ -67,9 +74,16 @@ def test_the_area_is_that_of_the_authors_counts() -> None:
     seen = rng.random(400) < 0.8
     truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
     novelty, thresholds = rng.random((400, 1)).astype(np.float32), np.linspace(0, 1, 200)
-    found = told(truth, Queries(novelty, (0.5,), thresholds, rng.random(400), rng.random(400)), np.ones((1, 400)))
+    found = told(truth, Queries(novelty, (0.5,), thresholds, *rng.random((4, 400))), np.ones((1, 400)))
     areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
     assert [found[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
+
+
+def test_a_heading_that_is_not_told_counts_neither_way() -> None:
+    found = told(queries=replace(QUERIES, heading_error_deg=np.array([np.nan, 1.0, 10.0, 3.0, 170.0, 0.0])))
+    assert (found["median_heading_error_deg"], found["heading_within_10deg"]) == (90.0, 1 / 2)
+    found = told(queries=replace(QUERIES, heading_error_deg=np.full(6, np.nan)))
+    assert np.isnan([found["median_heading_error_deg"], found["heading_within_10deg"]]).all()
 
 
 def test_a_threshold_that_accepts_nothing_has_a_recall_but_no_precision() -> None:
@@ -111,20 +125,22 @@ def test_a_heading_that_no_query_has_is_missing() -> None:
             st.integers(0, 6),  # level of novelty
             st.integers(0, 50),  # error
             st.sampled_from([0.0, 180.0]),
+            st.sampled_from([0.0, 20.0, np.nan]),
         ),
         min_size=1,
         max_size=25,
     ),
     st.booleans(),
 )
-def test_a_weight_is_a_number_of_equal_queries(rows: list[tuple[int, str, int, int, int, float]], usual: bool) -> None:
-    weight, where, rank, level, error_m, turn_deg = (np.array(column) for column in zip(*rows, strict=True))
+def test_a_weight_is_a_number_of_equal_queries(rows: list[tuple[int, str, int, int, int, float, float]], usual: bool) -> None:
+    weight, where, rank, level, error_m, turn_deg, off_deg = (np.array(column) for column in zip(*rows, strict=True))
 
     def of(index: np.ndarray, weight: np.ndarray) -> dict[str, float]:
         seen, unseen = where[index] == "seen", where[index] == "unseen"
         truth = Truth(seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual)
         novelty = (level[index, None] / 6).astype(np.float32)
-        return told(truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), error_m[index] / 2, turn_deg[index]), weight)
+        own = (error_m[index] / 2, turn_deg[index], 6.0 - level[index], off_deg[index])
+        return told(truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *own), weight)
 
     weighted = of(np.arange(len(rows)), weight[None].astype(float))
     repeated = of(np.repeat(np.arange(len(rows)), weight), np.ones((1, weight.sum())))

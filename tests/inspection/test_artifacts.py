@@ -134,7 +134,10 @@ def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) 
     assert "by distance" in text
     assert "4 seen and 1 unseen" in text
     assert "at 1 1.000, at 5 1.000" in text
+    assert "heading    median error 1.000°, within 10° 1.000 of the right" in text
     assert found.warnings == ()
+    untold = inspect(made(tmp_path / "b.zarr", schema, **columns, heading_error_deg=np.full(ROWS, np.nan))).text()
+    assert "\n  heading  " not in untold
 
 
 def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ from matplotlib.text import Text
 
 from pipeline.errors import InputError
 from pipeline.reports import examples, maps, matches, novelty, plots, rejection, reliability, response
-from pipeline.reports.style import SIMULATED, balanced, colour, save
+from pipeline.reports.style import SIMULATED, balanced, colour, name_at_the_end, save
 from pipeline.reports.year import year
 from tests.reports.made import RESULTS, SWEEP, TRAIN_PLACES, TRAIN_XY_M, bounded, result
 
-METHODS = ("sci", "sci_ring", "scan_context", "m2dp", "pointnetvlad", "afl", "pfl", "sad")
+METHODS = ("sci", "sci_ring", "scan_context", "scan_context_all", "m2dp", "pointnetvlad", "afl", "pfl", "sad")
 ONE = RESULTS[:2]
 """One method on two sequences."""
 CURVES = {"loss": np.array([3.0, 2.0, 2.5]), "accuracy": np.array([0.1, 0.4, 0.5])}
@@ -84,10 +84,11 @@ def test_panels_leave_few_cells_empty(number: int, grid: tuple[int, int]) -> Non
     assert balanced(number, 5) == grid
 
 
-def test_curves_have_a_panel_a_sequence_and_name_each_method_with_its_exact_area() -> None:
+def test_curves_have_a_panel_a_sequence_each_exact_area_and_one_legend() -> None:
     fig = FIGURES["precision_recall"](False)
     assert [axis.get_title() for axis in fig.axes] == ["2012-02-04, +20 d", "2012-03-17, +62 d"]
-    assert f"sci {RESULTS[0].number('cells', 'auc_exact_top1'):.3f}" in words(fig)
+    assert {f"{one.number('cells', 'auc_exact_top1'):.3f}" for one in RESULTS} == {"0.731", "0.631"} <= set(words(fig))
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == ["sci", "m2dp"]
 
 
 def test_the_curve_passes_every_novelty_and_the_dot_is_the_models_threshold() -> None:
@@ -95,8 +96,9 @@ def test_the_curve_passes_every_novelty_and_the_dot_is_the_models_threshold() ->
     precision, recall = plots.exact(RESULTS[0], "cells")
     assert precision == pytest.approx([1, 1, 1, 2 / 3, 2 / 4, 2 / 5, 3 / 6, 3 / 7])
     assert recall == pytest.approx([0, 1 / 5, 2 / 5, 2 / 4, 2 / 3, 2 / 3, 1, 1])
-    dot = next(line for line in FIGURES["precision_recall"](False).axes[0].lines if line.get_marker() == "o")
-    assert dot.get_xydata() == pytest.approx(np.array([[2 / 3, 2 / 5]]))
+    dots = [line for line in FIGURES["precision_recall"](False).axes[0].lines if line.get_marker() == "o"]
+    (dot,) = (line.get_xydata() for line in dots if to_hex(line.get_color()).upper() == colour("sci"))
+    assert dot == pytest.approx(np.array([[2 / 3, 2 / 5]]))
 
 
 def test_by_distance_a_misplaced_query_lowers_recall() -> None:
@@ -182,10 +184,43 @@ def test_a_map_s_scale_bar_is_as_long_as_it_says() -> None:
     assert bar[1] - bar[0] == pytest.approx(20.0)
 
 
-def test_the_history_marks_the_epoch_that_was_kept() -> None:
+def test_several_methods_have_a_row_of_maps_each() -> None:
+    fig = maps.montage(RESULTS[::-1], TRAIN_XY_M, False)
+    named = [(axis.get_title(), [text.get_text() for text in axis.texts if text.get_rotation() == 90]) for axis in fig.axes]
+    assert named == [("2012-02-04, +20 d", ["m2dp"]), ("2012-03-17, +62 d", []), ("", ["sci"]), ("", [])]
+    tops = [round(axis.get_subplotspec().rowspan.start) for axis in fig.axes]
+    assert tops == [0, 0, 1, 1]
+
+
+def test_a_single_kind_of_novelty_is_not_said_to_be_the_one_in_use() -> None:
+    fig = rejection.rejection(RESULTS[2:], False)
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == ["distance", "wanted precision 0.9"]
+
+
+def test_names_at_the_end_stand_apart_and_below_the_top() -> None:
+    # Four of them crowd at the top, the fifth keeps its place.
+    fig = Figure()
+    axis = fig.subplots()
+    axis.set_ylim(0, 1)
+    name_at_the_end(axis, [(str(end), "k", np.array([[0.0, end]])) for end in (0.95, 0.98, 0.2, 1.0, 0.9)], gap=0.1)
+    found = {text.get_text(): text.xy[1] for text in axis.texts}
+    assert found == pytest.approx({"0.9": 0.7, "0.95": 0.8, "0.98": 0.9, "1.0": 1.0, "0.2": 0.2})
+
+
+def test_the_history_of_other_curves_has_a_panel_each() -> None:
+    fig = plots.history({"loss": np.array([3.0, 2.0]), "held_out_recall": np.array([0.5, 0.75])}, 1, "pointnetvlad", False)
+    assert [axis.get_ylabel() for axis in fig.axes] == ["loss", "recall"]
+    assert fig.axes[1].lines[0].get_ydata().tolist() == [0.5, 0.75]
+    assert fig.axes[1].get_ylim() == (0, 1)
+
+
+def test_the_history_marks_the_round_that_was_kept() -> None:
     fig = FIGURES["history"](False)
-    assert "sci: kept after epoch 2 of 3" in words(fig)  # 0-based epoch 1 is the second
+    assert "sci: kept after round 2 of 3" in words(fig)  # 0-based round 1 is the second
     assert [list(line.get_xdata()) for line in fig.axes[0].lines if line.get_marker() == "o"] == [[2]]
+    unsaid = plots.history(CURVES, None, "sci", False)
+    assert "sci: 3 rounds" in words(unsaid)
+    assert [line.get_marker() for line in unsaid.axes[0].lines] == ["", ""]
 
 
 @pytest.mark.parametrize("draw", [lambda: year([], "2012-01-15", False), lambda: plots.precision_recall([], "cells", False)])
@@ -202,7 +237,7 @@ def test_a_sequence_that_training_never_saw_and_a_threshold_that_accepts_nothing
     )
     blank = one.numbers | {"cells": dict.fromkeys(one.numbers["cells"], None)}
     empty = replace(one, evaluation=replace(e, cells=nobody), numbers=blank)
-    assert "sci –" in words(plots.precision_recall([empty], "cells", False))
+    assert "–" in words(plots.precision_recall([empty], "cells", False))
     assert "AUROC –" in words(novelty.histograms([empty], "cells", False))
     assert not novelty.histograms([empty], "cells", False).axes[0].lines  # the threshold lies beyond all novelties
     assert len(plots.recall_at([empty], False).axes[0].lines) == 0

@@ -27,6 +27,7 @@ def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> Re
         error_m=np.full(n, 200.0),
         turn_deg=np.zeros(n),
         answer=np.full(n, 3),
+        answer_xy_m=np.zeros((n, 2)),
         nearest_m=np.ones(n),
     )
     return replace(result(days=days), sequence=f"day {days}", evaluation=wide)
@@ -74,9 +75,11 @@ def test_a_query_in_the_next_cell_and_an_accepted_unseen_one_are_shown_for_what_
     assert examples[3].caption() == "misplaced, accepted\n2012-02-04, +20 d\nnovelty 0.200, 200 m off\nheading +0° to training"
 
 
-def test_an_answer_is_shown_by_the_submap_in_the_middle_of_its_place_and_the_truth_by_the_nearest() -> None:
+def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_truth_by_the_nearest() -> None:
     training = Training(None, TRAIN_PLACES, TRAIN_XY_M)
-    assert training.example(3) == 17  # submaps 15 to 19
+    assert training.answered(3, TRAIN_XY_M[15:20].mean(axis=0)) == 17  # submaps 15 to 19
+    assert training.answered(3, TRAIN_XY_M[18]) == 18
+    assert training.answered(3, TRAIN_XY_M[40]) == 19
     assert training.nearest(np.array([20.0, 50.0])) == 10  # at 10 · 100/49 = 20.4 m
 
 

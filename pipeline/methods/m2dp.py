@@ -1,0 +1,40 @@
+"""M2DP: the nearest training signature by Euclidean distance; nothing is trained (IROS 2016; METHODS 3.1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.matching.database import Database, DescriptorMethod, euclidean
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.watch import Watch
+
+
+@dataclass(frozen=True)
+class M2dp(DescriptorMethod):
+    """Signatures are kept as they are drawn."""
+
+    view: str = "m2dp"
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """The training sequence's signatures (n, d); raises InputError unless each has a place."""
+        database, signatures = Database.learned(views, places), _signatures(views)
+        evidence = database.evidence(euclidean(signatures), views, self)
+        return {"signatures": signatures, **database.arrays(), **evidence.arrays()}
+
+    def localizer(self, model: Model) -> Localizer:
+        """Cost and novelty are distances; 2 at most, since each half of a signature has length 1."""
+        database, signatures = Database.of(model), model["signatures"]
+
+        def localize(views: Rows, k: int) -> Ranking:
+            return database.nearest(signatures, _signatures(views), k, self.distinct_places)
+
+        return localize
+
+
+def _signatures(views: Rows) -> NDArray[np.float32]:
+    signatures = np.ascontiguousarray(views.images[:], np.float32)
+    if signatures.ndim != 2:
+        raise InputError(f"views of shape {signatures.shape}: expected signatures (n, d)")
+    return signatures

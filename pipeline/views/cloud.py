@@ -1,0 +1,110 @@
+"""The cloud that PointNetVLAD looks at: a fixed number of points around the sensor, without the ground.
+
+Preprocessing of the SCI paper (RA-L 2019, Sec. V), whose numbers are those of its author's later script (METHODS 3.2).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline import schemas
+from pipeline.errors import ConfigError, InputError
+from pipeline.settings import check, positive
+from pipeline.views import kernels
+
+SURE = 0.9999
+"""Planes are tried until the ground was missed by all of them with a chance below 1 − this, were it the best one so far."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """What is drawn of a submap."""
+
+    schema: ClassVar[schemas.Schema] = schemas.CLOUDS
+    points: int = 4096
+    half_m: float = 25.0
+    """Half the side of the cube around the sensor that is kept."""
+    voxel_m: float = 0.1
+    """Points are averaged in cubes of this side first; 0 takes them as they are."""
+    plane_m: float = 0.2
+    """Points nearer than this to the ground plane are ground; 0 keeps the ground."""
+    slope_deg: float = 20.0
+    """A plane steeper than this is no ground but a wall."""
+    iterations: int = 1000
+    """Planes tried at most."""
+    seed: int = 0
+    """Every cloud is drawn with the same one, so a view does not depend on those drawn before it."""
+
+    def __post_init__(self) -> None:
+        check(self, "view")
+        positive("view", points=self.points, half_m=self.half_m, iterations=self.iterations)
+        if not 0 <= self.slope_deg <= 90:
+            raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
+
+    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
+        """Points (points, 3) about their mean in units of `half_m`, in [−1, 1], of points (n, 3) in metres, z up.
+
+        They come in a random order: the first m are a sample too. Where fewer are left than wanted all of them come, then
+        random ones again; zeros where none is left. Raises InputError for a wrong shape or a point that is not finite.
+        """
+        if points_m.ndim != 2 or points_m.shape[1] != 3:
+            raise InputError(f"points of shape {points_m.shape}: expected (n, 3)")
+        if not np.isfinite(points_m).all():
+            raise InputError("a point is NaN or infinite: drop such points first")
+        points = np.ascontiguousarray(points_m, np.float64)
+        if self.voxel_m > 0 and len(points):
+            points = kernels.voxel_means(points, self.voxel_m)
+        rng = np.random.default_rng(self.seed)
+        points = points[(np.abs(points) <= self.half_m).all(axis=1)]
+        if self.plane_m > 0:
+            points = points[~self._ground(points, rng)]
+        if not len(points):
+            return np.zeros((self.points, 3), np.float16)
+        rows = rng.permutation(len(points))[: self.points]
+        points = points[np.concatenate([rows, rng.integers(len(points), size=self.points - len(rows))])]
+        cloud: NDArray[np.float16] = ((points - points.mean(axis=0)) / self.half_m).clip(-1, 1).astype(np.float16)
+        return cloud
+
+    def _ground(self, points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
+        """Which points (n, 3) lie on the plane that has most of them among the flat enough ones; none if there is none."""
+        if len(points) < 3:
+            return np.zeros(len(points), bool)
+        x, y, z = points.T.astype(np.float32, order="C")
+        corners = rng.integers(len(points), size=(self.iterations, 3))
+        a, b, c = _plane(x, y, z, corners, self.plane_m, math.cos(math.radians(self.slope_deg)))
+        ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(a * a + b * b + 1)
+        return ground
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped-def]
+    """RANSAC (Fischler and Bolles, 1981): a, b, c of the plane a x + b y + z = c with most points (n,) nearer than `plane_m`.
+
+    `corners` (tried, 3) are three points for each plane; its normal's z is at least `least_upright`; c is infinite for none.
+    """
+    n = len(x)
+    best, a_best, b_best, c_best = np.int32(0), np.float32(0), np.float32(0), np.float32(np.inf)
+    missed = 1.0
+    for number in range(len(corners)):
+        i, j, k = corners[number]
+        ux, uy, uz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
+        vx, vy, vz = x[k] - x[i], y[k] - y[i], z[k] - z[i]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0 and abs(nz) >= least_upright * length:
+            a, b = np.float32(nx / nz), np.float32(ny / nz)
+            c = a * x[i] + b * y[i] + z[i]
+            near = np.float32(plane_m * length / abs(nz))
+            count = np.int32(0)
+            for point in range(n):
+                count += np.int32(abs(a * x[point] + b * y[point] + z[point] - c) < near)
+            if count > best:
+                best, a_best, b_best, c_best = count, a, b, c
+        missed = (1.0 - (best / n) ** 3) ** (number + 1)
+        if missed < 1.0 - SURE:
+            break
+    return a_best, b_best, c_best

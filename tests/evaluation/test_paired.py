@@ -1,0 +1,141 @@
+"""The paired test of two methods on the same queries."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.judgement import Evaluation, judge
+from pipeline.evaluation.paired import COMPARED, compare, holm
+from pipeline.evaluation.protocols import Distance
+from pipeline.matching.places import Labels
+from pipeline.matching.ranking import Ranking
+
+METRES = 600
+XY_M = np.stack([np.arange(METRES, dtype=float), np.zeros(METRES)], axis=1)
+BOOTSTRAP = Bootstrap(block_m=20.0, resamples=199)
+
+
+def method(right: np.ndarray, novelty: np.ndarray | None = None) -> Evaluation:
+    """A query a metre, seen but for the last sixth; a wrong answer lies a kilometre off."""
+    seen = np.arange(METRES) < 500
+    answers = np.where(right & seen, 0, 5)
+    ranking = Ranking(
+        answers[:, None],
+        np.zeros((METRES, 1), np.float32),
+        (XY_M + np.where(right & seen, 1.0, 1000.0)[:, None] * (1, 0))[:, None],
+        (np.where(seen, 0.25, 0.75) if novelty is None else novelty).astype(np.float32)[:, None],
+        np.full(METRES, np.nan, np.float32),
+        np.full(METRES, np.nan, np.float32),
+        ("distance",),
+    )
+    nothing = np.zeros(METRES)
+    labels = Labels(np.where(seen, 0, -1), np.arange(6), np.zeros(METRES, int), np.where(seen, 1.0, 99.0), nothing)
+    poses = np.tile(np.eye(4), (METRES, 1, 1))
+    poses[:, :2, 3] = XY_M
+    return judge(ranking, (0.5,), labels, poses, 1, Distance(), Bootstrap(resamples=2))
+
+
+def runs(share: float, seed: int) -> np.ndarray:
+    """Right and wrong in runs of 10 m."""
+    return np.repeat(np.random.default_rng(seed).random(METRES // 10) < share, 10)
+
+
+HARD = runs(0.6, 0)
+
+
+@pytest.mark.parametrize("protocol", ["cells", "distance"])
+def test_differences_and_who_alone_is_right_by_hand(protocol: str) -> None:
+    first, second = np.zeros((2, METRES), bool)
+    first[:300], second[100:350] = True, True  # 100 right by the first alone, 50 by the second alone, of 500 seen
+    found = compare(method(first), method(second), protocol, BOOTSTRAP)
+    assert found.differences[COMPARED.index("recall_at_1")].value == pytest.approx(50 / 500)
+    assert (found.only_this, found.only_reference) == (100, 50)
+
+
+def test_a_small_but_steady_gain_on_a_hard_path_is_found_where_the_intervals_overlap() -> None:
+    # Both fail in the same streets; one also where the metre is a multiple of 10: some .06 lost in every block.
+    better, worse = method(HARD), method(HARD & (np.arange(METRES) % 10 > 0))
+    found = compare(better, worse, "cells", BOOTSTRAP).differences[0]
+    assert found.p == pytest.approx(2 / 200)  # no resample has it the other way round
+    assert 0 < found.low < found.value < found.high
+    low, high = (evaluation.cells.interval[0] for evaluation in (_wide(worse), _wide(better)))
+    assert low[1] > high[0]
+
+
+def _wide(evaluation: Evaluation) -> Evaluation:
+    """With its interval by the same bootstrap."""
+    right, seen = evaluation.cells.true_rank == 0, evaluation.cells.seen
+    bounds = BOOTSTRAP.intervals(lambda weight: (weight @ (right & seen) / (weight @ seen))[None], XY_M)
+    interval = evaluation.cells.interval.copy()
+    interval[0] = bounds[0]
+    return replace(evaluation, cells=replace(evaluation.cells, interval=interval))
+
+
+def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
+    this, other = method(HARD), method(runs(0.6, 1))
+    found = compare(this, other, "cells", BOOTSTRAP).differences[0]
+
+    def recall(evaluation: Evaluation, weight: np.ndarray) -> np.ndarray:
+        return np.asarray(weight @ (evaluation.cells.true_rank == 0) / (weight @ evaluation.cells.seen))
+
+    (spread,) = BOOTSTRAP.spreads(lambda weight: (recall(this, weight) - recall(other, weight))[None], XY_M)
+    assert found.p == pytest.approx(min(1.0, 2 * (1 + min((spread <= 0).sum(), (spread >= 0).sum())) / 200))
+    assert (found.low, found.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
+
+
+def test_the_same_answers_differ_in_nothing_and_surely_in_nothing() -> None:
+    found = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
+    assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [(0.0, 0.0, 0.0, 1.0)] * 2
+    assert (found.only_this, found.only_reference) == (0, 0)
+
+
+def test_the_area_is_compared_too() -> None:
+    # The same answers, but one looks as new at seen queries as at unseen ones.
+    blind = compare(method(HARD, np.full(METRES, 0.5)), method(HARD), "cells", BOOTSTRAP)
+    assert blind.differences[0].value == 0.0
+    assert blind.differences[1].value < 0
+    assert blind.differences[1].high < 0
+
+
+def test_either_way_round_is_the_same_test() -> None:
+    this, other = method(HARD), method(runs(0.7, 1))
+    there, back = compare(this, other, "cells", BOOTSTRAP), compare(other, this, "cells", BOOTSTRAP)
+    for one, two in zip(there.differences, back.differences, strict=True):
+        assert one.value == -two.value
+        assert (one.low, one.high) == pytest.approx((-two.high, -two.low))
+        assert one.p == two.p
+    assert (there.only_this, there.only_reference) == (back.only_reference, back.only_this)
+
+
+def test_chance_is_called_a_difference_as_often_as_the_level_says() -> None:
+    # Pairs of methods that are equally good, each failing in runs of 10 m of its own: some 5 % of p below .05.
+    seeds = range(0, 120, 2)
+    p = [compare(method(runs(0.6, i)), method(runs(0.6, i + 1)), "cells", BOOTSTRAP).differences[0].p for i in seeds]
+    assert np.mean(np.array(p) < 0.05) <= 0.15
+
+
+def test_a_path_of_one_block_tells_nothing() -> None:
+    found = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
+    assert np.isnan([found.low, found.high, found.p]).all()
+
+
+def test_other_queries_are_refused() -> None:
+    this = method(HARD)
+    with pytest.raises(InputError, match="same queries"):
+        compare(this, replace(this, xy_m=this.xy_m + 1), "cells", BOOTSTRAP)
+    with pytest.raises(InputError, match="same queries"):
+        compare(this, replace(this, cells=replace(this.cells, seen=~this.cells.seen)), "cells", BOOTSTRAP)
+
+
+def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls() -> None:
+    # Ascending .01 .02 .03 .2 become .04, .06, .06 (.03 · 2 is no less), .2; of two, .6 · 2 is cut at 1.
+    np.testing.assert_allclose(holm(np.array([0.02, 0.01, 0.2, 0.03])), [0.06, 0.04, 0.2, 0.06])
+    np.testing.assert_allclose(holm(np.array([0.6, 0.7])), [1.0, 1.0])
+
+
+def test_what_could_not_be_tested_counts_as_no_test() -> None:
+    np.testing.assert_allclose(holm(np.array([np.nan, 0.02, 0.04])), [np.nan, 0.04, 0.04])
+    assert holm(np.empty(0)).shape == (0,)

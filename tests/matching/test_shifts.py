@@ -1,0 +1,146 @@
+"""Scan Context's distance against the authors' numbers, a plain loop, and a real reverse loop."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.matching.ranking import Rows
+from pipeline.matching.shifts import Spectra
+from pipeline.readers.kitti import read_velodyne
+from pipeline.views.scan_context import ScanContext
+
+# METHODS 1.5 B, from the authors' Matlab; 3 rings, 4 sectors, B is A rolled by 1.
+A = np.array([[1, 0, 3, 0], [2, 0, 0, 1], [0, 0, 1, 1]], np.float32)
+B = np.roll(A, 1, axis=1)
+C = np.array([[3, 1, 0, 2], [0, 1, 0, 0], [1, 1, 0, 5]], np.float32)
+EMPTY = np.zeros_like(A)
+
+
+def loop(query: NDArray[np.float32], other: NDArray[np.float32]) -> tuple[float, int]:
+    """Distance and best shift by the definition, in float64; shift −1 where none engages a column."""
+    means = []
+    for shift in range(query.shape[1]):
+        cosines = []
+        for a, b in zip(query.T.astype(float), np.roll(other, -shift, axis=1).T.astype(float), strict=True):
+            if a.any() and b.any():
+                cosines.append(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
+        means.append(np.mean(cosines) if cosines else -np.inf)
+    return (1 - max(means), int(np.argmax(means))) if np.isfinite(means).any() else (1.0, -1)
+
+
+def images(seed: int, density: float, engaged: float, shape: tuple[int, int, int] = (12, 10, 36)) -> NDArray[np.float32]:
+    """Sparse heights, some negative, of which some columns hold nothing."""
+    rng = np.random.default_rng(seed)
+    kept = (rng.random(shape) < density) & (rng.random((shape[0], 1, shape[2])) < engaged)
+    made: NDArray[np.float32] = (rng.normal(2, 3, shape) * kept).astype(np.float32)
+    return made
+
+
+def distance(query: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    return float(Spectra.learned(other[None]).compare(query, np.array([0]))[0][0])
+
+
+def test_distances_are_the_authors():
+    assert B.tolist() == [[0, 1, 0, 3], [1, 2, 0, 0], [1, 0, 0, 1]]
+    distances, turned_deg = Spectra.learned(np.stack([A, B, C, EMPTY])).compare(A, np.arange(4))
+    np.testing.assert_allclose(distances, [0, 0, 0.0917517095, 1.0], atol=1e-9)
+    assert turned_deg[:2].tolist() == [0, 90]
+    assert np.isnan(turned_deg[3])
+    np.testing.assert_allclose([distance(C, A), distance(B, C), distance(C, B)], 0.0917517095, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("density", "engaged"), [(1.0, 1.0), (0.3, 0.6), (0.05, 0.9), (0.5, 0.06)], ids=["full", "sparse", "sparser", "few columns"]
+)
+def test_all_shifts_by_spectra_equal_the_plain_loop(density: float, engaged: float):
+    made = images(3, density, engaged)
+    distances, turned_deg = Spectra.learned(made).compare(made[0], np.arange(len(made)))
+    expected = [loop(made[0], other) for other in made]
+    np.testing.assert_allclose(distances, [answer for answer, _ in expected], atol=1e-6)
+    np.testing.assert_allclose(turned_deg, [10 * shift if shift >= 0 else np.nan for _, shift in expected])
+
+
+def test_a_shift_at_which_few_columns_meet_may_be_passed_over():
+    # Half circles: unturned, two columns meet at cosines 1 and .6; turned by one, a single pair meets at cosine 1.
+    query, other = np.array([[1, 3, 0, 0], [0, 4, 0, 0]], np.float32), np.array([[1, 1, 0, 0], [0, 0, 0, 0]], np.float32)
+    for least, expected, turn in ((0.0, 0.0, {90.0, 270.0}), (0.5, 0.0, {90.0, 270.0}), (0.6, 0.2, {0.0})):
+        distances, turned_deg = Spectra.learned(other[None], least).compare(query, np.array([0]))
+        np.testing.assert_allclose(distances, [expected], atol=1e-6)
+        assert turned_deg[0] in turn
+
+
+def test_an_odd_number_of_sectors_is_compared_too():
+    made = images(4, 0.3, 0.7, (9, 4, 15))
+    distances, _ = Spectra.learned(made).compare(made[2], np.arange(9))
+    np.testing.assert_allclose(distances, [loop(made[2], other)[0] for other in made], atol=1e-6)
+
+
+def test_opposite_columns_are_two_apart():
+    # One column each, of opposite sign: their cosine is −1 and no other shift engages a column.
+    up = np.array([[2.0, 0, 0, 0]], np.float32)
+    assert distance(up, -up) == pytest.approx(2)
+
+
+def test_a_roll_costs_nothing_and_is_the_turn():
+    view = images(5, 0.2, 0.8)[0]
+    rolled = np.stack([np.roll(view, -shift, axis=1) for shift in range(36)])
+    distances, turned_deg = Spectra.learned(rolled).compare(view, np.arange(36))
+    np.testing.assert_allclose(distances, 0, atol=1e-7)
+    # Of all sectors, 36 of 10°: to turn by −10 k° brings what is rolled by −k back.
+    np.testing.assert_allclose(turned_deg, (-10 * np.arange(36)) % 360)
+
+
+def test_distance_and_turn_are_the_same_both_ways():
+    made = images(6, 0.3, 0.5)
+    spectra = Spectra.learned(made)
+    there = [spectra.compare(view, np.arange(len(made))) for view in made]
+    distances, turned_deg = (np.array(part) for part in zip(*there, strict=True))
+    np.testing.assert_allclose(distances, distances.T, atol=1e-7)
+    np.testing.assert_allclose((turned_deg + turned_deg.T) % 360, 0)
+
+
+def test_rows_are_compared_in_the_order_asked_however_many():
+    made = images(7, 0.3, 0.7, (600, 4, 12))
+    spectra = Spectra.learned(made)
+    everything, _ = spectra.compare(made[0], np.arange(600))
+    for rows in ([], [5], [599, 3, 3, 300, 8], np.arange(599, -1, -1)):
+        some, _ = spectra.compare(made[0], np.array(rows, np.int64))
+        assert some.tolist() == everything[np.array(rows, np.int64)].tolist()
+
+
+def test_what_a_model_holds_of_it_comes_back():
+    spectra = Spectra.learned(images(8, 0.3, 0.7))
+    again = Spectra.of({**spectra.arrays(), "ring_keys": np.empty(0)})
+    assert np.array_equal(again.columns, spectra.columns)
+    assert np.array_equal(again.engaged, spectra.engaged)
+
+
+def test_a_scan_takes_twenty_kilobytes():
+    spectra = Spectra.learned(np.zeros((2, 40, 120), np.float32))
+    assert sum(array.nbytes for array in spectra.arrays().values()) / 2 == 4 * (61 * 2 * 40 + 120)
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 5), (2, 4, 4), (2, 12)])
+def test_views_of_another_shape_are_refused(shape: tuple[int, ...]):
+    views = Rows(np.zeros(shape, np.float32), np.arange(2), np.tile(np.eye(4), (2, 1, 1)))
+    with pytest.raises(InputError, match="3 rings × 4 sectors"):
+        Spectra.learned(A[None]).images(views)
+
+
+def test_a_real_reverse_loop_is_recognised_at_its_turn(real: Path):
+    """KITTI 08, scans 720 and 1500: 3.6 m apart and turned by 148.4°; heights and bins as the authors' Python makes them."""
+    lift = np.array([0, 0, 2.0], np.float32)
+    draw = ScanContext(voxel_m=0, min_points=1)
+    there, back = (draw(read_velodyne(real / f"kitti/pairs/08/{scan}.bin") + lift) for scan in ("000720", "001500"))
+    distances, turned_deg = Spectra.learned(there[None]).compare(back, np.array([0]))
+    assert turned_deg[0] / 3 == 70
+    assert distances[0] == pytest.approx(0.39, abs=0.005)
+    np.testing.assert_allclose(distances[0], loop(back, there)[0], atol=1e-6)
+    lengths = np.linalg.norm(there, axis=0) * np.linalg.norm(back, axis=0)
+    assert np.mean(1 - (there * back).sum(axis=0)[lengths > 0] / lengths[lengths > 0]) == pytest.approx(0.70, abs=0.01)
+    forward = np.loadtxt(real / "kitti/poses/08.txt").reshape(-1, 3, 4)[[720, 1500], :, 2]  # the camera's z axis
+    yaw_deg = np.rad2deg(np.arctan2(-forward[:, 0], forward[:, 2]))  # its x axis is to the right, so left is −x
+    assert abs((turned_deg[0] - (yaw_deg[1] - yaw_deg[0]) + 180) % 360 - 180) < 3

@@ -1,0 +1,247 @@
+"""Scan Context-50 and the exhaustive search: what they rank, at which heading, and how they fare on held-out blocks."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.frames import pose
+from pipeline.matching.database import Database
+from pipeline.matching.ranking import Ranking, Rows
+from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.shifts import Spectra
+from pipeline.methods.scan_context import ScanContext50, ring_keys
+from pipeline.methods.scan_context_all import ScanContextAll
+from pipeline.readers.kitti import read_poses, read_velodyne
+from pipeline.readers.nclt import read_velodyne_sync
+from pipeline.views.scan_context import ScanContext
+from pipeline.watch import Watch
+
+FIFTY, ALL = ScanContext50(), ScanContextAll()
+BOTH = pytest.mark.parametrize("method", [FIFTY, ALL], ids=["fifty", "all"])
+Both = ScanContext50 | ScanContextAll
+PLACES, EACH = 24, 4
+TRUTH = np.repeat(np.arange(PLACES), EACH)
+
+
+def poses(n: int, yaw_deg: float = 0.0) -> NDArray[np.float64]:
+    """Poses 2 m apart along x."""
+    return pose(np.stack([2.0 * np.arange(n), np.zeros(n), np.zeros(n)], axis=1), np.tile([0, 0, np.deg2rad(yaw_deg)], (n, 1)))
+
+
+def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
+    """PLACES sparse scenes seen EACH times, 2 m apart, with noise and a tenth of the bins lost, columns rolled by `turn`."""
+    rng, here = np.random.default_rng(0), np.random.default_rng(seed)
+    scenes = rng.uniform(1, 12, (PLACES, 10, 24)) * (rng.random((PLACES, 10, 24)) < rng.uniform(0.1, 0.5, (PLACES, 10, 1)))
+    images = np.repeat(scenes, EACH, axis=0)
+    images = (images + here.normal(scale=noise_m, size=images.shape)) * (images > 0) * (here.random(images.shape) < 0.9)
+    return Rows(np.roll(images, turn, axis=2).astype(np.float32), np.arange(len(images)), poses(len(images)))
+
+
+def localized(method: Both, k: int = 5, turn: int = 0) -> Ranking:
+    return method.localizer(method.learn(rows(1), TRUTH, Watch()))(rows(2, turn), k)
+
+
+def one(images: NDArray[np.float32]) -> Rows:
+    return Rows(images[None], np.zeros(1, np.int64), poses(1))
+
+
+@BOTH
+@pytest.mark.parametrize("turn", [0, 7])
+def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
+    ranking = localized(method, turn=turn)
+    assert (ranking.places[:, 0] == TRUTH).mean() > 0.98
+    assert (np.diff(ranking.costs, axis=1) >= 0).all()
+    assert (ranking.novelty[:, 0] == ranking.costs[:, 0]).all()
+    assert ranking.kinds == ("distance",)
+    np.testing.assert_allclose(ranking.heading_deg, 15 * ((-turn + 12) % 24 - 12), atol=1e-3)  # 24 sectors of 15°
+    np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
+
+
+@BOTH
+def test_costs_are_the_distances_of_the_answered_rows(method: Both):
+    ranking, spectra = localized(method), Spectra.learned(rows(1).images)
+    for query in (0, 50):
+        answered = (ranking.xy_m[query, :, 0] / 2).round().astype(np.int64)
+        expected, _ = spectra.compare(rows(2).images[query], answered)
+        np.testing.assert_allclose(ranking.costs[query], expected, atol=1e-6)
+
+
+def test_the_exhaustive_search_misses_nothing_and_the_shortlist_may():
+    everything, few = localized(ALL), localized(replace(FIFTY, candidates=5))
+    np.testing.assert_allclose(localized(replace(FIFTY, candidates=1000)).costs, everything.costs, atol=1e-6)
+    assert (few.costs[:, 0] >= everything.costs[:, 0]).all()
+    assert (few.costs[:, -1] > everything.costs[:, -1]).any()
+
+
+def test_only_the_candidates_of_the_nearest_ring_keys_are_compared():
+    # Ring keys of one ring of four bins: 1, 2 and 3. The query holds 2: with one candidate it is row 1, though row 2's
+    # columns, at cosine 1 wherever both are engaged, are no farther; row 0 comes next.
+    heights = np.array([[[1, 0, 0, 0]], [[-1, -1, 0, 0]], [[1, 1, 1, 0]]], np.float32)
+    views = Rows(heights, np.arange(3), poses(3))
+    query = one(np.array([[2, 2, 0, 0]], np.float32))
+    narrow = replace(FIFTY, candidates=1)
+    alone = narrow.localizer(narrow.learn(views, np.arange(3), Watch()))(query, 3)
+    assert alone.places.tolist() == [[1]]
+    assert alone.costs.tolist() == [[2]]  # opposite signs at every shift that engages anything
+    assert FIFTY.localizer(FIFTY.learn(views, np.arange(3), Watch()))(query, 3).costs.tolist() == [[0, 0, 2]]
+
+
+@BOTH
+def test_distinct_places_are_each_answered_once_at_their_nearest_scan(method: Both):
+    scans, places = localized(method, k=25), localized(replace(method, distinct_places=True), k=5)
+    assert all(len(set(answer)) == 5 for answer in places.places.tolist())
+    for query in (0, 40):
+        first = [scans.places[query].tolist().index(place) for place in places.places[query, :3]]
+        np.testing.assert_allclose(places.costs[query, :3], scans.costs[query, first], atol=1e-6)
+        np.testing.assert_allclose(places.xy_m[query, :3], scans.xy_m[query, first])
+
+
+def test_ring_keys_count_bins_and_do_not_turn():
+    # METHODS 1.5 A: six of 40 rings hold one of their 120 bins.
+    towers = [
+        (7, 0.1, 0, 5),
+        (0, 10, -3, 5),
+        (-20, 0, 2, 6),
+        (0, -30, 0, 4),
+        (100, -100, 10, 5),
+        (-40, -40, -9, 5),
+        (5, 0, 20, 5),
+    ]
+    points = np.array([(x, y, z + i) for x, y, z, count in towers for i in range(count)], np.float64)
+    view = ScanContext()(points)
+    expected = np.zeros(40)
+    expected[[2, 3, 5, 10, 28, 39]] = 1
+    assert ring_keys(view[None])[0].tolist() == expected.tolist()
+    images = rows(1).images
+    np.testing.assert_array_equal(ring_keys(images), ring_keys(np.roll(images, 5, axis=2)))
+
+
+@BOTH
+def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
+    """Two clouds, seen where the robot learned them and again after it turned on the spot."""
+    rng = np.random.default_rng(5)
+    clouds = [np.stack([*rng.uniform(-60, 60, (2, 4000)), rng.uniform(0, 10, 4000)], axis=1) for _ in range(2)]
+    draw = ScanContext(voxel_m=0, min_points=1)
+    learned_yaw_deg, turned_by_deg = 40.0, 30.0
+
+    def seen(cloud: NDArray[np.float64], yaw_deg: float) -> NDArray[np.float32]:
+        c, s = np.cos(np.deg2rad(yaw_deg)), np.sin(np.deg2rad(yaw_deg))
+        world_R_robot = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        return draw(cloud @ world_R_robot)  # p_robot = world_R_robotᵀ p_world, for rows
+
+    views = Rows(np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), np.arange(2), poses(2, learned_yaw_deg))
+    localize = method.localizer(method.learn(views, np.arange(2), Watch()))
+    for place, cloud in enumerate(clouds):
+        ranking = localize(one(seen(cloud, learned_yaw_deg + turned_by_deg)), 1)
+        assert ranking.places.tolist() == [[place]]
+        np.testing.assert_allclose(ranking.heading_deg, [70], atol=1e-3)
+
+
+@BOTH
+def test_an_empty_view_is_as_far_from_all_as_can_be_told_and_has_no_heading(method: Both):
+    ranking = method.localizer(method.learn(rows(1), TRUTH, Watch()))(one(np.zeros((10, 24), np.float32)), 3)
+    assert ranking.costs.tolist() == [[1, 1, 1]]
+    assert np.isnan(ranking.heading_deg).all()
+
+
+@BOTH
+def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(method: Both):
+    crowd, localize = localized(method), method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    alone = localize(one(rows(2).images[30]), 5)
+    assert alone.places.tolist() == crowd.places[30:31].tolist()
+    assert alone.costs.tolist() == crowd.costs[30:31].tolist()
+    none = localize(Rows(np.empty((0, 10, 24), np.float32), np.empty(0, np.int64), np.empty((0, 4, 4))), 5)
+    assert len(none.places) == len(none.costs) == len(none.heading_deg) == 0
+
+
+@BOTH
+def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both):
+    localize = method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    images = np.concatenate([rows(seed).images for seed in (2, 3, 4, 5)])
+    ranking = localize(Rows(images, np.arange(len(images)), poses(len(images))), 1)
+    assert len(images) > 256
+    assert (ranking.places[:, 0] == np.tile(TRUTH, 4)).mean() > 0.98
+
+
+@BOTH
+def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(method: Both):
+    # 2 m a scan, 8 m a place: all that is nearer than 17 m includes the whole of the query's own.
+    settled = replace(method, held_out_every_m=40.0, held_out_length_m=4.0, neighbour_m=17.0)
+    model = settled.learn(rows(1), TRUTH, Watch())
+    evidence = Evidence.of(model)
+    assert evidence.right.all()
+    assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
+    assert Rejection().thresholds(model, ("distance",))[0] > ACCEPT_NOTHING
+
+
+def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
+    """What the model says of its blocks is what a plain search over the allowed rows finds."""
+    narrow, views = replace(FIFTY, candidates=1), rows(1)
+    model = narrow.learn(views, TRUTH, Watch())
+    spectra, keys, database = Spectra.of(model), model["ring_keys"], Database.of(model)
+    held = np.flatnonzero((2.0 * np.arange(len(TRUTH)) + 20) % 40 < 4)
+    rest = np.setdiff1d(np.arange(len(TRUTH)), held)
+    expected, right = [], []
+    for row in held:
+        candidates = rest[np.argsort(np.linalg.norm(keys[rest] - keys[row], axis=1), kind="stable")[:1]]
+        distances, _ = spectra.compare(views.images[row], candidates)
+        expected.append(distances.min())
+        right.append(database.places[candidates[distances.argmin()]] == TRUTH[row])
+    np.testing.assert_allclose(model["held_out/seen/distance"], expected, atol=1e-6)
+    assert model["held_out/right"].tolist() == right
+    assert (FIFTY.learn(views, TRUTH, Watch())["held_out/seen/distance"] < model["held_out/seen/distance"]).any()
+
+
+@BOTH
+def test_the_same_views_give_the_same_bytes(method: Both):
+    first, second = (method.learn(rows(1), TRUTH, Watch()) for _ in range(2))
+    assert first.keys() == second.keys()
+    assert all(first[name].tobytes() == second[name].tobytes() for name in first)
+
+
+@BOTH
+def test_views_of_another_shape_are_refused(method: Both):
+    localize = method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    with pytest.raises(InputError, match="10 rings × 24 sectors"):
+        localize(one(np.zeros((10, 25), np.float32)), 1)
+
+
+@pytest.mark.parametrize("candidates", [0, -3])
+def test_candidates_are_positive(candidates: int):
+    with pytest.raises(ConfigError, match=f"candidates={candidates}"):
+        ScanContext50(candidates=candidates)
+
+
+@pytest.mark.parametrize("lift_m", [1.73, 1.9])
+def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float):
+    """KITTI 08, scan 1500, against 720, sixteen scans of KITTI 00 and one of NCLT: 720 comes first, 148.4° away."""
+    lift = np.array([0, 0, lift_m], np.float32)
+    kitti = [real / "kitti/pairs/08/000720.bin", *sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
+    clouds = [read_velodyne(path) + lift for path in kitti]
+    clouds.append(read_velodyne_sync(next((real / "nclt/2012-01-15/velodyne_sync").glob("*.bin"))))
+    views = Rows(np.stack([ScanContext()(cloud) for cloud in clouds]), np.arange(len(clouds)), poses(len(clouds)))
+    query = one(ScanContext()(read_velodyne(real / "kitti/pairs/08/001500.bin") + lift))
+    for method in (FIFTY, replace(FIFTY, candidates=5), ALL):
+        ranking = method.localizer(method.learn(views, np.arange(len(clouds)), Watch()))(query, 3)
+        assert ranking.places[0, 0] == 0
+        np.testing.assert_allclose(ranking.heading_deg, [-150], atol=1e-3)
+
+
+def test_real_scans_of_one_street_are_nearest_to_their_neighbours(real: Path):
+    """KITTI 00, sixteen consecutive scans about 0.9 m apart: each of the even ones, learned, answers the odd one beside it."""
+    views = np.stack(
+        [
+            ScanContext()(read_velodyne(path) + np.array([0, 0, 1.73], np.float32))
+            for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))
+        ]
+    )
+    world_T_scan = read_poses(real / "kitti/poses/00.txt", real / "kitti/sequences/00/calib.txt")[:16]
+    learned = ALL.learn(Rows(views[::2], np.arange(8), world_T_scan[::2]), np.arange(8), Watch())
+    ranking = ALL.localizer(learned)(Rows(views[1::2], np.arange(8), world_T_scan[1::2]), 1)
+    away_m = np.linalg.norm(ranking.xy_m[:, 0] - world_T_scan[1::2, :2, 3], axis=1)
+    assert (away_m < 2.7).all()
+    assert (np.abs(ranking.heading_deg) < 4).all()
