@@ -11,20 +11,21 @@ from pipeline.errors import ConfigError
 
 Lists = dict[str, dict[str, dict[str, Any]]]
 
-DRIVEN = ("world", "source", "heeds", "root", "submap")
+DRIVEN = ("world", "source", "heeds", "root")
 """What the stages of one drive take from its study. `heeds` is what its logs depend on in the data set's yaml: the
 reader, or of a simulated one no more than that it is simulated."""
 
 
 def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:
     """For each list the name of a stage's instance, such as campus-10m-sci, to its words."""
-    lists: Lists = {name: {} for name in ("drives", "views", "labels", "models", "reports")}
+    lists: Lists = {name: {} for name in ("drives", "submaps", "views", "labels", "models", "reports")}
     for dataset, study in studies.items():
         train, sequences = study["train"], [study["train"], *study["tests"]]
         words = {"dataset": dataset, "train": train}
         for sequence in sequences:
             own = {name: study[name] for name in DRIVEN}
             lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **own}
+        lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": " ".join(sequences)}
         for view in dict.fromkeys(method["view"] for method in study["methods"]):
             lists["views"][f"{dataset}-{view}"] = {"dataset": dataset, "view": view, "sequences": " ".join(sequences)}
         for grid in study["grids"]:

@@ -6,8 +6,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
+from pipeline.compute import Compute
 from pipeline.errors import ArtifactError
 from pipeline.views.draw import BLOCK, Drawing
+from pipeline.watch import Watch
 from stages import Bars, stage
 
 SEEN = 0.01
@@ -16,19 +18,29 @@ SEEN = 0.01
 
 @stage("views")
 def main(cfg: DictConfig) -> str:
+    sequences, compute = cfg.sequences.split(), instantiate(cfg.compute)
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        told = [draw(cfg, sequence, folder) for sequence in cfg.sequences.split()]
+        if opened(cfg, sequences[0]).single:
+            told = [draw(cfg, sequence, folder, compute, Bars()) for sequence in sequences]
+        else:  # a submap takes over scans from the one before it, so sequences are drawn side by side
+            done = compute.rows(lambda i, _: draw(cfg, sequences[i], folder, Compute(workers=1), Watch()), len(sequences), 1)
+            told = list(Bars().track(done, len(sequences), "draw"))
     return "; ".join(told)
 
 
-def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
+def opened(cfg: DictConfig, sequence: str) -> Drawing:
+    """One sequence's submaps and scans, and the view to draw of them."""
+    scans, submaps = Path(cfg.scans, f"{sequence}.zarr"), Path(cfg.submaps, f"{sequence}.zarr")
+    return Drawing(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), instantiate(cfg.view))
+
+
+def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
     """The views of one sequence."""
-    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
-    view, blank, sides = instantiate(cfg.view), 0, list[int]()
-    drawing = Drawing(store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS), submaps, view)
-    with store.write(folder / f"{sequence}.zarr", view.schema) as out:
-        for images in Bars().track(drawing.blocks(instantiate(cfg.compute)), -(-len(drawing) // BLOCK), f"draw {sequence}"):
+    drawing, blank, sides = opened(cfg, sequence), 0, list[int]()
+    submaps, schema = drawing.submaps, drawing.view.schema
+    with store.write(folder / f"{sequence}.zarr", schema) as out:
+        for images in watch.track(drawing.blocks(compute), -(-len(drawing) // BLOCK), f"draw {sequence}"):
             out.append("images", images)
             blank += int((images < SEEN).all(axis=tuple(range(1, images.ndim))).sum())
             sides = list(images.shape[1:])
@@ -36,8 +48,8 @@ def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
             raise ArtifactError(f"{submaps.path}: all views are blank, nothing stands off the ground; lift_m, or submap: flat?")
         for name in ("stamps_ns", "world_T_anchor"):
             out.put(name, submaps.load(name))
-    shape = " × ".join(f"{side} {dim}s" for side, dim in zip(sides, view.schema.columns["images"].dims[1:], strict=True))
-    return f"{sequence}: {len(drawing)} views of {shape}" + (f", {blank} of them blank" if blank else "")
+    shape = " × ".join(map(str, sides)), ", ".join(schema.columns["images"].dims[1:])
+    return f"{sequence}: {len(drawing)} views of {shape[0]} ({shape[1]})" + (f", {blank} of them blank" if blank else "")
 
 
 if __name__ == "__main__":

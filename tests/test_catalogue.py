@@ -19,7 +19,7 @@ def test_every_method_with_a_yaml_is_told_once() -> None:
     assert all(one.what and "METHODS" not in one.what + one.source for one in found)
     sci = next(one for one in found if one.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
-    assert sci == Entry("sci", what, "scan_context", "RA-L 2019")
+    assert sci == Entry("sci", what, "scan_context", "Kim, Park and Kim, RA-L 2019")
 
 
 def test_the_class_in_a_recipe_tells_what_its_method_is() -> None:
@@ -34,6 +34,11 @@ def test_a_table_for_the_readme() -> None:
         "| `a` | does this | `cloud` | ICRA 1999 |\n"
         "| `b` | does that | `m2dp` | – |\n"
     )
+
+
+def test_the_readme_holds_what_yearloc_methods_prints() -> None:
+    told = (ROOT / "README.md").read_text()
+    assert f"<!-- methods -->\n{table(entries())}<!-- /methods -->" in told
 
 
 def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

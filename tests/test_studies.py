@@ -25,8 +25,8 @@ OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [{"nam
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
-    # drives 3 + 2; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
-    assert counts == {"drives": 5, "views": 3, "labels": 3, "models": 7, "reports": 3}
+    # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
+    assert counts == {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "reports": 3}
     assert lists["models"]["one-5m-m2dp"] == {
         "dataset": "one",
         "grid": "5m",

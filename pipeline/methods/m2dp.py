@@ -1,4 +1,4 @@
-"""M2DP: the nearest training signature by Euclidean distance; nothing is trained (IROS 2016; METHODS 3.1)."""
+"""M2DP: the nearest training signature by Euclidean distance; nothing is trained (He, Wang and Zhang, IROS 2016; METHODS 3.1)."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""SCI localisation: places as classes of a small CNN over Scan Context Images (RA-L 2019; METHODS 2)."""
+"""SCI localisation: places as classes of a small CNN over Scan Context Images (Kim, Park and Kim, RA-L 2019; METHODS 2)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,17 +1,27 @@
 """Drawing the views of submaps."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compute import Compute
 from pipeline.mapping.gathering import Gathering
+from pipeline.schemas import Schema
 from pipeline.store import Artifact
 
 BLOCK = 64
+
+
+class View(Protocol):
+    """What is drawn of a submap's points (n, 3) in metres, z up from the ground; `schema` says how it is kept."""
+
+    schema: ClassVar[Schema]
+
+    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.floating]: ...
 
 
 @dataclass(frozen=True)
@@ -20,19 +30,23 @@ class Drawing:
 
     scans: Artifact
     submaps: Artifact
-    view: Callable[[NDArray[np.float64]], NDArray[np.float32]]
+    view: View
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
 
-    def blocks(self, compute: Compute) -> Iterator[NDArray[np.float32]]:
+    @property
+    def single(self) -> bool:
+        """Whether each submap is one scan."""
+        return bool((self.submaps["first"][:] == self.submaps["scans"][:]).all())
+
+    def blocks(self, compute: Compute) -> Iterator[NDArray[np.floating]]:
         """Images (BLOCK or fewer, …) of one block of submaps after the other.
 
         Submaps of one scan each are drawn side by side; those that share scans in order, so that each scan is laid out once.
         """
-        rows = self.submaps.load("scans")
-        if (self.submaps["first"][:] == rows).all():
-            yield from compute.rows(self._single, len(rows), BLOCK)
+        if self.single:
+            yield from compute.rows(self._single, len(self), BLOCK)
             return
         images = map(self.view, self._gathered())
         while block := list(islice(images, BLOCK)):
@@ -42,7 +56,7 @@ class Drawing:
         columns = {name: self.submaps.load(name) for name in ("first", "ground_m", "used")}
         return Gathering(self.scans, self.submaps.attrs["layout"], last=self.submaps.load("scans"), **columns)
 
-    def _single(self, start: int, stop: int) -> NDArray[np.float32]:
+    def _single(self, start: int, stop: int) -> NDArray[np.floating]:
         """Images (stop − start, …) of submaps of one scan each; their points are read in one slice."""
         rows = np.asarray(self.submaps["scans"][start:stop])
         offsets = np.asarray(self.scans["offsets"][rows[0] : rows[-1] + 2])

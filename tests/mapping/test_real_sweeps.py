@@ -82,22 +82,21 @@ def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest
     thicket = np.mgrid[38:42:0.25, -2:2:0.25].reshape(2, -1).T
     sweep = np.column_stack([np.concatenate([[[4.0, 0.0]], thicket]), np.full(len(thicket) + 1, 0.6)])
     level = Log(np.arange(30), poses, poses, lambda row: sweep, Counter())
-    scans = taken(tmp_path / "scans.zarr", level)
-    stage = {"sequence": "monday", "scans": "scans.zarr", "submaps": "submaps.zarr"}
+    scans = taken(tmp_path / "scans/monday.zarr", level)
+    stage = {"sequences": "monday", "scans": "scans", "submaps": "submaps"}
     view = {"_target_": "pipeline.views.scan_context.ScanContext", "rings": 40, "sectors": 120}
-    drawn = stage | {"out": "views.zarr", "view": view, "compute": {"_target_": "pipeline.compute.Compute"}}
+    drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.compute.Compute"}}
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Watch())
-        with store.write("submaps.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
+        with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
             for name in ("first", "scans", "ground_m", "used"):
                 draft.put(name, getattr(made, name))
             draft.put("stamps_ns", scans.load("stamps_ns")[made.scans])
             draft.put("world_T_anchor", poses[made.scans])
         if shows:
-            assert main.run(OmegaConf.create(drawn)).startswith(
-                "monday: 25 images"
-            )  # of 29 anchors the first four have no whole window
+            # Of 29 anchors the first four have no whole window.
+            assert main.run(OmegaConf.create(drawn)).startswith("monday: 25 views of 40 × 120 (ring, sector)")
         else:
             with pytest.raises(ArtifactError, match="submap: flat"):
                 main.run(OmegaConf.create(drawn))
-            assert not Path("views.zarr").exists()
+            assert not Path("views").exists()
