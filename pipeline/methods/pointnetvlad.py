@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -117,8 +117,8 @@ class PointNetVlad(DescriptorMethod):
 
     def _train(
         self, net: Describer, clouds: NDArray[np.float16], database: Database, held: NDArray[np.bool_], watch: Watch
-    ) -> dict[str, NDArray[np.float64]]:
-        """Leave the weights of the best round in the network; returns the curves."""
+    ) -> dict[str, NDArray[Any]]:
+        """Leave the weights of the best round in the network; returns its number and the curves."""
         rows = np.flatnonzero(~held)
         asked = np.flatnonzero(held) if held.any() else rows  # a path too short for blocks is judged on what it trained
         tuples = Tuples(
@@ -173,7 +173,8 @@ class PointNetVlad(DescriptorMethod):
             fused=True,
         )
         net.load_state_dict(result.weights)
-        return {f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)}
+        curves = {f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)}
+        return {"best_epoch": np.array(result.best_epoch), **curves}
 
     def _points(self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
         """Training's clouds (row, train_points, xyz), each turned as `turn_deg` allows."""
