@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from copy import copy
 from hashlib import sha256
 from pathlib import Path
 
@@ -27,7 +28,18 @@ class Clone:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         (folder / ".dvc/config").write_text((ROOT / ".dvc/config").read_text().replace("[core]", "[core]\n    no_scm = true"))
-        self.env = os.environ | {"PATH": f"{BIN}:{os.environ['PATH']}", "PYTHONPATH": str(folder), "PYTHONWARNINGS": "default"}
+
+    @property
+    def env(self) -> dict[str, str]:
+        """What its commands see."""
+        path = f"{BIN}:{os.environ['PATH']}"
+        return os.environ | {"PATH": path, "PYTHONPATH": str(self.folder), "PYTHONWARNINGS": "default"}
+
+    def twin(self, folder: Path) -> "Clone":
+        """The same with all that it has built, elsewhere."""
+        other = copy(self)
+        other.folder = shutil.copytree(self.folder, folder, dirs_exist_ok=True)
+        return other
 
     def run(self, *command: str) -> str:
         done = subprocess.run(

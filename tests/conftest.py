@@ -21,7 +21,8 @@ def real() -> Path:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     """The chain of the tiny world, built by DVC. Whoever edits it puts it back."""
     clone = Clone(tmp_path_factory.mktemp("chain"))
-    clone.run("yearloc", "use", "campus", "town", "world=tiny")
+    clone.run("yearloc", "use", "campus", "world=tiny")
+    clone.run("yearloc", "use", "town", "world=tiny", "methods=sci,scan_context", "--add")
     clone.ran = clone.repro()
     clone.undisturbed = clone.digests()
     return clone
