@@ -63,7 +63,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     found = _simulated(conf, name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
     study, places = dataset["study"], found.study
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
-    methods = [{"name": method, "view": _view(conf, method)} for method in wanted]
+    methods = [{"name": method, "view": _view(conf, method)} for method in dict.fromkeys(wanted)]
     budget = options.get("budget", places["budget"])
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -93,19 +93,26 @@ def main() -> None:
     usual |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]} if study else {}
     said = {word.partition("=")[0].removeprefix("benchmark.").removesuffix("s") for word in given}
     usual = {group: choice for group, choice in usual.items() if group not in said}
-    given = [word for word in given if word not in ("-m", "--multirun")]
+    swept = {key for key, _, value in (word.partition("=") for word in given) if "," in value}
+    given = [_of_each(word, swept) for word in given if word not in ("-m", "--multirun")]
     flags = [] if any(word.startswith("-") for word in given) else ["-m"]
     sys.argv[1:] = [*flags, *given, f"hydra.sweep.dir={folder}", *(f"{group}={choice}" for group, choice in usual.items())]
     begun = time.perf_counter()
     job()
     if records := read(folder):
-        _tell(folder, records, usual)
+        wrong = _tell(folder, records, usual)
         print(f"{cost(records)}, {time.perf_counter() - begun:.0f} s\nsweep: table and figure in {folder}")
-        sys.exit(1 if any(record.error for record in records) else 0)
+        sys.exit(1 if wrong or any(record.error for record in records) else 0)
 
 
-def _tell(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> None:
-    """One table and one figure of all jobs, and their runs in MLflow."""
+def _of_each(word: str, swept: Set[str]) -> str:
+    """An override; a field of a group that is swept itself as a choice of one, for Hydra would look for it in the usual file."""
+    key, _, value = word.partition("=")
+    return f"{key}=choice({value})" if key.partition(".")[0] in swept - {key} and value and "," not in value else word
+
+
+def _tell(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> bool:
+    """One table and one figure of all jobs, and their runs in MLflow; whether those could not be written."""
     from pipeline.reports import trials
     from pipeline.reports.sweep import Job as Line
     from pipeline.reports.sweep import Sweep
@@ -120,8 +127,14 @@ def _tell(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> 
     sweep.write(folder)
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     runs = [trials.record(sweep, first.method, figures)]
-    done = publish(Path(first.database), experiment_of(first.dataset, first.simulated), runs)
-    print(f"{sweep.text()}\nMLflow: {done.written} runs written, {done.kept} there already")
+    print(sweep.text())
+    try:
+        done = publish(Path(first.database), experiment_of(first.dataset, first.simulated), runs)
+    except YearlocError as error:
+        print(f"sweep: {error}", file=sys.stderr)
+        return True
+    print(f"MLflow: {done.written} runs written, {done.kept} there already")
+    return False
 
 
 if __name__ == "__main__":

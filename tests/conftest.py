@@ -1,11 +1,22 @@
 """What all tests share: real recordings beside the project, and a chain built once."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # two workers on two cores: torch's threads must not spin
+
 import stages  # noqa: F401 (numba caches by source from the first import on)
 from tests.clone import Clone
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of the built chain share one worker, so that it is built once."""
+    for item in items:
+        if "built" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("chain"))
 
 
 @pytest.fixture(scope="session")

@@ -70,9 +70,9 @@ def add_a_test(project: Path) -> Path:
 def test_a_study_changed_by_hand_is_spelled_out_anew(project):
     main(["use", "campus"])
     path = add_a_test(project)
-    assert "campus-10m-sci-2013-02-23" not in path.read_text()
+    assert "campus-2013-02-23:" not in path.read_text()
     main(["use"])
-    assert "campus-10m-sci-2013-02-23" in path.read_text()
+    assert "campus-2013-02-23:" in path.read_text()
 
 
 def test_studies_stand_side_by_side(project, capsys):

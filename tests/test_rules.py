@@ -102,7 +102,7 @@ def test_every_method_learns_and_localises(name):
     """Six places in a row, five views of each that differ by a little noise: any method must tell them apart."""
     conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
     look = yaml.safe_load((ROOT / f"conf/view/{conf['view']}.yaml").read_text())
-    tiny = {"share": 0.1} | yaml.safe_load((ROOT / "conf/budget/tiny.yaml").read_text()).get(name, {})
+    tiny = {"share": 0.25} | yaml.safe_load((ROOT / "conf/budget/tiny.yaml").read_text()).get(name, {})
     share = tiny.pop("share")
     view, method = (locate(words.pop("_target_"))(**words) for words in (look, conf | tiny))
     rng = np.random.default_rng(1)

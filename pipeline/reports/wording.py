@@ -43,9 +43,12 @@ Every number is by one of two protocols, and says which.
   by distance 1 by construction.
 """
 DEFINITIONS = """\
-- **budget** is the share of a method's own full training that it was given, a **round** what it learns between two looks at the
-  held-out blocks of training: an epoch, or some hundred steps.
-- **recall@n** is the share of the seen queries with a right answer among the first n, rejection ignored.
+- **budget** is the share of a method's own full training that it was given, with the parameters listed under Set-up: a small
+  budget may also train on less of each view. A **round** is what it learns between two looks at the held-out blocks of training: an
+  epoch, or some hundred steps. A method that had little of its training may be much better than it looks here.
+- **recall@n** is the share of the seen queries with a right answer among the first n, rejection ignored. A classifier's n answers
+  are n places; a descriptor method's are training submaps, of which several may lie in one place unless
+  `distinct_places` is true.
 - A query is **rejected** as unseen if its novelty reaches a threshold. Accepted with a right answer it is a **hit**; accepted
   otherwise, be it unseen or seen but misplaced, a **false alarm**; rejected though seen, a **miss**. Precision is
   hits / (hits + false alarms).
@@ -53,8 +56,10 @@ DEFINITIONS = """\
   **exact** one goes through every novelty that was met. **F1max** is the best harmonic mean of the two along that curve,
   **R@99%P** the largest recall at a precision of 99 % or more. By cells all of these leave misplaced queries out of recall.
 - **AUROC** is the chance that an unseen query looks newer than a seen one: .5 is guessing.
-- **precision** and **recall** in the tables are at the threshold that each model chose on held-out parts of training.
-- **error** is the median distance from a seen query to the first answer, rejection ignored.
+- **precision** and **recall** in the tables are at the threshold that each model chose on held-out parts of training; a dash and
+  0 mean that no threshold kept the wanted precision there, so that the model rejects everything.
+- **error** is the median distance from a seen query to the first answer, rejection ignored: to the middle of the answered place,
+  or to the matched training submap where a method matches such.
 - **heading error** is the median angle between the told heading and the true one, and **within 10°** the share that is no further
   off, of the seen queries that are placed right: an answer in another street has no heading to compare.
 - Intervals in brackets hold 95 % of {resamples:,} resamples of the query path in blocks of {block_m:g} m, since neighbours fail

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,12 @@ import yaml
 
 from pipeline.sweeps.chain import Step, code, inputs
 
+
+class Yaml(yaml.SafeLoader):
+    """Reads numbers as DVC writes them: 2e-05 is one in YAML 1.2, which PyYAML takes for a word."""
+
+
+Yaml.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789"))
 IGNORED = ("__pycache__", ".numba")
 
 
@@ -20,7 +27,7 @@ class Ledger:
     def __init__(self, root: Path) -> None:
         self._root = root
         try:
-            stages = (yaml.safe_load((root / "dvc.lock").read_text()) or {})["stages"].values()
+            stages = (yaml.load((root / "dvc.lock").read_text(), Yaml) or {})["stages"].values()
         except (FileNotFoundError, yaml.YAMLError, KeyError, TypeError, AttributeError):
             stages = ()  # nothing is vouched for, so a sweep builds all that it needs
         self._made = {out["path"]: entry for entry in stages for out in entry.get("outs", ())}
@@ -57,7 +64,7 @@ class Ledger:
         return next((out["md5"] for out in outs if out["path"] == path), None)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
-        found: dict[str, Any] = yaml.safe_load((self._root / file).read_text())
+        found: dict[str, Any] = yaml.load((self._root / file).read_text(), Yaml)
         named = {key: _within(found, key.split(".")) for key in keys}
         return {key: value[0] for key, value in named.items() if value} if keys else found
 

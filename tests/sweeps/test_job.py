@@ -114,6 +114,14 @@ def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
     assert job.path(MODEL).is_relative_to(".sweeps/train")
 
 
+def test_a_tiny_number_is_the_same_in_the_lock_and_in_conf(project: Project) -> None:
+    Path("conf/train.yaml").write_text("rate: 0.00002\nother: 1\n")
+    project.repro()
+    Path("dvc.lock").write_text(Path("dvc.lock").read_text().replace("2.0e-05", "2e-05"))  # as DVC writes it
+    project.job().path(MODEL)
+    assert project.ran == []
+
+
 def test_a_second_job_takes_all_from_the_first(project: Project) -> None:
     project.repro()
     first = project.job(rings=8).path(MODEL)
