@@ -44,8 +44,8 @@ Every number is by one of two protocols, and says which.
 """
 DEFINITIONS = """\
 - **budget** is the share of a method's own full training that it was given, with the parameters listed under Set-up: a small
-  budget may also train on less of each view. A **round** is what it learns between two looks at the held-out blocks of training: an
-  epoch, or some hundred steps. A method that had little of its training may be much better than it looks here.
+  budget may also train on less of each view. A **round** is what it learns between two looks at the held-out blocks of training:
+  an epoch, or some hundred steps. A method that had little of its training may be much better than it looks here.
 - **recall@n** is the share of the seen queries with a right answer among the first n, rejection ignored. A classifier's n answers
   are n places; a descriptor method's are training submaps, of which several may lie in one place unless
   `distinct_places` is true.
