@@ -99,7 +99,7 @@ def poles(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_learns_and_localises(name):
-    """Six places in a row, five views of each that differ by a little noise: any method must tell them apart."""
+    """Six places in a row, five views of each that differ by a little noise: any method must know them under other noise."""
     conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
     look = yaml.safe_load((ROOT / f"conf/view/{conf['view']}.yaml").read_text())
     tiny = {"share": 0.25} | yaml.safe_load((ROOT / "conf/budget/tiny.yaml").read_text()).get(name, {})
@@ -107,14 +107,16 @@ def test_every_method_learns_and_localises(name):
     view, method = (locate(words.pop("_target_"))(**words) for words in (look, conf | tiny))
     rng = np.random.default_rng(1)
     scenes, places = [poles(rng) for _ in range(6)], np.repeat(np.arange(6), 5)
-    images = np.stack([view(scenes[place] + rng.normal(0, 0.03, scenes[place].shape)) for place in places])
+    learned, asked = (
+        np.stack([view(scenes[place] + rng.normal(0, 0.03, scenes[place].shape)) for place in places]) for _ in range(2)
+    )
     world_T_anchor = np.tile(np.eye(4), (30, 1, 1))
     world_T_anchor[:, 0, 3] = 2.0 * np.arange(30)
-    rows = Rows(images, 10**9 * np.arange(30, dtype=np.int64), world_T_anchor)
-    model = method.learn(rows, places, Watch(budget=share))
+    stamps_ns = 10**9 * np.arange(30, dtype=np.int64)
+    model = method.learn(Rows(learned, stamps_ns, world_T_anchor), places, Watch(budget=share))
     assert all(isinstance(array, np.ndarray) for array in model.values())
     assert len(Evidence.of(model).right)
-    ranking = method.localizer(model)(rows, 3)
+    ranking = method.localizer(model)(Rows(asked, stamps_ns, world_T_anchor), 3)
     assert isinstance(ranking, Ranking)
     assert ranking.places.shape == ranking.costs.shape == (30, 3)
     assert ranking.xy_m.shape == (30, 3, 2)
