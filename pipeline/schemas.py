@@ -76,8 +76,11 @@ def _view(kind: str, column: Column) -> Schema:
 VIEWS = _view("views", Column("f4", ("submap", "ring", "sector"), "Scan Context: highest z in metres, 0 where empty", 32, 2_048))
 CLOUDS = _view("clouds", Column("f2", ("submap", "point", "xyz"), "about their mean, in units of the cube's half side", 16, 512))
 SIGNATURES = _view("signatures", Column("f4", ("submap", "number"), "a descriptor that needs no training", 512, 4_096))
-LOOKED_AT = (VIEWS, CLOUDS, SIGNATURES)
-"""Artifacts of the views stage."""
+BIRDVIEWS = _view(
+    "birdviews", Column("u1", ("submap", "heading", "row", "col"), "occupied share of 255, front up, left left", 16, 512)
+)
+LOOKED_AT = (VIEWS, CLOUDS, SIGNATURES, BIRDVIEWS)
+"""Artifacts of the views and birdviews stages."""
 LABELS = Schema(
     "labels",
     1,
