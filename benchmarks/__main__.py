@@ -1,7 +1,7 @@
 """Run every race and print it."""
 
-from benchmarks import m2dp, pointcloud2, pointnetvlad, reading, retrieval, scan_context
+from benchmarks import encoding, m2dp, octree, pointcloud2, pointnetvlad, reading, retrieval, scan_context, sequence
 
-for races in (scan_context, retrieval, m2dp, pointnetvlad, reading, pointcloud2):
+for races in (scan_context, retrieval, m2dp, pointnetvlad, encoding, sequence, octree, reading, pointcloud2):
     for result in races.run():
         print(result.table(), end="\n\n")

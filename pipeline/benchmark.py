@@ -11,7 +11,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
-from pipeline.studies import expand
+from pipeline.studies import QUESTIONS, expand, turned
 
 HEAD = """\
 # The one list of names. `yearloc use campus town` writes it; change `studies` by hand, and `yearloc use` spells them out anew.
@@ -43,12 +43,14 @@ def text(studies: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _block(name: str, members: Mapping[str, Any]) -> str:
+    if not members:
+        return f"  {name}: {{}}\n"
     lines = [yaml.safe_dump(dict(member), default_flow_style=True, width=10_000, sort_keys=False) for member in members.values()]
     return f"  {name}:\n" + "".join(f"    {key}: {line}" for key, line in zip(members, lines, strict=True))
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, train, tests and methods (with commas), world and budget.
+    """The study of data set `name`; options are root, log, train, tests and methods (with commas), world, budget and question.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
@@ -57,19 +59,35 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
     dataset = _parsed(path)
-    allowed = {"tests", "methods", "budget"} | ({"world"} if dataset["simulated"] else {"root", "log", "train"})
+    allowed = {"tests", "methods", "budget", "question"} | ({"world"} if dataset["simulated"] else {"root", "log", "train"})
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
-    found = _simulated(conf, name, dataset, options) if dataset["simulated"] else _recorded(name, dataset, options)
-    study, places = dataset["study"], found.study
+    study = dataset["study"]
+    question = options.get("question", "year")
+    if question not in (asked := [word for word in QUESTIONS if word == "year" or word in study]):
+        raise ConfigError(f"question={question}: of {name} expected {' or '.join(asked)}")
+    if question != "year":
+        study = {**study, "parts": False, **study[question]}
+    found = _simulated(conf, name, study, options) if dataset["simulated"] else _recorded(name, dataset["reader"], study, options)
+    places = found.study
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
-    methods = [{"name": method, "view": _view(conf, method)} for method in dict.fromkeys(wanted)]
+    views, instead = {method: _view(conf, method) for method in wanted}, study.get("views", {})
+    methods = [entry(conf, method, instead.get(view, view), study.get("seeds", 1)) for method, view in views.items()]
+    if question == "viewpoints" and len(turned(methods)) < len(methods):
+        raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
     budget = options.get("budget", places["budget"])
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")
-    return Proposal(
-        {**places, "submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget}, found.notes
-    )
+    words = {"submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget, "question": question}
+    return Proposal({**places, **words}, found.notes)
+
+
+def entry(conf: Path, method: str, view: str, seeds: int = 1) -> dict[str, Any]:
+    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, and how often it is trained."""
+    path = conf / "view" / f"{view}.yaml"
+    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in _parsed(path) else {}
+    trained = {"seeds": seeds} if seeds > 1 and "seed" in _parsed(conf / "method" / f"{method}.yaml") else {}
+    return {"name": method, "view": view, **drawn, **trained}
 
 
 def _view(conf: Path, method: str) -> str:
@@ -113,14 +131,14 @@ def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
     return reader
 
 
-def _simulated(conf: Path, name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
-    usual: Mapping[str, list[str]] = dataset["study"]["tests"]
+def _simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+    usual: Mapping[str, list[str]] = study["tests"]
     world = options.get("world", "demo")
     if world not in usual:
         raise ConfigError(f"world={world}: expected one of {', '.join(usual)}")
     driven = yaml.safe_load((conf / "world" / f"{name}_{world}.yaml").read_text())["sequences"]
     tests = options["tests"].split(",") if "tests" in options else list(usual[world])
-    if dataset["study"].get("parts"):
+    if study.get("parts"):
         driven = [f"{log}-b" for log in driven]
     if unknown := [test for test in tests if test not in driven]:
         raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
@@ -129,14 +147,14 @@ def _simulated(conf: Path, name: str, dataset: Mapping[str, Any], options: Mappi
         "source": "world",
         "heeds": "simulated",
         "root": f"artifacts/logs/{name}",
-        "train": dataset["study"]["train"],
+        "train": study["train"] if isinstance(study["train"], str) else study["train"][world],
         "tests": tests,
         "budget": world if world in ("tiny", "demo") else "full",
     }
     return Proposal(places, [])
 
 
-def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+def _recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
     """What can be read below the root, matched with the study of the data set's yaml or the one asked for."""
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
@@ -148,29 +166,32 @@ def _recorded(name: str, dataset: Mapping[str, Any], options: Mapping[str, str])
         raise ConfigError(
             f"root={root}: a path of letters, digits, blanks and ./_-+@~ is needed; a link with such a name will do"
         )
-    lacking = _reader(name, dataset["reader"]).sequences(root)
+    lacking = _reader(name, reader).sequences(root)
     if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected {dataset['study']['expected']}")
+        raise ConfigError(f"root={root}: no {name} sequence there; expected {study['expected']}")
     odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
     lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
-    train, tests = dataset["study"]["train"], list(dataset["study"]["tests"])
-    if dataset["study"].get("parts"):
+    train, tests = study["train"], list(study["tests"])
+    if study.get("parts"):
         log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
         train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
-    train = options.get("train", train or (whole or [""])[0])
+    train = options.get("train", train or (whole or [""])[0]).replace(",", " ")
+    if len(train.split()) > 1:
+        notes += [f"{sequence}: not below {root}, not trained on" for sequence in train.split() if sequence not in whole]
+        train = " ".join(sequence for sequence in train.split() if sequence in whole)
     tests = options["tests"].split(",") if "tests" in options else tests or [sequence for sequence in whole if sequence != train]
     why = "".join(f"; {note}" for note in notes)
-    if train not in whole:
+    if not train or not set(train.split()) <= set(whole):
         known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
         raise ConfigError(f"the training sequence {train} cannot be read below {root}: {known}{why}")
     if tests == [train]:
         raise ConfigError(f"tests={train}: is the training sequence; give others")
     absent = [sequence for sequence in tests if sequence not in whole]
     notes += [f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking]
-    tests = [test for test in tests if test in whole and test != train]
+    tests = [test for test in tests if test in whole and test not in train.split()]
     if not tests:
         others = ", ".join(sequence for sequence in whole if sequence != train)
         known = f"give tests=, some of {others}" if others else "one more is needed"

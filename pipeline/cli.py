@@ -145,16 +145,20 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
+    from pipeline.studies import asks_about_the_year, turned
+
     for dataset, study in _studies(_conf() / "benchmark.yaml").items():
+        reports = [("report", "results.txt", "report.md")] * asks_about_the_year(study)
+        reports += [("viewpoints", "viewpoints.txt", "viewpoints.md")] * bool(turned(study["methods"]))
         for grid in study["grids"]:
-            folder = Path("artifacts/report", dataset, grid)
-            if not (folder / "results.txt").is_file():
-                raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
-            print((folder / "results.txt").read_text())
-            print(f"  {folder}/report.md, with {len(list(folder.glob('*.svg')))} figures beside it")
+            for kind, table, page in reports:
+                folder = Path("artifacts", kind, dataset, grid)
+                if not (folder / table).is_file():
+                    raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
+                print((folder / table).read_text())
+                print(f"  {folder}/{page}, with {len(list(folder.glob('*.svg')))} figures beside it\n")
             if (timed := Path("artifacts/latency", dataset, grid, "latency.txt")).is_file():
-                print(f"  {timed}")
-            print()
+                print(f"  {timed}\n")
     print("dashboard: make dashboard")
 
 

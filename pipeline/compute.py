@@ -1,7 +1,7 @@
 """Everything parallel goes through here: blocks of rows, computed by Dask, delivered in order."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -9,6 +9,7 @@ from pipeline.errors import ConfigError
 from pipeline.settings import check
 
 Result = TypeVar("Result")
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class Compute:
         for first in range(0, len(spans), 2 * workers):
             group = spans[first : first + 2 * workers]
             yield from dask.compute(*[dask.delayed(fn, pure=False)(*span) for span in group], **options)
+
+    def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """Yield fn(item) of each item, in order."""
+        return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     def _get(self) -> Callable[..., object]:
         """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""

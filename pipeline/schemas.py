@@ -77,7 +77,7 @@ VIEWS = _view("views", Column("f4", ("submap", "ring", "sector"), "Scan Context:
 CLOUDS = _view("clouds", Column("f2", ("submap", "point", "xyz"), "about their mean, in units of the cube's half side", 16, 512))
 SIGNATURES = _view("signatures", Column("f4", ("submap", "number"), "a descriptor that needs no training", 512, 4_096))
 BIRDVIEWS = _view(
-    "birdviews", Column("u1", ("submap", "heading", "row", "col"), "occupied share of 255, front up, left left", 16, 512)
+    "birdviews", Column("u1", ("submap", "heading", "row_px", "col_px"), "occupied share of 255, front up, left left", 16, 512)
 )
 LOOKED_AT = (VIEWS, CLOUDS, SIGNATURES, BIRDVIEWS)
 """Artifacts of the views and birdviews stages."""
@@ -107,7 +107,7 @@ RANKINGS = Schema(
         "xy_m": Column("f8", ("query", "rank", "xy"), "where each answer lies in the world"),
         "novelty": Column("f4", ("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
         "confidence": Column("f4", ("query",), "chance that the first place is right; NaN where the method gives none"),
-        "heading_deg": Column("f4", ("query",), "how the query is turned; NaN where the method cannot tell"),
+        "heading_deg": Column("f4", ("query",), "the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell"),
     },
     {
         "kinds": "name of each kind of novelty",
@@ -177,4 +177,25 @@ EVALUATIONS = Schema(
     },
 )
 
-ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS)
+VIEWPOINTS = Schema(
+    "viewpoints",
+    1,
+    {
+        "headings_deg": Column("f8", ("heading",), "how far the queries are turned against the sequence's own heading", 8, 8),
+        "row": Column("i8", ("heading", "query"), "of the sequence itself, that the query was matched with", 8, 8),
+        "answer_xy_m": Column("f8", ("heading", "query", "xy"), "where the match lies; NaN of none", 8, 8),
+        "error_m": Column("f8", ("heading", "query"), "distance from the query to it; NaN of none", 8, 8),
+        "score": Column("f4", ("heading", "query"), "how sure the match is, larger is surer: the novelty in use, negated", 8, 8),
+        "correct": Column("?", ("heading", "query"), "the match lies within correct_m", 8, 8),
+        "valid": Column("?", ("query",), "far enough from the sequence's ends for a whole window of rows around it"),
+        "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
+    },
+    {
+        "correct_m": "largest distance of a correct match, in metres",
+        "length": "steps in a window of rows",
+        "novelty": "name of the novelty in use",
+        "bytes_per_place": "by how much the model grows with a reference place",
+    },
+)
+
+ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS)

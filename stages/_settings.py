@@ -9,8 +9,9 @@ import yaml
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
+from pipeline.benchmark import entry
 from pipeline.errors import ConfigError
-from pipeline.studies import expand
+from pipeline.studies import asks_about_the_year, expand
 from pipeline.sweeps.chain import Step
 from pipeline.sweeps.job import Settings
 from stages import ROOT
@@ -20,7 +21,7 @@ LISTED = ("world", "submap", "budget", "grid", "method", "view")
 """Groups whose file conf/benchmark.yaml names."""
 
 
-TELLING = ("report", "latency", "publish", "sweep")
+TELLING = ("report", "viewpoints", "latency", "publish", "sweep")
 """Stages that tell of results: a sweep does that itself, so no setting of theirs is one of a job."""
 
 
@@ -40,10 +41,12 @@ def listed(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
     if dataset not in studies:
         raise ConfigError(f"dataset={dataset}: conf/benchmark.yaml lists {', '.join(studies)}; `yearloc use` changes it")
     study = studies[dataset] | {group: said[group] for group in ("world", "submap", "budget") if group in said}
-    first = study["methods"][0]
-    method = said.get("method", first["name"])
-    view = said.get("view") or (cfg.method.view if "method" in said or "method.view" in said else first["view"])
-    own = {"grids": [said.get("grid", study["grids"][0])], "methods": [{"name": method, "view": view}]}
+    if not asks_about_the_year(study):
+        raise ConfigError(f"dataset={dataset}: asks about viewpoints; a sweep compares by the year, see `yearloc use`")
+    views = {one["name"]: one["view"] for one in study["methods"]}
+    method = said.get("method", next(iter(views)))
+    view = said.get("view") or (cfg.method.view if "method.view" in said else views.get(method, cfg.method.view))
+    own = {"grids": [said.get("grid", study["grids"][0])], "methods": [entry(ROOT / "conf", method, view)]}
     return {"studies": {dataset: study | own}, **expand({dataset: study | own})}
 
 

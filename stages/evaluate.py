@@ -22,7 +22,7 @@ def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        for done in instantiate(cfg.compute).rows(lambda i, _: judged(cfg, sequences[i], folder), len(sequences), 1):
+        for done in instantiate(cfg.compute).each(lambda sequence: judged(cfg, sequence, folder), sequences):
             numbers |= done
     with store.replace(cfg.metrics) as metrics:
         metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")

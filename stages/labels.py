@@ -14,18 +14,20 @@ from stages import stage
 
 @stage("labels")
 def main(cfg: DictConfig) -> str:
-    training, box = store.read(Path(cfg.submaps, f"{cfg.train}.zarr"), schemas.SUBMAPS), cfg.dataset.box
-    xy_m = training.load("world_T_anchor")[:, :2, 3]
-    grid = Grid(cfg.grid.cell_m, tuple(box.x_m), tuple(box.y_m)) if box else around(xy_m, cfg.grid.cell_m)
+    trained = cfg.train.split()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        told = [labelled(cfg, sequence, training, grid, folder) for sequence in cfg.sequences.split()]
+        told = [
+            labelled(cfg, sequence, sequence if sequence in trained else trained[0], folder) for sequence in cfg.sequences.split()
+        ]
     return "; ".join(told)
 
 
-def labelled(cfg: DictConfig, sequence: str, training: store.Artifact, grid: Grid, folder: Path) -> str:
-    """The labels of one sequence."""
-    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
+def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
+    """The labels of one sequence by a training one; where there are several, each of those is labelled by itself."""
+    submaps, training = (store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train))
+    xy_m, area = training.load("world_T_anchor")[:, :2, 3], cfg.dataset.box
+    grid = Grid(cfg.grid.cell_m, tuple(area.x_m), tuple(area.y_m)) if area else around(xy_m, cfg.grid.cell_m)
     labels = label(submaps.load("world_T_anchor"), training.load("world_T_anchor"), grid)
     days, box = days_between(training["stamps_ns"][0], submaps["stamps_ns"][0]), {"x_m": list(grid.x_m), "y_m": list(grid.y_m)}
     with store.write(folder / f"{sequence}.zarr", schemas.LABELS, days=days, cell_m=grid.cell_m, **box) as out:

@@ -5,9 +5,11 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pipeline import dashboard, tracking
+from pipeline import dashboard, schemas, store, tracking
+from pipeline.evaluation.viewpoints import NUMBERS, Judged
 from pipeline.reports.style import colour
 from pipeline.served import Served
+from pipeline.studies import asks_about_the_year, turned
 from pipeline.telemetry import Trace, costs
 from stages import stage
 from stages.report import gather
@@ -15,11 +17,14 @@ from stages.report import gather
 
 @stage("publish")
 def main(cfg: DictConfig) -> str:
+    if not asks_about_the_year(cfg.benchmark.studies[cfg.study]):
+        return f"{cfg.study} asks about viewpoints alone, see {cfg.artifacts}/viewpoints/{cfg.study}"
     runs = []
     for grid in cfg.benchmark.studies[cfg.study].grids:
         study = gather(cfg, grid)
         figures = Path(cfg.artifacts, "report", cfg.study, grid)
-        runs += [with_model(cfg, grid, run) for run in study.runs(figures, {method: colour(method) for method in study.recipes})]
+        colours = {method: colour(method) for method in study.recipes}
+        runs += [turned_too(cfg, grid, with_model(cfg, grid, run)) for run in study.runs(figures, colours)]
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = dashboard.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
@@ -37,6 +42,21 @@ def with_model(cfg: DictConfig, grid: str, run: tracking.RunRecord) -> tracking.
     trace = Trace.read(model)
     series = {f"cost/{name}": [(0, value)] for name, value in costs(artifacts).items()}
     return replace(run, series={**run.series, **series, **(trace.series() if trace else {})}, model=Served.read(model))
+
+
+def turned_too(cfg: DictConfig, grid: str, run: tracking.RunRecord) -> tracking.RunRecord:
+    """A method's run, and with it how it bears being turned, over whole degrees of heading, if it was asked."""
+    method, folder = run.tags["method"], Path(cfg.artifacts, "viewpoints", cfg.study, grid)
+    if method not in [listed["name"] for listed in turned(cfg.benchmark.studies[cfg.study].methods)]:
+        return run
+    series = dict(run.series)
+    for path in sorted((folder / method).glob("*.zarr")):
+        judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
+        at = judged.numbers()
+        for name in NUMBERS:
+            values = [(int(degrees), at[f"{degrees:g}_deg"][name]) for degrees in judged.headings_deg]
+            series[f"viewpoints/{name} {path.stem}"] = [(degrees, value) for degrees, value in values if value is not None]
+    return replace(run, series=series, figures=[*run.figures, *sorted(folder.glob("*.svg"))])
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = instantiate(cfg.compute).rows(lambda i, _: cut(cfg, sequences[i], folder), len(sequences), 1)
+        done = instantiate(cfg.compute).each(lambda sequence: cut(cfg, sequence, folder), sequences)
         told = list(Bars().track(done, len(sequences), "cut"))
     return "; ".join(told)
 

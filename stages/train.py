@@ -1,11 +1,13 @@
 """Views and places of the training sequence → a model."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hydra.utils import instantiate
+from numpy.typing import NDArray
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
@@ -16,7 +18,9 @@ from stages import Bars, stage
 
 @stage("train")
 def main(cfg: DictConfig) -> str:
-    views, places = Rows.read(cfg.views), store.read(cfg.labels, schemas.LABELS).load("places")
+    sequences = [f"{sequence}.zarr" for sequence in cfg.sequences.split()]
+    views = Rows.joined([Rows.read(Path(cfg.views, name)) for name in sequences])
+    places = joined([store.read(Path(cfg.labels, name), schemas.LABELS).load("places") for name in sequences])
     method, share = within_budget(cfg)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
@@ -27,6 +31,12 @@ def main(cfg: DictConfig) -> str:
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
     told = f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training"
     return f"{told}: {numbers}" if numbers else told
+
+
+def joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Places of several sequences, none of which shares a place with another."""
+    firsts = np.cumsum([0, *(part.max() + 1 for part in parts[:-1])])
+    return np.concatenate([part + first for part, first in zip(parts, firsts, strict=True)])
 
 
 def within_budget(cfg: DictConfig) -> tuple[Any, float]:

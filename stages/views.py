@@ -24,7 +24,7 @@ def main(cfg: DictConfig) -> str:
         if opened(cfg, sequences[0]).single:
             told = [draw(cfg, sequence, folder, compute, Bars()) for sequence in sequences]
         else:  # a submap takes over scans from the one before it, so sequences are drawn side by side
-            done = compute.rows(lambda i, _: draw(cfg, sequences[i], folder, Compute(workers=1), Watch()), len(sequences), 1)
+            done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Watch()), sequences)
             told = list(Bars().track(done, len(sequences), "draw"))
     return "; ".join(told)
 

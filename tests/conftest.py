@@ -34,6 +34,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     clone = Clone(tmp_path_factory.mktemp("chain"))
     clone.run("yearloc", "use", "campus", "world=tiny")
     clone.run("yearloc", "use", "town", "world=tiny", "methods=sci,scan_context", "--add")
+    clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")
     clone.ran = clone.repro()
     clone.undisturbed = clone.digests()
     return clone

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from pipeline.benchmark import text
+from pipeline.studies import LISTS
 from tests.clone import BIN, Clone
 
 
@@ -19,27 +20,28 @@ def test_every_stage_runs_once_and_leaves_its_artifact(built):
         "scans",
         "submaps",
         "views",
+        "birdviews",
         "labels",
         "train",
         "localize",
         "evaluate",
         "report",
+        "viewpoints",
         "latency",
         "publish",
     }
-    studies = yaml.safe_load((built.folder / "conf/benchmark.yaml").read_text())["benchmark"]["studies"].values()
-    drives, methods = sum(1 + len(study["tests"]) for study in studies), sum(len(study["methods"]) for study in studies)
-    views = sum(len({method["view"] for method in study["methods"]}) for study in studies)
-    others = 2 * len(("submaps", "labels", "report", "latency", "publish"))
-    assert len(built.ran) == len(set(built.ran)) == 2 * drives + views + 3 * methods + others
+    lists = yaml.safe_load((built.folder / "conf/benchmark.yaml").read_text())["benchmark"]
+    twice = ("drives", "rankings", "reports")  # logs and scans; localize and evaluate; report and latency
+    wanted = sum(len(lists[name]) * (1 + (name in twice)) for name in LISTS)
+    assert len(built.ran) == len(set(built.ran)) == wanted
     assert not list(built.folder.rglob("*.scratch"))
     assert not list((built.folder / ".checkpoints").glob("*"))
 
 
 def test_the_reports_say_that_campus_and_town_are_simulated(built):
-    for study in ("campus", "town"):
-        folder = built.folder / "artifacts/report" / study / "10m"
-        assert "simulated" in (folder / "report.md").read_text().lower()
+    for told in ("report/campus/10m/report.md", "report/town/10m/report.md", "viewpoints/suburb/10m/viewpoints.md"):
+        folder = (built.folder / "artifacts" / told).parent
+        assert "simulated" in (folder / told.rpartition("/")[2]).read_text().lower()
         assert all("simulated, not recorded" in path.read_text() for path in folder.glob("*.svg"))
     assert built.run("yearloc", "results").count("simulated") >= 2
 
@@ -54,6 +56,8 @@ def test_a_second_run_runs_nothing(built):
         ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize"}),
         ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize"}),
         ("conf/view/scan_context.yaml", "rings: 40", "rings: 20", {"views"}),
+        ("conf/view/birdview_30m.yaml", "depth: 7", "depth: 6", {"birdviews"}),
+        ("conf/viewpoints.yaml", "correct_m: 10.0", "correct_m: 5.0", {"viewpoints"}),
         ("conf/grid/10m.yaml", "10.0", "12.0", {"labels"}),
         ("conf/submap/single.yaml", "1.0", "2.0", {"submaps"}),
         ("conf/submap/accumulated.yaml", "80.0", "60.0", {"submaps"}),

@@ -114,9 +114,39 @@ def test_use_kitti_splits_one_log(project):
     assert (study(project)["train"], study(project)["tests"]) == ("07-a", ["07-b"])
 
 
+def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
+    root = project / "kitti"
+    for log in ("00", "02", "08"):
+        for path in (f"sequences/{log}/velodyne", "poses"):
+            (root / path).mkdir(parents=True, exist_ok=True)
+        for path in (f"sequences/{log}/calib.txt", f"sequences/{log}/times.txt", f"poses/{log}.txt"):
+            (root / path).touch()
+    main(["use", "kitti", f"root={root}", "question=viewpoints"])
+    assert (study(project)["train"], study(project)["tests"]) == ("02 08", ["00"])
+    assert {"name": "sad", "view": "birdview", "stage": "birdviews"} in study(project)["methods"]
+    assert "05: not below" in capsys.readouterr().out
+    main(["use", "kitti", f"root={root}", "question=viewpoints", "train=00", "tests=02,08"])
+    assert (study(project)["train"], study(project)["tests"]) == ("00", ["02", "08"])
+
+
+def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
+    main(["use", "campus", "world=tiny"])
+    main(["use", "suburb", "world=tiny", "question=viewpoints", "--add"])
+    benchmark = yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]
+    assert list(benchmark["viewpoints"]) == ["campus-10m", "suburb-10m"]
+    assert list(benchmark["published"]) == ["campus"]
+    assert [name for name in benchmark["models"] if "seed" in name] == [
+        f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)
+    ]
+    assert benchmark["studies"]["campus"]["methods"][-1] == {"name": "sad", "view": "birdview_30m", "stage": "birdviews"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
+        (["use", "suburb", "question=viewpoints", "methods=pfl,sci"], "only methods that look at bird-views"),
+        (["use", "campus", "question=viewpoints"], "question=viewpoints: of campus expected year"),
+        (["use", "suburb", "question=train"], "expected year or viewpoints"),
         (["use", "moon"], "expected one of bag, campus"),
         (["use", "nclt"], "root=FOLDER"),
         (["use", "nclt", "root=/nowhere"], "no such folder"),

@@ -18,25 +18,54 @@ ONE = {
     "grids": ["5m", "10m"],
     "methods": [{"name": "sci", "view": "sc"}, {"name": "m2dp", "view": "cloud"}, {"name": "sc50", "view": "sc"}],
     "budget": "tiny",
+    "question": "year",
 }
 OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [{"name": "sci", "view": "sc"}]}
+SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "stage": "birdviews", "seeds": 2}
+TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "viewpoints"}
 
 
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
-    assert counts == {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "reports": 3}
+    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "reports": 3, "published": 2}
+    assert counts == year | {"birdviews": 0, "viewpoints": 0}
     assert lists["models"]["one-5m-m2dp"] == {
         "dataset": "one",
         "grid": "5m",
         "method": "m2dp",
         "view": "cloud",
+        "model": "m2dp",
+        "again": "",
         "budget": "tiny",
         "train": "a",
-        "tests": "b c",
+        "of": "/a.zarr",
     }
+    assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
+
+
+def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
+    lists = expand({"turned": TURNED})
+    counts = {name: len(members) for name, members in lists.items() if members}
+    assert counts == {"drives": 3, "submaps": 1, "birdviews": 1, "labels": 1, "models": 2, "viewpoints": 1}
+    assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
+    assert lists["labels"]["turned-10m"]["sequences"] == lists["models"]["turned-10m-pfl"]["train"] == "e f"
+    assert lists["models"]["turned-10m-pfl"]["of"] == ""
+    assert lists["models"]["turned-10m-pfl-seed1"]["again"] == "method.seed=1"
+
+
+def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
+    lists = expand({"one": ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]}})
+    assert list(lists["viewpoints"]) == ["one-5m", "one-10m"]
+    assert list(lists["birdviews"]) == ["one-bird"]
+    assert "one-5m-pfl" in lists["rankings"]
+
+
+def test_an_unknown_question_is_named() -> None:
+    with pytest.raises(ConfigError, match="question=when: expected year or viewpoints"):
+        expand({"one": ONE | {"question": "when"}})
 
 
 def test_studies_do_not_mix() -> None:
@@ -46,7 +75,8 @@ def test_studies_do_not_mix() -> None:
 
 
 def test_the_file_holds_what_it_was_made_of() -> None:
-    assert spelled_out(yaml.safe_load(text({"one": ONE, "other": OTHER}))["benchmark"]) == {"one": ONE, "other": OTHER}
+    studies = {"one": ONE, "other": OTHER, "turned": TURNED}
+    assert spelled_out(yaml.safe_load(text(studies))["benchmark"]) == studies
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:

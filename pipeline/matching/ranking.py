@@ -1,6 +1,6 @@
 """The waist: what every method answers, whatever it looks at and however it learns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -30,6 +30,15 @@ class Rows:
         """Open a view artifact."""
         views = store.read(path, *schemas.LOOKED_AT)
         return cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Those of several sequences, one after the other; of one, that one."""
+        if len(parts) == 1:
+            return parts[0]
+        images = np.concatenate([part.images[:] for part in parts])
+        stamps_ns = np.concatenate([part.stamps_ns for part in parts])
+        return cls(images, stamps_ns, np.concatenate([part.world_T_anchor for part in parts]))
 
 
 @dataclass(frozen=True)

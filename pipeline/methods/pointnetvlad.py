@@ -54,7 +54,9 @@ class PointNetVlad(DescriptorMethod):
     margin: float = 0.5
     margin_star: float = 0.2
     train_points: int = 4096
-    """Random points of each cloud while training; descriptors to localise by are made of all."""
+    """Random points of each cloud while training."""
+    points: int = 4096
+    """Of each cloud that make its descriptor, the first ones: a cloud comes in random order. The model keeps this number."""
     turn_deg: float = 0.0
     """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an option of theirs."""
     learning_rate: float = 0.00005
@@ -70,7 +72,9 @@ class PointNetVlad(DescriptorMethod):
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("method", batch=self.batch, positives=self.positives, negatives=self.negatives, positive_m=self.positive_m)
-        positive("method", train_points=self.train_points, learning_rate=self.learning_rate, threads=self.threads)
+        positive(
+            "method", train_points=self.train_points, points=self.points, learning_rate=self.learning_rate, threads=self.threads
+        )
         positive("method", batch_norm_momentum=self.batch_norm_momentum)
         if self.epochs < 0 or (self.epochs == 0 and not self.weights):
             raise ConfigError(
@@ -89,11 +93,12 @@ class PointNetVlad(DescriptorMethod):
             if self.weights:
                 self._load(net)
             curves = self._train(net, clouds, database, held, watch) if self.epochs else {}
-            descriptors = self._describer(net)(clouds)
+            descriptors = self._describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
         return {
             **{f"{NET}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()},
             "descriptors": descriptors,
+            "points": np.array(self.points),
             **database.arrays(),
             **evidence.arrays(),
             **curves,
@@ -106,11 +111,11 @@ class PointNetVlad(DescriptorMethod):
             net = Describer()
         net.load_state_dict(weights, assign=True)
         describe = self._describer(net.to(device()))
-        database, descriptors = Database.of(model), model["descriptors"]
+        database, descriptors, points = Database.of(model), model["descriptors"], int(model["points"])
 
         def rank(views: Rows, k: int) -> Ranking:
             with loop.reproducible(self.threads):
-                queries = describe(_clouds(views))
+                queries = describe(_clouds(views)[:, :points])
             return database.nearest(descriptors, queries, k, self.distinct_places)
 
         return rank
@@ -208,7 +213,7 @@ class PointNetVlad(DescriptorMethod):
         try:
             tensors = store.read_model(Path(self.weights))
         except ArtifactError as error:
-            raise ConfigError(f"method.weights: {error}") from None
+            raise ConfigError(f"method.weights: {str(error).partition(';')[0]}") from None
         own = net.state_dict()
         if any(name.startswith(NET) for name in tensors):
             tensors = {name: value for name, value in tensors.items() if name.startswith(NET)}

@@ -1,7 +1,7 @@
 """The training loop: epochs that can be interrupted anywhere and end in the same weights."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,8 @@ Batches = Callable[[torch.Generator], Iterator[Batch]]
 Step = Callable[[Callable[[Tensor], Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
+NET, BEST = "net/", "best/"
+"""Prefixes within a checkpoint."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 
 
@@ -97,11 +99,10 @@ def fit(
     curves = np.empty((0, len(CURVES)))
     best = {name: value.clone() for name, value in net.state_dict().items()}
     if watch.checkpoint is not None and watch.checkpoint.is_file():
-        try:
-            curves, best = _resume(watch.checkpoint, net, optimizer)
-        except (SafetensorError, KeyError, RuntimeError) as error:
-            raise ArtifactError(f"{watch.checkpoint}: not a whole checkpoint of this training ({error}); remove it") from None
-    share = {"one_cycle": one_cycle, "stepped": stepped, "constant": constant}[schedule]
+        with whole(watch.checkpoint):
+            kept = resume(watch.checkpoint, net, {"adam": optimizer})
+            curves, best = kept["curves"].cpu().numpy(), _taken(kept, BEST)
+    share = SCHEDULES[schedule]
     for epoch in watch.track(range(len(curves), epochs), epochs - len(curves), "train"):
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
@@ -124,7 +125,8 @@ def fit(
             best = {name: value.clone() for name, value in net.state_dict().items()}
         watch.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], held_out=row[3])
         if watch.checkpoint is not None:
-            _save(watch.checkpoint, net, optimizer, curves, best)
+            more = {f"{BEST}{name}": value for name, value in best.items()} | {"curves": torch.from_numpy(curves)}
+            keep(watch.checkpoint, net, {"adam": optimizer}, more)
     return Fit(best, curves, _best(curves))
 
 
@@ -153,32 +155,45 @@ def one_cycle(progress: float) -> float:
     return 0.5 + 0.5 * math.cos(math.pi * (progress - 0.3) / 0.7)
 
 
-def _save(
-    path: Path, net: nn.Module, optimizer: torch.optim.Optimizer, curves: NDArray[np.float64], best: dict[str, Tensor]
-) -> None:
-    tensors = {f"net/{name}": value for name, value in net.state_dict().items()}
-    tensors |= {f"best/{name}": value for name, value in best.items()}
-    for index, state in optimizer.state_dict()["state"].items():
-        tensors |= {f"adam/{index}/{name}": value for name, value in state.items()}
-    tensors["curves"] = torch.from_numpy(curves)
+SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {"one_cycle": one_cycle, "stepped": stepped, "constant": constant}
+
+
+def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer], more: Mapping[str, Tensor]) -> None:
+    """Write a checkpoint of a training: its network, its optimisers' moments, each under its name, and what else it needs."""
+    tensors = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
+    for optimizer_name, optimizer in optimizers.items():
+        for index, state in optimizer.state_dict()["state"].items():
+            tensors |= {f"{optimizer_name}/{index}/{name}": value for name, value in state.items()}
     with store.replace(path) as scratch:
         save_file({name: value.contiguous() for name, value in tensors.items()}, scratch)
 
 
-def _resume(path: Path, net: nn.Module, optimizer: torch.optim.Optimizer) -> tuple[NDArray[np.float64], dict[str, Tensor]]:
-    tensors = load_file(path, device=str(next(net.parameters()).device))
-    part = {
-        prefix: {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
-        for prefix in ("net/", "best/", "adam/")
-    }
-    net.load_state_dict(part["net/"])
-    state: dict[int, dict[str, Tensor]] = {}
-    weights = list(net.parameters())
-    for name, value in part["adam/"].items():
-        index, _, field = name.partition("/")
-        like = (
-            value.cpu() if field == "step" else torch.empty_like(weights[int(index)]).copy_(value)
-        )  # its strides, so its rounding
-        state.setdefault(int(index), {})[field] = like
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
-    return tensors["curves"].cpu().numpy(), part["best/"]
+def resume(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, Tensor]:
+    """Put a checkpoint back into a network and its optimisers; returns what else it holds."""
+    tensors: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
+    net.load_state_dict(_taken(tensors, NET))
+    for optimizer_name, optimizer in optimizers.items():
+        state: dict[int, dict[str, Tensor]] = {}
+        weights: list[Tensor] = [weight for group in optimizer.param_groups for weight in group["params"]]
+        for name, value in _taken(tensors, f"{optimizer_name}/").items():
+            index, _, field = name.partition("/")
+            like = (
+                value.cpu() if field == "step" else torch.empty_like(weights[int(index)]).copy_(value)
+            )  # its strides, so its rounding
+            state.setdefault(int(index), {})[field] = like
+        optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    return tensors
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[None]:
+    """What goes wrong while a checkpoint is read is told as one line."""
+    try:
+        yield
+    except (SafetensorError, KeyError, RuntimeError) as error:
+        raise ArtifactError(f"{path}: not a whole checkpoint of this training ({error}); remove it") from None
+
+
+def _taken(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Those of a prefix, without it; they leave the others."""
+    return {name.removeprefix(prefix): tensors.pop(name) for name in list(tensors) if name.startswith(prefix)}

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pipeline import schemas, store
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.reports import examples, maps, matches, novelty, plots, rejection, reliability, year
-from pipeline.reports.page import Illustration
+from pipeline.reports.illustration import Illustration
 from pipeline.reports.result import Result, by_method
 from pipeline.reports.style import save
 

@@ -1,28 +1,17 @@
 """report.md: the set-up, the protocols, the tables, the figures with how to read each, and what the words mean."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 from pipeline.evaluation.paired import LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.reports import comparison, findings, setup, tables, wording
+from pipeline.reports.illustration import Illustration
 from pipeline.reports.table import WIDEST
 
 if TYPE_CHECKING:
     from pipeline.reports.study import Study
-
-
-@dataclass(frozen=True)
-class Illustration:
-    """One figure file of the report."""
-
-    kind: str
-    """A key of `wording.HOW_TO_READ`."""
-    path: str
-    """Relative to report.md."""
-    title: str
 
 
 def report(study: "Study", illustrations: Sequence[Illustration]) -> str:

@@ -8,7 +8,7 @@ from pipeline import catalogue
 from pipeline.reports.table import MISSING, Table
 
 if TYPE_CHECKING:
-    from pipeline.reports.study import Learned
+    from pipeline.reports.learned import Learned
 
 LONGEST = 78
 """Characters of a description in a terminal."""

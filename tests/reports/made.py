@@ -13,8 +13,9 @@ from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
+from pipeline.reports.learned import Learned
 from pipeline.reports.result import Result, by_method
-from pipeline.reports.study import Learned, Study, folders
+from pipeline.reports.study import Study, folders
 from pipeline.reports.sweep import Job, Sweep
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)

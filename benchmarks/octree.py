@@ -1,0 +1,135 @@
+"""A scan into the dynamic octree, against OctoMap's C++ (through pyoctomap) at the same leaves and range; and 16 bird-views.
+
+With KITTI's first 16 scans where `YEARLOC_KITTI` names a KITTI root; else simulated scans, and the race's name says so. OctoMap
+races where pyoctomap can be imported: no dependency of this project.
+"""
+
+import os
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.race import Race, race
+from benchmarks.scan_context import scans
+from pipeline.mapping.octree import Octree
+from pipeline.readers.kitti import Kitti
+from pipeline.views.birdview import BirdView
+
+SCANS = 6
+"""In a row: a map is not alone in a cold cache."""
+Drive = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Points (n, 3), vehicle frame, and the pose (4, 4) of each scan."""
+
+
+def drive() -> tuple[str, Drive]:
+    """What is raced on: 16 scans, about 0.9 m apart."""
+    root = Path(os.environ.get("YEARLOC_KITTI", ""))
+    if "YEARLOC_KITTI" in os.environ:
+        log = Kitti().open(root, "00")
+        return "KITTI 00", [(np.asarray(log.points(row), np.float64), log.world_T_scan[row]) for row in range(16)]
+    simulated = []
+    for number, points in enumerate(scans()):
+        pose = np.eye(4)
+        pose[:2, 3] = 0.9 * number + 0.01, 0.02
+        simulated.append((points.astype(np.float64), pose))
+    return "simulated scans", simulated
+
+
+def octomap(octree: Octree, discretize: bool, recorded: Drive) -> Callable[[int], object]:
+    """OctoMap's own insertion into a new tree, of points already in the world's frame."""
+    pyoctomap = import_module("pyoctomap")
+    world = [np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3]) for points, pose in recorded]
+    sensors = [pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) for _, pose in recorded]
+
+    def insert(_: int) -> None:
+        tree = pyoctomap.OcTree(octree.leaf_m)
+        tree.setProbHit(octree.hit)
+        tree.setProbMiss(octree.miss)
+        tree.setClampingThresMin(octree.lowest)
+        tree.setClampingThresMax(octree.highest)
+        for points, sensor in zip(world, sensors, strict=True):
+            tree.insertPointCloud(points, sensor, max_range=octree.reach_m, discretize=discretize)
+
+    return insert
+
+
+def ours(octree: Octree, recorded: Drive) -> Callable[[int], object]:
+    """All scans into the map that there is: it decays, its window follows, and its memory never grows."""
+    made = octree.grow()
+
+    def insert(_: int) -> None:
+        for points, pose in recorded:
+            made.insert(points, pose)
+
+    return insert
+
+
+def run() -> list[Race]:
+    """One thread; scans in the order of the drive."""
+    name, recorded = drive()
+    return [*(_insertion(name, recorded, depth) for depth in (7, 8)), _sweeps(recorded), _drawing(recorded)]
+
+
+def _insertion(name: str, recorded: Drive, depth: int) -> Race:
+    octree, short = Octree(depth=depth), recorded[:SCANS]
+    candidates = {
+        "yearloc, a ray a cell": ours(octree, short),
+        "yearloc, all rays": ours(Octree(depth=depth, rays="all"), short),
+    }
+    said = "OctoMap not raced: pyoctomap is not installed"
+    if find_spec("pyoctomap"):
+        said = _agree(Octree(depth=depth, motion="none"), recorded)
+        candidates["OctoMap, discretised: a ray a cell"] = octomap(octree, True, short)
+        candidates["OctoMap, all rays"] = octomap(octree, False, short)
+    title = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, 50 m around the robot, {name} ({said})"
+    return race(title, candidates, rounds=3)
+
+
+def _agree(octree: Octree, recorded: Drive) -> str:
+    """Compare a map of one scan with OctoMap's at a sample of the window's leaves."""
+    pyoctomap = import_module("pyoctomap")
+    points, pose = recorded[5]
+    made, tree = octree.grow(), pyoctomap.OcTree(octree.leaf_m)
+    made.insert(points, pose)
+    sensor = pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m)
+    world = np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3])
+    tree.insertPointCloud(world, sensor, max_range=octree.reach_m, discretize=True)
+    cells = np.argwhere(made.log_odds != 0)[::7]
+    middles = made.corner_m + (cells + 0.5) * made.leaf_m
+    nodes = [tree.search(middle.tolist()) for middle in middles]
+    same = [
+        node is not None and (node.getLogOdds() > 0) == (made.log_odds[tuple(cell)] > 0)
+        for node, cell in zip(nodes, cells, strict=True)
+    ]
+    if np.mean(same) < 0.999:
+        raise AssertionError(f"only {np.mean(same):.2%} of the leaves are in OctoMap's state")
+    return f"{np.mean(same):.2%} of {len(same):,} leaves in OctoMap's state"
+
+
+def _sweeps(recorded: Drive) -> Race:
+    octree = Octree()
+    made, sweeps = octree.grow(), [(points[::220], pose) for points, pose in recorded]
+    copy, leaves = np.empty_like(made.log_odds), made.log_odds
+    return race(
+        "a sweep of some 540 points into the same map",
+        {"yearloc": lambda i: made.insert(*sweeps[i % 16]), "memcpy of the leaves": lambda _: np.copyto(copy, leaves)},
+        rounds=100,
+    )
+
+
+def _drawing(recorded: Drive) -> Race:
+    view = BirdView()
+    grown = view.octree.grow()
+    for points, pose in recorded:
+        grown.insert(points, pose)
+    here = recorded[-1][1]
+    return race("16 bird-views of 64 × 64", {"yearloc": lambda i: view.draw(grown, here, i)}, rounds=40)
+
+
+if __name__ == "__main__":
+    for result in run():
+        print(result.table())

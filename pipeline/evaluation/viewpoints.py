@@ -1,0 +1,164 @@
+"""Paper 2's protocol: a sequence matched with itself, from headings between those that its reference was drawn at.
+
+METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and reference: it asks about viewpoints, not about the year.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import settings
+from pipeline.errors import InputError
+from pipeline.evaluation.counts import ExactCounts
+from pipeline.evaluation.curves import Curve, auc, auroc, precision_recall, recall_at_precision
+from pipeline.evaluation.numbers import PRECISE
+from pipeline.evaluation.protocols import Truth
+from pipeline.frames import pose
+from pipeline.matching.ranking import Method, Model, Rows
+from pipeline.store import Artifact
+
+NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
+"""roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none without both. pr_auc: precision
+over recall, where recall is of the *correct matches*, so that a method with few of them can have a fine curve; none without any.
+accuracy: correct matches among all valid queries. recall: correct matches among all valid queries, at the threshold that accepts
+most of them at a precision of 0.99 or more; with everything accepted it would be the accuracy."""
+MEAN = "mean"
+
+
+class Movable(Method, Protocol):
+    """A method that matches sequences of bird-views, and can take another sequence for its reference."""
+
+    @property
+    def length(self) -> int:
+        """Steps in a window of rows."""
+
+    def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
+        """The same networks with these views for a database."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One method in one sequence: each of q queries from each of h headings (schemas.VIEWPOINTS)."""
+
+    headings_deg: NDArray[np.float64]  # (h,)
+    row: NDArray[np.int64]  # (h, q)
+    answer_xy_m: NDArray[np.float64]  # (h, q, 2)
+    error_m: NDArray[np.float64]  # (h, q)
+    score: NDArray[np.float32]  # (h, q)
+    correct: NDArray[np.bool_]  # (h, q)
+    valid: NDArray[np.bool_]  # (q,)
+    xy_m: NDArray[np.float64]  # (q, 2)
+    correct_m: float
+    length: int
+    novelty: str
+    bytes_per_place: float
+
+    def curve(self, heading: int) -> tuple[Curve, Curve]:
+        """Precision and recall of the correct matches (t,), as every distinct score is accepted, the surest first."""
+        precision, recall = precision_recall(self._counts[heading].count(1))
+        return precision[0], recall[0]
+
+    def numbers(self) -> dict[str, dict[str, float | None]]:
+        """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have them; None where there is none."""
+        told = [self._at(heading) for heading in range(len(self.headings_deg))]
+        means = {name: [one[name] for one in told if np.isfinite(one[name])] for name in NUMBERS}
+        every = {f"{deg:g}_deg": one for deg, one in zip(self.headings_deg, told, strict=True)}
+        every[MEAN] = {name: float(np.mean(values)) if values else np.nan for name, values in means.items()}
+        return {key: {name: value if np.isfinite(value) else None for name, value in one.items()} for key, one in every.items()}
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The arrays of its artifact."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    def attrs(self) -> dict[str, Any]:
+        """The attributes of its artifact."""
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in self.columns()}
+
+    @classmethod
+    def read(cls, artifact: Artifact) -> Self:
+        """From a `viewpoints` artifact."""
+        names = [field.name for field in fields(cls)]
+        given = artifact.attrs
+        parts: dict[str, Any] = {name: given[name] if name in given else artifact.load(name) for name in names}
+        return cls(**parts)
+
+    @cached_property
+    def _counts(self) -> list[ExactCounts]:
+        """Of each heading; a correct match stands for a seen query, a wrong one for an unseen."""
+        counts = []
+        for correct, score in zip(self.correct[:, self.valid], self.score[:, self.valid], strict=True):
+            truth = Truth(correct, ~correct, np.where(correct, 0, -1), correct)
+            counts.append(ExactCounts(truth, -score, np.ones((1, len(score)))))
+        return counts
+
+    def _at(self, heading: int) -> dict[str, float]:
+        precision, recall = self.curve(heading)
+        correct = self.correct[heading, self.valid]
+        accuracy = float(correct.mean()) if len(correct) else np.nan
+        return {
+            "roc_auc": auroc(self._counts[heading].count(1)).item(),
+            "pr_auc": float(auc(precision, recall)) if correct.any() else np.nan,
+            "accuracy": accuracy,
+            "recall": float(recall_at_precision(precision, recall, PRECISE)) * accuracy,
+        }
+
+
+@dataclass(frozen=True)
+class Viewpoints:
+    """How matches from other headings are judged."""
+
+    correct_m: float = 10.0
+    """A match is correct if it lies at most this far from the query."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "viewpoints")
+        settings.positive("viewpoints", correct_m=self.correct_m)
+
+    def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> Judged:
+        """Ask about each row of `views`, bird-views (n, headings, side, side), from every odd heading.
+
+        The reference is drawn at the even ones; each query lies half way between two of them. Raises InputError for other views.
+        """
+        images, n = np.asarray(views.images[:]), len(views.world_T_anchor)
+        if images.ndim != 4 or len(images) != n or images.shape[1] % 2:
+            raise InputError(f"views of shape {images.shape}: expected bird-views ({n}, an even number of headings, side, side)")
+        views = Rows(images, views.stamps_ns, views.world_T_anchor)
+        moved = method.moved(model, views, np.arange(n))
+        ask, headings = method.localizer(moved), range(1, images.shape[1], 2)
+        rankings = [ask(turned(views, heading), k) for heading in headings]
+        xy_m = views.world_T_anchor[:, :2, 3].astype(np.float64)
+        answer_xy_m = np.stack([ranking.xy_m[:, 0] for ranking in rankings]).astype(np.float64)
+        error_m = np.linalg.norm(answer_xy_m - xy_m, axis=2)
+        before, position = method.length // 2, np.arange(n)
+        return Judged(
+            headings_deg=np.array(headings) * 360 / images.shape[1],
+            row=np.stack([ranking.places[:, 0] for ranking in rankings]),
+            answer_xy_m=answer_xy_m,
+            error_m=error_m,
+            score=-np.stack([ranking.novelty[:, 0] for ranking in rankings]),
+            correct=error_m <= self.correct_m,
+            valid=(position >= before) & (position < n - (method.length - before)),
+            xy_m=xy_m,
+            correct_m=float(self.correct_m),
+            length=method.length,
+            novelty=rankings[0].kinds[0],
+            bytes_per_place=_bytes_per_place(method, moved, views),
+        )
+
+
+def turned(views: Rows, heading: int) -> Rows:
+    """The same places, met by a robot that is turned counter-clockwise by this many headings: image 0 is what lies ahead then."""
+    images = np.roll(views.images[:], -heading, axis=1)
+    yaw_rad = 2 * np.pi * heading / images.shape[1]
+    vehicle_T_turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, yaw_rad]]))[0]
+    return Rows(images, views.stamps_ns, views.world_T_anchor @ vehicle_T_turned)
+
+
+def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
+    """By how much the model grows with a place: its codes or image, and where it lies."""
+    one = method.moved(moved, Rows(views.images[:1], views.stamps_ns[:1], views.world_T_anchor[:1]), np.arange(1))
+    whole, least = (sum(array.nbytes for array in model.values()) for model in (moved, one))
+    return (whole - least) / max(len(views.images) - 1, 1)

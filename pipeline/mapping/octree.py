@@ -1,0 +1,187 @@
+"""The dynamic octree: an occupancy map that goes with the robot and forgets as it moves.
+
+Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous Robots 2013); METHODS 4. The
+leaves of the root cube are one dense array, so its memory never grows; an inner node is the highest of its known children.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.mapping import octree_kernels as kernels
+from pipeline.settings import check, positive
+
+LEAST = 1e-3
+"""A leaf whose log-odds decayed below this is unknown again."""
+
+
+@dataclass(frozen=True)
+class Octree:
+    """How a map grows; the defaults are OctoMap's numbers at the IROS paper's scale for a car."""
+
+    edge_m: float = 50.0
+    """Of the root cube, whose middle is within a leaf of the robot."""
+    depth: int = 7
+    """Levels below the root: 2^depth leaves along an edge."""
+    hit: float = 0.7
+    """Probability that a leaf is occupied of which one scan alone saw a point."""
+    miss: float = 0.4
+    """Of a leaf that a ray crossed."""
+    lowest: float = 0.1192
+    highest: float = 0.971
+    """Probabilities are clamped to these, so that a leaf can change its mind."""
+    motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
+    """How a motion u, in the deviations below, takes all log-odds towards unknown: by exp(−|u|²/2) a scan; or, whatever the rate
+    of scans, by exp(−|u| sigma_m / per_metre_m); or not at all."""
+    sigma_m: float = 2.0
+    sigma_rad: float = 0.5
+    per_metre_m: float = 8.0
+    """At a scan a metre both ways of decay agree."""
+    rays: Literal["end_voxel", "all"] = "end_voxel"
+    """One ray to the middle of each cell that holds points, as OctoMap discretises, or one to every point."""
+    max_range_m: float = 0.0
+    """From the sensor; beyond it a ray clears what it crosses and hits nothing. 0: half the root cube's diagonal."""
+    sensor_height_m: float = 1.73
+    """Rays start this far above the vehicle frame's origin."""
+
+    def __post_init__(self) -> None:
+        check(self, "view.octree")
+        positive("view.octree", edge_m=self.edge_m, sigma_m=self.sigma_m, sigma_rad=self.sigma_rad, per_metre_m=self.per_metre_m)
+        if not 2 <= self.depth <= 9:
+            raise ConfigError(f"view.octree.depth={self.depth}: expected a whole number from 2 to 9")
+        if not 0 < self.lowest <= self.miss < 0.5 < self.hit <= self.highest < 1:
+            numbers = f"lowest={self.lowest}, miss={self.miss}, hit={self.hit} and highest={self.highest}"
+            raise ConfigError(f"view.octree: {numbers} must increase from 0 to 1, the first two below 0.5, the others above")
+        if not 0 <= self.sensor_height_m <= self.edge_m / 4:
+            raise ConfigError(f"view.octree.sensor_height_m={self.sensor_height_m}: expected 0 to a quarter of edge_m")
+        if self.max_range_m < 0:
+            raise ConfigError(f"view.octree.max_range_m={self.max_range_m}: expected metres, or 0 for half the diagonal")
+
+    @property
+    def side(self) -> int:
+        """Leaves along an edge of the root cube."""
+        return int(2**self.depth)
+
+    @property
+    def leaf_m(self) -> float:
+        """Edge of a leaf."""
+        return self.edge_m / self.side
+
+    @property
+    def reach_m(self) -> float:
+        """The longest ray that hits."""
+        return self.max_range_m or math.sqrt(3) / 2 * self.edge_m
+
+    def kept(self, moved_m: float, turned_rad: float) -> float:
+        """The share of all log-odds that is left after a motion (METHODS 4.3): 1 at rest."""
+        deviations = math.hypot(moved_m / self.sigma_m, turned_rad / self.sigma_rad)
+        if self.motion == "gaussian":
+            return math.exp(-0.5 * deviations**2)
+        return math.exp(-deviations * self.sigma_m / self.per_metre_m) if self.motion == "per_metre" else 1.0
+
+    def grow(self) -> "OctreeMap":
+        """An empty map."""
+        return OctreeMap(self)
+
+
+class OctreeMap:
+    """One sequence's map, its axes those of the odometry; cells lie at whole multiples of `leaf_m` there."""
+
+    log_odds: NDArray[np.float32]
+    """(side, side, side) of the leaves, x-major; 0 is unknown."""
+
+    def __init__(self, octree: Octree) -> None:
+        self.octree, side = octree, octree.side
+        self.log_odds = np.zeros((side, side, side), np.float32)
+        self._marks, self._beyond = kernels.walled(side), np.empty(0, np.int64)
+        self._known = np.array([[side] * 3, [-1] * 3], np.int64)
+        self._lowest = np.zeros(3, np.int64)
+        self._odom_T_vehicle: NDArray[np.float64] | None = None
+        L = [np.float32(log_odds(p)) for p in (octree.hit, octree.miss, octree.lowest, octree.highest)]
+        self._numbers = L[0], L[1], L[2], L[3]
+
+    @property
+    def leaf_m(self) -> float:
+        """Edge of a leaf."""
+        return self.octree.leaf_m
+
+    @property
+    def corner_m(self) -> NDArray[np.float64]:
+        """The lowest corner (3,) of the root cube, in odometry's frame."""
+        return np.asarray(self._lowest * self.leaf_m, np.float64)
+
+    def insert(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> None:
+        """Take in a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
+
+        All log-odds decay by the motion since the last scan, the root cube follows by whole leaves, then each leaf that rays of
+        the scan cross misses once and each that holds a point hits once. Raises InputError for a wrong shape, or a pose or point
+        that is not finite; the map is then as before.
+        """
+        points = np.ascontiguousarray(points_m, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points of shape {points.shape}: expected (n, 3)")
+        pose = np.array(odom_T_vehicle, np.float64)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise InputError("a scan's pose is not (4, 4) finite numbers: the octree needs odometry at every scan")
+        lowest = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
+        leaves_T_vehicle = pose / self.leaf_m
+        leaves_T_vehicle[:3, 3] -= lowest
+        origin = leaves_T_vehicle[:3, :3] @ (0.0, 0.0, self.octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
+        reach, every_ray, box = self.octree.reach_m / self.leaf_m, self.octree.rays == "all", np.empty((2, 3), np.int64)
+        slots = kernels.room(len(points))
+        self._beyond = self._beyond if len(self._beyond) >= slots else np.empty(slots, np.int64)
+        if not kernels.cast(points, leaves_T_vehicle, origin, reach, every_ray, self._marks, self._beyond[:slots], box):
+            self._marks = kernels.walled(self.octree.side)
+            raise InputError("a point is NaN, infinite or hundreds of kilometres away: drop such points first")
+        kept, shift = self._kept(pose), lowest - self._lowest
+        moved = self._moved(shift)
+        known = np.stack([np.minimum(moved[0], box[0]), np.maximum(moved[1], box[1])])
+        swept = np.stack([np.minimum(known[0], self._known[0]), np.maximum(known[1], self._known[1])])
+        least = np.float32(LEAST if kept < 1 else 0)
+        kernels.sweep(self.log_odds, self._marks, swept, shift, np.float32(kept), least, *self._numbers)
+        self._known, self._lowest, self._odom_T_vehicle = known, lowest, pose
+
+    def _kept(self, odom_T_vehicle: NDArray[np.float64]) -> float:
+        """The share of all log-odds that is left on the way from the last scan."""
+        if self._odom_T_vehicle is None:
+            return 1.0
+        before, now = self._odom_T_vehicle, odom_T_vehicle
+        turn = before[:3, :3].T @ now[:3, :3]
+        moved_m = float(np.linalg.norm(now[:3, 3] - before[:3, 3]))
+        return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
+
+    def _moved(self, shift: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The box of what is known, lowest and highest leaf (2, 3), once the root cube has moved on by `shift` leaves."""
+        side = self.octree.side
+        low, high = np.maximum(self._known[0] - shift, 0), np.minimum(self._known[1] - shift, side - 1)
+        return np.stack([low, high]) if (low <= high).all() else np.array([[side] * 3, [-1] * 3], np.int64)
+
+    def at_depth(self, depth: int) -> NDArray[np.float32]:
+        """Log-odds (2^depth,) * 3 of the nodes of a depth, the root's is 0: the highest of the known leaves in each, or 0."""
+        if not 0 <= depth <= self.octree.depth:
+            raise InputError(f"depth {depth}: the octree's are 0 to {self.octree.depth}")
+        nodes = np.where(self.log_odds == 0, np.float32(-np.inf), self.log_odds)
+        for _ in range(self.octree.depth - depth):
+            nodes = np.maximum(nodes[..., ::2], nodes[..., 1::2])
+            nodes = np.maximum(nodes[:, ::2], nodes[:, 1::2])
+            nodes = np.maximum(nodes[::2], nodes[1::2])
+        return np.where(np.isinf(nodes), np.float32(0), nodes)
+
+    def probability(self, xyz_m: NDArray[np.floating], depth: int | None = None) -> NDArray[np.float64]:
+        """That the leaves, or the nodes of a depth, which hold odometry-frame places (n, 3) are occupied; ½ is unknown."""
+        depth = self.octree.depth if depth is None else depth
+        nodes = self.at_depth(depth)
+        cells = np.floor(np.asarray(xyz_m, np.float64) / self.leaf_m) - self._lowest
+        inside = ((cells >= 0) & (cells < self.octree.side)).all(axis=1)
+        found = np.zeros(len(cells))
+        found[inside] = nodes[tuple((cells[inside].astype(np.int64) >> (self.octree.depth - depth)).T)]
+        return 1 / (1 + np.exp(-found))
+
+
+def log_odds(probability: float) -> float:
+    """log(P / (1 − P))."""
+    return math.log(probability / (1 - probability))

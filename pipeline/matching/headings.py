@@ -1,0 +1,36 @@
+"""Places known at several headings: the distance of a query's one code to the nearest of a place's (METHODS 5.4)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+
+PLACES = 128
+"""Compared at once."""
+
+
+def nearest_heading(codes: NDArray[np.floating], queries: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Euclidean distances (n, m) of queries (m, d) to the nearest of each place's codes (n, heading, d), and which it is.
+
+    Of equally near headings the first. Raises InputError for codes of another width, or of more headings than 256.
+    """
+    if codes.ndim != 3 or queries.ndim != 2 or codes.shape[2] != queries.shape[1] or not 1 <= codes.shape[1] <= 256:
+        raise InputError(f"queries of shape {queries.shape}: expected (m, d) for codes (n, heading, d) of shape {codes.shape}")
+    places, headings, width = codes.shape
+    asked = queries.astype(np.float32)
+    centre = asked.sum(axis=0) / np.float32(max(len(asked), 1))  # about it vectors are shorter, and lose less in their squares
+    asked -= centre
+    lengths = np.vecdot(asked, asked)
+    distances, bins = np.empty((places, len(asked)), np.float32), np.zeros((places, len(asked)), np.uint8)
+    for first in range(0, places, PLACES):
+        few = codes[first : first + PLACES].astype(np.float32)
+        few -= centre
+        squares = -2 * (few.reshape(-1, width) @ asked.T).reshape(len(few), headings, len(asked))
+        squares += np.vecdot(few, few)[..., None]
+        nearest, which = squares[:, 0].copy(), bins[first : first + PLACES]
+        for heading in range(1, headings):
+            nearer = squares[:, heading] < nearest
+            np.copyto(nearest, squares[:, heading], where=nearer)
+            np.copyto(which, np.uint8(heading), where=nearer)
+        distances[first : first + PLACES] = np.sqrt(np.maximum(nearest + lengths, 0))
+    return distances, bins

@@ -1,0 +1,109 @@
+"""Methods that answer with the training rows that a run of queries drove past: what PFL, AFL and SAD have in common.
+
+SeqSLAM's contrast enhancement and search (METHODS 6) with paper 2's settings and scores (METHODS 5.5).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.matching import holdout
+from pipeline.matching.alignment import Aligned, Alignment
+from pipeline.matching.database import Database, joined
+from pipeline.matching.ranking import Ranking, Rows
+from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.sequence import cheapest
+from pipeline.settings import positive
+
+Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
+"""How training rows (n,) differ from other training rows (m,) that ask: (n, m)."""
+
+
+@dataclass(frozen=True)
+class SequenceMethod(Alignment):
+    """A method whose queries, asked together, are one drive; it answers with the training rows that they drove past."""
+
+    novelty: Literal["cost", "ratio"] = "cost"
+    """The sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere."""
+    distinct_places: bool = False
+    """Rank places, each once where its cheapest training row lies, instead of training rows."""
+    held_out_every_m: float = 200.0
+    held_out_length_m: float = 40.0
+    """One block of this length in every `held_out_every_m` of the training path chooses what is to be chosen."""
+    neighbour_m: float = 20.0
+    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("method", held_out_every_m=self.held_out_every_m)
+
+    @property
+    def kinds(self) -> tuple[str, str]:
+        """Of novelty, the chosen one first."""
+        return ("cost", "ratio") if self.novelty == "cost" else ("ratio", "cost")
+
+    def held_out(self, views: Rows) -> NDArray[np.bool_]:
+        """The training rows (n,) that learning must not see."""
+        places = np.zeros(len(views.world_T_anchor), np.int64)
+        return holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+
+    def ranked(
+        self, database: Database, differences: NDArray[np.float32], k: int, turned_deg: NDArray[np.floating] | None = None
+    ) -> Ranking:
+        """The ranking of m queries in a row by how they differ from each of the database's n rows: (n, m).
+
+        `turned_deg` (n, m) is each query's yaw against each row. A query less than half a sequence from either end is answered by
+        the nearest whole one, at its own position in it; where there are fewer queries or rows than a sequence has, a shorter one
+        answers, its cost brought to the whole length. What is missing of k rows is place −1 at an infinite cost.
+        """
+        if differences.shape[0] != len(database.places):
+            raise InputError(f"differences of shape {differences.shape}: expected a row for each of {len(database.places)}")
+        aligned, parts = Aligned(self, differences), []
+        for queries, sums in aligned.blocks():
+            rows = cheapest(sums, sums.shape[1] if self.distinct_places else k)
+            costs = np.take_along_axis(sums, rows, axis=1) - aligned.base
+            turned = None if turned_deg is None else turned_deg[rows[:, 0], queries]
+            ranking = database.answer(costs, rows, k, self.distinct_places, turned)
+            novelty = aligned.novelty(sums, rows[:, 0])
+            there = np.isfinite(ranking.costs)
+            parts.append(
+                replace(
+                    ranking,
+                    places=np.where(there, ranking.places, -1),
+                    xy_m=np.where(there[..., None], ranking.xy_m, np.nan),
+                    novelty=np.stack([novelty[kind] for kind in self.kinds], axis=1).astype(np.float32),
+                    kinds=self.kinds,
+                )
+            )
+        return joined(parts)
+
+    def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
+        """How the odd training rows of held-out blocks fare against the even ones, and with their surroundings forgotten.
+
+        All odd rows ask in a row, so that a sequence is whole and no query its own answer; all count on a path too short for
+        blocks.
+        """
+        n = len(database.places)
+        even, odd = np.arange(0, n, 2), np.arange(min(1, n - 1), n, 2)
+        counts = self.held_out(views)[odd]
+        counts = counts if counts.any() else np.ones(len(odd), bool)
+        aligned = Aligned(self, difference(even, odd))
+        right, seen, unseen = [], [], []
+        for queries, sums in aligned.blocks():
+            asked, sums = odd[queries][counts[queries]], sums[counts[queries]]
+            if not len(asked):
+                continue
+            best = sums.argmin(axis=1)
+            right.append(database.places[even[best]] == database.places[asked])
+            seen.append(aligned.novelty(sums, best))
+            away = ~near(database.xy_m[asked], database.xy_m[even], self.neighbour_m) & np.isfinite(sums)
+            sums = np.where(away | ~away.any(axis=1, keepdims=True), sums, np.float32(np.inf))
+            unseen.append(aligned.novelty(sums, sums.argmin(axis=1)))
+        seen_kinds, unseen_kinds = (
+            {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds} for parts in (seen, unseen)
+        )
+        return Evidence(np.concatenate(right), seen_kinds, unseen_kinds)

@@ -1,0 +1,18 @@
+"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (METHODS 5).
+
+Yin et al., IROS 2018, after BiGAN (Donahue et al., 2017) and ALI (Dumoulin et al., 2017).
+"""
+
+from dataclasses import dataclass
+
+from pipeline.networks.features import FeatureMethod
+from pipeline.networks.game import OBJECTIVES, Objective
+
+
+@dataclass(frozen=True)
+class Afl(FeatureMethod):
+    """Adversarial feature learning."""
+
+    def terms(self) -> Objective:
+        """The joint discriminator's line and the generators'."""
+        return OBJECTIVES["afl"]

@@ -1,0 +1,57 @@
+"""SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (paper 2's baseline; METHODS 5.5)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.matching.database import Database
+from pipeline.matching.patches import differences, normalised, resized
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.matching.rejection import Evidence
+from pipeline.matching.sequences import SequenceMethod
+from pipeline.settings import positive
+from pipeline.watch import Watch
+
+
+@dataclass(frozen=True)
+class Sad(SequenceMethod):
+    """Views are compared as the robot was heading: a turned one is another image, and no heading is told."""
+
+    view: str = "birdview"
+    side_px: int = 64
+    """Views are brought to this side."""
+    patch_px: int = 8
+    """Side of the patches that are normalised."""
+    contrast_rows: int = 10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("method", side_px=self.side_px, patch_px=self.patch_px)
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""
+        database, images = Database.learned(views, places), self._images(views)
+        evidence = self.evidence(database, views, lambda known, asked: differences(images[known], images[asked]))
+        return {"images": images, **database.arrays(), **evidence.arrays()}
+
+    def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
+        """The model with another database, these views with their places; what its held-out blocks told is kept."""
+        database = Database.learned(views, places)
+        return {"images": self._images(views), **database.arrays(), **Evidence.of(model).arrays()}
+
+    def localizer(self, model: Model) -> Localizer:
+        """The training rows along the best sequence; the views that are asked together are one sequence."""
+        database, images = Database.of(model), model["images"]
+
+        def localize(views: Rows, k: int) -> Ranking:
+            return self.ranked(database, differences(images, self._images(views)), k)
+
+        return localize
+
+    def _images(self, views: Rows) -> NDArray[np.uint8]:
+        """Each view's first heading, the robot's own."""
+        if len(views.images.shape) != 4:
+            raise InputError(f"views of shape {views.images.shape}: expected bird-views (n, heading, row, column)")
+        return normalised(resized(np.asarray(views.images[:, 0]), self.side_px), self.patch_px)

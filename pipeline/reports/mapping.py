@@ -1,0 +1,82 @@
+"""What becomes of a scan on its way to a bird-view: the points, the octree's leaves and nodes, and the image (Fig. 2 of paper 2).
+
+The IROS paper's Fig. 2 shows a scan, the octree and the bird-view; all panels here look down, with the robot's front up.
+"""
+
+import math
+
+import matplotlib
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.mapping.octree import OctreeMap, log_odds
+from pipeline.reports.style import STYLE, TEXT_WIDTH_IN, figure
+from pipeline.views.birdview import BirdView
+
+HEADING = "From a scan to its bird-view"
+COLOURS = "viridis"
+COARSER = 2
+"""Levels above the leaves of the panel that shows inner nodes."""
+POINTS = 30_000
+"""Drawn at most, evenly spread over the scan."""
+ROBOT = "#D55E00"
+
+
+@matplotlib.rc_context(STYLE)
+def bird_view(
+    points_m: NDArray[np.floating], grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, simulated: bool
+) -> Figure:
+    """The newest scan (n, 3), vehicle frame; the occupied leaves of its map, and nodes above them; and the image of heading 0.
+
+    Leaves are shown where their middle lies in the view's band of heights, the highest of each column, coloured by that height.
+    """
+    half_m, heights = grown.octree.edge_m / 2, Normalize(0.0, view.high_m)
+    fig = figure(TEXT_WIDTH_IN, 2.7, simulated, HEADING)
+    scan, leaves, nodes, image = axes = fig.subplots(1, 4)
+    near = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
+    near = near[:: -(-len(near) // POINTS) or 1]
+    near = near[np.argsort(near[:, 2], kind="stable")]
+    scan.scatter(-near[:, 1], near[:, 0], 0.15, near[:, 2], cmap=COLOURS, norm=heights, linewidths=0, rasterized=True)
+    scan.set_title(f"scan, {len(points_m):,} points")
+    for axis, depth in ((leaves, grown.octree.depth), (nodes, grown.octree.depth - COARSER)):
+        edge_m = grown.octree.edge_m / 2**depth
+        corners_m, tops_m = tops(grown, odom_T_vehicle, view, depth)
+        squares = PolyCollection([*np.stack([-corners_m[..., 1], corners_m[..., 0]], axis=-1)], cmap=COLOURS, norm=heights)
+        squares.set(array=tops_m, linewidth=0, rasterized=True)
+        axis.add_collection(squares)
+        axis.set_title(f"occupied {'leaves' if axis is leaves else 'nodes'} of {edge_m:.2f} m")
+    share = view.draw(grown, odom_T_vehicle)[0]
+    image.imshow(share, cmap="gray", vmin=0, vmax=255, extent=(-half_m, half_m, -half_m, half_m), interpolation="nearest")
+    image.set_title(f"bird-view, {view.side_px} × {view.side_px}")
+    for axis in axes:
+        axis.plot(0, 0, "^", color=ROBOT, ms=3.5, mew=0)
+        axis.set(xlim=(-half_m, half_m), ylim=(-half_m, half_m), aspect="equal", xticks=[], yticks=[])
+        axis.spines[:].set_visible(True)
+    scale = fig.colorbar(ScalarMappable(heights, COLOURS), ax=axes, location="bottom", shrink=0.35, aspect=35, pad=0.03)
+    scale.set_label(f"height in metres; each panel shows {2 * half_m:g} m × {2 * half_m:g} m around the robot")
+    return fig
+
+
+def tops(
+    grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where columns of a depth's nodes are occupied in the view's band: corners (n, 4, 2), vehicle frame, and heights (n,).
+
+    The height is that of the highest occupied leaf inside.
+    """
+    from_robot_m = (np.arange(grown.octree.side) + 0.5) * grown.leaf_m + (grown.corner_m - odom_T_vehicle[:3, 3])[:, None]
+    x_m, y_m, z_m = from_robot_m * view.up(odom_T_vehicle)[:, None]
+    above_m = x_m[:, None, None] + y_m[:, None] + z_m
+    occupied = (grown.log_odds > log_odds(view.occupied)) & (above_m >= view.low_m) & (above_m < view.high_m)
+    leaves = np.where(occupied, above_m, -np.inf).max(axis=2)
+    highest = leaves.reshape(2**depth, -1, 2**depth, grown.octree.side // 2**depth).max(axis=(1, 3))
+    column = np.argwhere(np.isfinite(highest))
+    square = column[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    around_m = grown.corner_m[:2] + square * (grown.octree.edge_m / 2**depth) - odom_T_vehicle[:2, 3]
+    yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return around_m @ np.array([[c, -s], [s, c]]), highest[tuple(column.T)]

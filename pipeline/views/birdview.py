@@ -1,0 +1,104 @@
+"""Bird-views: what stands around the robot as its dynamic octree knows it, seen from above, at headings all around.
+
+Yin et al., IROS 2018; METHODS 4.4 and 5.4. The map is turned before it is drawn, never the image.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import schemas
+from pipeline.errors import ConfigError, InputError
+from pipeline.mapping import octree_kernels as kernels
+from pipeline.mapping.octree import Octree, OctreeMap, log_odds
+from pipeline.settings import check, positive
+
+SAMPLES = 4
+"""A pixel is looked at in so many places along each side; its value is their mean."""
+
+
+@dataclass(frozen=True)
+class BirdView:
+    """What is drawn of an octree, or of a submap's points alone; the images show the whole width of the root cube."""
+
+    schema: ClassVar[schemas.Schema] = schemas.BIRDVIEWS
+    octree: Octree = field(default_factory=Octree)
+    """As an Octree, or a mapping of its fields."""
+    low_m: float = 0.3
+    high_m: float = 5.0
+    """Leaves whose middle is this far above the ground under the robot are drawn: no ground, and what a day does not change."""
+    upright: Literal["vehicle", "odometry"] = "vehicle"
+    """Whose z axis is normal to the ground: slopes and odometry's drift tilt the ground, but a robot that pitches does not."""
+    occupied: float = 0.6
+    """A column is occupied if one of these leaves is with a higher probability."""
+    headings: int = 16
+    """Of the even ones references are made; the odd ones lie halfway between and ask."""
+    side_px: int = 64
+    jitter_m: float = 0.5
+    """Standard deviation, on each axis, of how far off the odd ones are drawn."""
+    seed: int = 0
+    """Of that, with each submap's number."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.octree, Mapping):
+            object.__setattr__(self, "octree", Octree(**{name: self.octree[name] for name in self.octree if name != "_target_"}))
+        check(self, "view")
+        positive("view", side_px=self.side_px)
+        if self.headings < 8 or self.headings % 8:
+            raise ConfigError(f"view.headings={self.headings}: expected a multiple of 8, half references and half queries")
+        if not self.low_m < self.high_m:
+            raise ConfigError(f"view.low_m={self.low_m}, high_m={self.high_m}: expected a band of heights")
+        if not 0.5 <= self.occupied < 1:
+            raise ConfigError(f"view.occupied={self.occupied}: expected a probability of at least 0.5, which is unknown")
+        if self.jitter_m < 0 or self.seed < 0:
+            raise ConfigError(f"view.jitter_m={self.jitter_m}, seed={self.seed}: expected numbers of at least 0")
+
+    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """The images of a map grown from points (n, 3) alone, z up from the ground. Raises InputError as `OctreeMap.insert`."""
+        grown = self.octree.grow()
+        grown.insert(points_m, np.eye(4))
+        return self.draw(grown, np.eye(4))
+
+    def draw(self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], number: int = 0) -> NDArray[np.uint8]:
+        """Images (headings, side_px, side_px) around a robot at `odom_T_vehicle` (4, 4), 255 where all of a pixel is occupied.
+
+        Row 0 is the front, column 0 the left. Image h is what the robot would see if it were turned h · 360° / headings further
+        to the left; a quarter turn is exactly np.rot90(image, −1). The odd headings of submap `number` stand `offset_m` off.
+        """
+        columns = self.columns(grown, odom_T_vehicle)
+        yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        forward_m, left_m = self.offset_m(number)
+        here = (odom_T_vehicle[:2, 3] - grown.corner_m[:2]) / grown.leaf_m
+        off = here + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m]) / grown.leaf_m
+        images = np.empty((self.headings, self.side_px, self.side_px), np.uint8)
+        quarter = self.headings // 4
+        for h in range(quarter):
+            turned_rad, middle = yaw_rad + 2 * math.pi * h / self.headings, off if h % 2 else here
+            images[h] = kernels.sampled(columns, middle, turned_rad, float(self.octree.side), self.side_px, SAMPLES)
+            for turns in range(1, 4):
+                images[h + turns * quarter] = np.rot90(images[h], -turns)
+        return images
+
+    def columns(self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Which of the map's columns (side, side), x-major, are occupied in the band above the ground: 1 or 0."""
+        leaf_m, up = grown.leaf_m, self.up(odom_T_vehicle)
+        ground = (odom_T_vehicle[:3, 3] - grown.corner_m) / leaf_m
+        band = self.low_m / leaf_m, self.high_m / leaf_m
+        columns: NDArray[np.uint8] = kernels.columns_above(grown.log_odds, ground, up, *band, log_odds(self.occupied))
+        return columns
+
+    def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The normal (3,) of the ground, in odometry's frame. Raises InputError for a robot that lies on its side."""
+        up = np.array(odom_T_vehicle[:3, 2] if self.upright == "vehicle" else (0.0, 0.0, 1.0), np.float64)
+        if not up[2] > 0.5:
+            raise InputError("the robot is tilted by more than 60° against odometry's z axis: no bird's-eye view")
+        return up
+
+    def offset_m(self, number: int) -> NDArray[np.float64]:
+        """How far forward and to the left (2,) a submap's odd headings are drawn off: METHODS 5.5's slight translation."""
+        return np.random.default_rng((self.seed, number)).normal(0.0, 1.0, 2) * self.jitter_m

@@ -1,0 +1,55 @@
+"""Drawing the bird-views of submaps of a map that remembers: every scan of the sequence goes into it, in order (METHODS 4.4)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.mapping.gathering import BLOCK
+from pipeline.store import Artifact
+from pipeline.views.birdview import BirdView
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """Draws the rows of a submaps artifact of the octree that the scans up to each one's anchor have grown."""
+
+    scans: Artifact
+    submaps: Artifact
+    view: BirdView
+
+    def __len__(self) -> int:
+        return int(self.submaps["scans"].shape[0])
+
+    def __iter__(self) -> Iterator[NDArray[np.uint8]]:
+        """Images (heading, row, column) of each submap.
+
+        Scans are laid out by the log's odometry, by its truth where it has none at all. A scan whose odometry is unknown, as
+        after a break in it, is seen alone, and the map begins anew behind it.
+        """
+        odom_T_scan = self.scans.load("odom_T_scan")
+        if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
+            odom_T_scan = self.scans.load("world_T_scan")
+        anchors, ground_m = self.submaps.load("scans"), self.submaps.load("ground_m")
+        grown, number = self.view.octree.grow(), 0
+        for row, points in self._points(int(anchors[-1]) + 1):
+            known = np.isfinite(odom_T_scan[row]).all()
+            scan_T_ground = np.eye(4)
+            scan_T_ground[2, 3] = ground_m[number]
+            pose = (odom_T_scan[row] if known else np.eye(4)) @ scan_T_ground
+            grown = grown if known else self.view.octree.grow()
+            grown.insert(points - scan_T_ground[:3, 3], pose)
+            if anchors[number] == row:
+                yield self.view.draw(grown, pose, number)
+                number += 1
+            grown = grown if known else self.view.octree.grow()
+
+    def _points(self, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        """Each scan before `stop` with its points in metres."""
+        offsets, grain_m = self.scans.load("offsets"), float(self.scans.attrs["grain_m"])
+        for start in range(0, stop, BLOCK):
+            end = min(start + BLOCK, stop)
+            points = self.scans["points"][offsets[start] : offsets[end]] * grain_m
+            for row in range(start, end):
+                yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]

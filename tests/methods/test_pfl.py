@@ -1,0 +1,185 @@
+"""PFL on a short made-up drive: it knows places under noise and at other headings, and goes on where it was cut."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching.ranking import Model, Rows
+from pipeline.matching.rejection import Evidence, Rejection
+from pipeline.methods.pfl import Pfl
+from pipeline.networks import features
+from pipeline.networks.game import OBJECTIVES
+from pipeline.watch import Watch
+
+ROWS, HEADINGS = 24, 16
+PLACES = np.repeat(np.arange(6), 4)
+SMALL = Pfl(
+    width=2, epochs=1, batch=16, learning_rate=0.002, generator_steps=1, precision="f32", threads=1,
+    length=4, held_out_every_m=24, held_out_length_m=8, neighbour_m=5,
+)  # fmt: skip
+WATCH = Watch(budget=0.25)
+"""16 rows of 16 headings in batches of 16 are 16 iterations: a quarter of them in two rounds of 2."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short_rounds() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(features, "LEAST_ITERATIONS", 2)
+        yield
+
+
+def rows(seed: int = 1) -> Rows:
+    """A place a row, 2 m apart: four pictures turned by quarters, each standing for four headings; noise in every image."""
+    blobs = gaussian_filter(np.random.default_rng(0).normal(size=(ROWS, 64, 64)), (0, 4, 4))
+    quarters = np.stack([np.rot90(blobs > 0.05, -turns, (1, 2)) for turns in range(4)], axis=1).repeat(4, axis=1)
+    flipped = np.random.default_rng(seed).random(quarters.shape) < 0.02
+    poses = np.tile(np.eye(4), (ROWS, 1, 1))
+    poses[:, 0, 3] = 2.0 * np.arange(ROWS)
+    return Rows((255 * (quarters ^ flipped)).astype(np.uint8), 10**9 * np.arange(ROWS), poses)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return SMALL.learn(rows(), PLACES, WATCH)
+
+
+def same(one: Model, other: Model) -> bool:
+    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
+
+
+def test_noisy_views_are_known_and_their_heading_told(model: Model) -> None:
+    ranking = SMALL.localizer(model)(rows(2), 3)
+    assert (ranking.places[:, 0] == PLACES).mean() > 0.9
+    assert np.abs(ranking.xy_m[:, 0, 0] - 2 * np.arange(ROWS)).mean() < 1
+    assert ranking.kinds == ("cost", "ratio")
+    # Headings 0 and 45 show the same picture here; the first of equals is told for most.
+    assert np.isin(ranking.heading_deg, [0, 45]).mean() > 0.9
+
+
+@pytest.mark.parametrize(("quarters", "told"), [(1, (90, 135)), (2, (180, -135)), (3, (-90, -45))])
+def test_a_turned_robot_is_known_and_told(model: Model, quarters: int, told: tuple[float, float]) -> None:
+    turned = replace(rows(2), images=np.roll(rows(2).images, -4 * quarters, axis=1))
+    ranking = SMALL.localizer(model)(turned, 1)
+    assert (ranking.places[:, 0] == PLACES).mean() > 0.9
+    assert np.isin(ranking.heading_deg, told).mean() > 0.9
+
+
+def test_a_code_takes_a_kilobyte_and_a_place_has_eight(model: Model) -> None:
+    assert model["codes"].shape == (ROWS, 8, 512)
+    assert model["codes"].dtype == np.float16
+    assert model["codes"][0, 0].nbytes == 1024
+
+
+def test_the_model_holds_its_pictures_and_all_curves(model: Model) -> None:
+    names = {name.partition("/")[2] for name in model if name.startswith("curves/")}
+    assert names == {
+        "joint_discriminator", "joint_generator", "image_discriminator", "image_generator", "image_cycle", "code_cycle",
+        "held_out_error", "code_variance", "code_distance",
+    }  # fmt: skip
+    held = SMALL.held_out(rows())
+    assert 0 < held.sum() < ROWS
+    assert np.array_equal(model["pictures/seen"], rows().images[held, 0])
+    assert model["pictures/reconstructed"].shape == model["pictures/seen"].shape
+    assert model["pictures/reconstructed"].dtype == np.uint8
+    assert np.array_equal(SMALL.reconstructed(model, model["pictures/seen"]), model["pictures/reconstructed"])
+    assert len(Evidence.of(model).right) > 0
+    assert len(Rejection().thresholds(model, ("cost", "ratio"))) == 2
+
+
+def test_the_networks_do_not_see_held_out_rows(model: Model) -> None:
+    held = SMALL.held_out(rows())
+    spoilt = rows()
+    spoilt.images[held] = 128
+    other = SMALL.learn(spoilt, PLACES, WATCH)
+    assert all(np.array_equal(model[name], other[name]) for name in model if name.startswith("net/"))
+    assert np.array_equal(model["codes"][~held], other["codes"][~held])
+    assert not np.array_equal(model["codes"][held], other["codes"][held])
+
+
+def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
+    assert same(SMALL.learn(rows(), PLACES, WATCH), model)
+    assert not same(replace(SMALL, seed=1).learn(rows(), PLACES, WATCH), model)
+
+
+@dataclass(frozen=True)
+class PowerCut(Watch):
+    """Stops the training when its second round ends."""
+
+    def note(self, **numbers: float) -> None:
+        if numbers["epoch"] == 2:
+            raise KeyboardInterrupt
+
+
+def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model: Model) -> None:
+    assert len(model["curves/image_cycle"]) == 2
+    with pytest.raises(KeyboardInterrupt):
+        SMALL.learn(rows(), PLACES, PowerCut(budget=0.25, checkpoint=tmp_path / "half"))
+    assert (tmp_path / "half").is_file()
+    assert same(SMALL.learn(rows(), PLACES, Watch(budget=0.25, checkpoint=tmp_path / "half")), model)
+
+
+def test_a_code_does_not_depend_on_what_is_encoded_with_it(model: Model) -> None:
+    encode, images = SMALL.encoder(model), rows().images[:5, 0]
+    np.testing.assert_allclose(encode(images), np.concatenate([encode(image[None]) for image in images]), atol=1e-4)
+
+
+def test_views_of_other_number_types_and_none_at_all_are_answered(model: Model) -> None:
+    rank = SMALL.localizer(model)
+    floats = replace(rows(2), images=rows(2).images.astype(np.float32))
+    assert np.array_equal(rank(floats, 2).costs, rank(rows(2), 2).costs)
+    few = rows(2)
+    assert rank(Rows(few.images[:0], few.stamps_ns[:0], few.world_T_anchor[:0]), 2).places.shape == (0, 2)
+    assert rank(Rows(few.images[:1], few.stamps_ns[:1], few.world_T_anchor[:1]), 2).places.shape == (1, 2)
+
+
+def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
+    elsewhere = rows(3)
+    elsewhere.world_T_anchor[:, 0, 3] += 500
+    moved = SMALL.moved(model, elsewhere, np.arange(ROWS))
+    assert moved.keys() == model.keys()
+    assert {name for name in model if not np.array_equal(model[name], moved[name])} == {
+        "codes", "database/places", "database/xy_m",
+    }  # fmt: skip
+    ranking = Pfl(length=4, precision="f32", threads=1).localizer(moved)(rows(4), 1)  # the network keeps its own width
+    assert np.abs(ranking.xy_m[:, 0, 0] - 500 - 2 * np.arange(ROWS)).mean() < 1
+
+
+def test_the_objective_is_the_presets() -> None:
+    assert replace(SMALL, objective="paper").terms() == OBJECTIVES["paper"]
+    code = replace(SMALL, objective="author_code").learn(rows(), PLACES, WATCH)
+    assert "curves/code_cycle" not in code
+
+
+def test_more_budget_is_more_iterations() -> None:
+    def rounds(budget: float) -> int:
+        return len(SMALL.learn(rows(), PLACES, Watch(budget=budget))["curves/image_cycle"])
+
+    # 2, 4 and 8 iterations, in at most four rounds of at least 2.
+    assert (rounds(0.125), rounds(0.25), rounds(0.5)) == (1, 2, 4)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        ({"width": 0}, "width"),
+        ({"epochs": 0}, "epochs"),
+        ({"batch": 1}, "batch"),
+        ({"beta1": 1.0}, "beta1"),
+        ({"generator_steps": 0}, "generator_steps"),
+        ({"objective": "none"}, "objective"),
+    ],
+)
+def test_settings_that_make_no_sense_are_config_errors(wrong: dict[str, object], name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"method\.{name}="):
+        Pfl(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("shape", [(4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64)])
+def test_views_that_are_no_birdviews_are_refused(model: Model, shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="bird-views"):
+        SMALL.localizer(model)(replace(rows(), images=np.zeros(shape, np.uint8)), 1)

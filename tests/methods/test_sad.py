@@ -1,0 +1,143 @@
+"""SAD as a method: the sequence of normalised bird-views that differs least, all seen as the robot was heading."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching.patches import differences, normalised
+from pipeline.matching.ranking import Rows
+from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.methods.sad import Sad
+from pipeline.readers.kitti import read_velodyne
+from pipeline.watch import Watch
+
+N = 240
+
+
+def rows(headings: np.ndarray, step_m: float = 1.0) -> Rows:
+    """One bird-view every `step_m` along x."""
+    poses = np.tile(np.eye(4), (len(headings), 1, 1))
+    poses[:, 0, 3] = step_m * np.arange(len(headings))
+    return Rows(headings, np.arange(len(headings)), poses)
+
+
+def street(rng: np.random.Generator) -> np.ndarray:
+    """Bird-views (n, 4, 64, 64) of a street without end that moves by a pixel a row, and noise at the other headings."""
+    ground = rng.random((N + 64, 64)) < 0.2
+    headings = rng.integers(0, 256, (N, 4, 64, 64), dtype=np.uint8)
+    headings[:, 0] = [255 * ground[i : i + 64][::-1] for i in range(N)]
+    return headings
+
+
+def another_day(headings: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A tenth of the pixels are anything, and all of it is darker."""
+    other = np.where(rng.random(headings.shape) < 0.1, rng.integers(0, 256, headings.shape), headings)
+    return (other * 0.5).astype(np.uint8)
+
+
+STREET = street(np.random.default_rng(0))
+PLACES = np.arange(N) // 20
+
+
+def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
+    method, rng = Sad(), np.random.default_rng(1)
+    model = method.learn(rows(STREET), PLACES, Watch())
+    evidence = Evidence.of(model)
+    assert evidence.right.mean() > 0.9
+    assert (evidence.unseen["cost"] > evidence.seen["cost"]).all()
+    (threshold,) = Rejection(wanted_precision=0.98).thresholds(model, ("cost",))
+    assert threshold > ACCEPT_NOTHING
+    localize = method.localizer(model)
+    known = localize(rows(another_day(STREET[50:150], rng)), 5)
+    assert (known.places[:, 0] == PLACES[50:150]).mean() > 0.9
+    np.testing.assert_array_less(np.abs(known.xy_m[:, 0, 0] - np.arange(50, 150)), 2)
+    assert known.places.shape == (100, 5)
+    assert np.isnan(known.heading_deg).all()
+    new = localize(rows(street(rng)[:100]), 1)
+    assert (known.novelty[:, 0] < threshold).mean() > 0.9
+    assert (new.novelty[:, 0] >= threshold).mean() > 0.9
+
+
+def test_a_view_turned_by_half_a_circle_is_another_image() -> None:
+    method = Sad()
+    localize = method.localizer(method.learn(rows(STREET), PLACES, Watch()))
+    turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
+    assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
+    assert turned.novelty[:, 0].min() > localize(rows(STREET[50:150]), 1).novelty[:, 0].max()
+
+
+def test_only_the_first_heading_is_looked_at() -> None:
+    method = Sad()
+    blind = STREET.copy()
+    blind[:, 1:] = 0
+    one, other = (method.learn(rows(images), PLACES, Watch()) for images in (STREET, blind))
+    assert one.keys() == other.keys()
+    for name in one:
+        np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
+    large = np.repeat(np.repeat(STREET[:30], 2, axis=2), 2, axis=3)  # 128 × 128 pixels
+    model = Sad().learn(rows(large), PLACES[:30], Watch())
+    assert model["images"].shape == (30, 64, 64)
+    assert model["images"].dtype == np.uint8
+    np.testing.assert_array_equal(model["images"], normalised(STREET[:30, 0]))
+    small = Sad(side_px=32, patch_px=4).learn(rows(STREET[:30]), PLACES[:30], Watch())
+    assert small["images"].shape == (30, 32, 32)
+
+
+def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
+    method, elsewhere = Sad(), street(np.random.default_rng(2))
+    model = method.learn(rows(STREET), PLACES, Watch())
+    moved = method.moved(model, rows(elsewhere), np.arange(N))
+    assert moved.keys() == model.keys()
+    assert Rejection().thresholds(moved, ("cost", "ratio")) == Rejection().thresholds(model, ("cost", "ratio"))
+    assert (method.localizer(moved)(rows(elsewhere[20:90]), 1).places[:, 0] == np.arange(20, 90)).all()
+
+
+def test_a_view_asked_alone_is_answered_by_its_own_differences() -> None:
+    method = Sad(contrast_rows=40)
+    ranking = method.localizer(method.learn(rows(STREET), PLACES, Watch()))(rows(STREET[[100]]), 3)
+    assert ranking.xy_m[0, 0, 0] == 100
+    assert np.isfinite(ranking.novelty).all()
+
+
+def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> None:
+    images = STREET[:80].copy()
+    images[:, 0] = np.maximum(images[:, 0], images[:, 0, ::-1])
+    method = Sad(both_ways=True)
+    localize = method.localizer(method.learn(rows(images), np.arange(80), Watch()))
+    assert (localize(rows(images[60:20:-1]), 1).places[:, 0] == np.arange(60, 20, -1)).mean() > 0.9
+
+
+def test_real_scans_find_their_neighbours(real: Path) -> None:
+    # Sixteen scans along 13 m of a street: every second is the reference, and each other one finds a scan beside it.
+    scans = [read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
+    images = np.zeros((16, 1, 64, 64), np.uint8)
+    for image, scan in zip(images[:, 0], scans, strict=True):
+        x, y, z = scan[:, :3].T.astype(float)
+        there = (np.abs(x) < 15) & (np.abs(y) < 15) & (z > -1.4) & (z < 3)
+        image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = 255
+    method = Sad(contrast_rows=30)
+    localize = method.localizer(method.learn(rows(images[::2]), np.arange(8), Watch()))
+    drive = localize(rows(images[1::2]), 1).places[:, 0]
+    assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
+    alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)
+    assert (np.abs(alone - (np.arange(8) + 0.5)) < 2).mean() > 0.7
+
+
+def test_views_that_are_no_bird_views_are_refused() -> None:
+    with pytest.raises(InputError, match=r"\(240, 64, 64\): expected bird-views"):
+        Sad().learn(replace(rows(STREET), images=STREET[:, 0]), PLACES, Watch())
+    with pytest.raises(InputError, match="known place"):
+        Sad().learn(rows(STREET), PLACES - 1, Watch())
+
+
+def test_a_setting_of_the_wrong_kind_is_a_config_error() -> None:
+    with pytest.raises(ConfigError, match=r"method\.patch_px=0"):
+        Sad(patch_px=0)
+    with pytest.raises(ConfigError, match=r"method\.length=ten"):
+        Sad(length="ten")  # type: ignore[arg-type]

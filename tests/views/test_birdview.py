@@ -1,0 +1,202 @@
+"""Bird-views: where things appear, at which headings, and what is left out."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.mapping.octree import Octree
+from pipeline.views.birdview import BirdView
+
+ROOT = Path(__file__).parents[2]
+VIEW = BirdView(Octree(edge_m=32.0, depth=6, motion="none"), side_px=32, jitter_m=0.0)
+"""Pixels of a metre over leaves of half a metre: at heading 0 a pixel is four columns."""
+
+
+def pose(x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> np.ndarray:
+    made = np.eye(4)
+    made[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    made[:3, 3] = x, y, z
+    return made
+
+
+def post(x: float, y: float) -> np.ndarray:
+    """A square post of a metre, 2 m high, on leaves of half a metre."""
+    grid = np.arange(-0.375, 0.5, 0.25)
+    return np.stack(np.meshgrid(grid + x, grid + y, np.arange(0.1, 2, 0.2)), axis=-1).reshape(-1, 3)
+
+
+def scene() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return np.concatenate([post(*xy) for xy in rng.uniform(-14, 14, (25, 2)) if max(abs(xy)) > 2])
+
+
+def brightest(image: np.ndarray) -> tuple[float, float]:
+    """Row and column of the middle of what is bright."""
+    row, col = np.nonzero(image)
+    weight = image[row, col].astype(float)
+    return float((row * weight).sum() / weight.sum()), float((col * weight).sum() / weight.sum())
+
+
+@pytest.mark.parametrize(("x", "y", "row", "col"), [(10.5, 3.5, 5, 12), (-10.5, 3.5, 26, 12), (3.5, -12.5, 12, 28)])
+def test_front_is_up_and_left_is_left(x: float, y: float, row: int, col: int) -> None:
+    # The robot is between rows 15 and 16: 10.5 m ahead is row 16 − 11, 3.5 m left column 16 − 4, 12.5 m right 16 + 12.
+    image = VIEW(post(x, y))[0]
+    expected = np.zeros((32, 32), np.uint8)
+    expected[row, col] = 255
+    np.testing.assert_array_equal(image, expected)
+
+
+@pytest.mark.parametrize("heading", range(16))
+def test_a_robot_turned_to_the_left_sees_things_further_to_the_right(heading: int) -> None:
+    # The post stands 10 m ahead; turned by a to the left the robot has it at 10 cos a ahead and 10 sin a to the right.
+    angle = heading * math.pi / 8
+    row, col = brightest(VIEW(post(10.0, 0.0))[heading])
+    assert (15.5 - row, col - 15.5) == pytest.approx((10 * math.cos(angle), 10 * math.sin(angle)), abs=0.3)
+
+
+def test_a_quarter_turn_is_exactly_a_turned_image() -> None:
+    for jitter_m in (0.0, 0.5):
+        view = BirdView(jitter_m=jitter_m)
+        grown = view.octree.grow()
+        grown.insert(scene(), pose(3.3, -2.1, 0.37))
+        images = view.draw(grown, pose(3.3, -2.1, 0.37), 5)
+        assert images.shape == (16, 64, 64)
+        assert images.dtype == np.uint8
+        for h in range(16):
+            np.testing.assert_array_equal(images[(h + 4) % 16], np.rot90(images[h], -1))
+
+
+def test_heading_h_is_what_a_robot_so_turned_draws_as_its_heading_0() -> None:
+    grown, here = VIEW.octree.grow(), pose(3.3, -2.1, 0.37)
+    grown.insert(scene(), here)
+    images = VIEW.draw(grown, here)
+    for h in range(16):
+        turned = VIEW.draw(grown, pose(3.3, -2.1, 0.37 + h * math.pi / 8))[0]
+        assert (turned != images[h]).mean() < 0.005  # rounding at a sample or two
+    assert (images[0] != images[1]).mean() > 0.05
+
+
+def test_the_image_follows_the_robot_wherever_odometry_has_it() -> None:
+    # The posts' leaves lie otherwise in odometry's cells, but none is more than a leaf off.
+    plain = VIEW(scene())[0].astype(float)
+    for at in (pose(300.2, -41.3), pose(0.0, 0.0, 1.1), pose(-7.7, 2.2, -2.5)):
+        grown = VIEW.octree.grow()
+        grown.insert(scene(), at)
+        image = VIEW.draw(grown, at)[0].astype(float)
+        inner = np.hypot(*(np.indices((32, 32)) - 15.5)) < 15  # corners may be beyond the turned window
+        assert np.corrcoef(plain[inner], image[inner])[0, 1] > 0.7
+        assert np.corrcoef(plain[inner], image[::-1][inner])[0, 1] < 0.4
+
+
+def test_only_what_stands_between_the_two_heights_above_the_ground_is_drawn() -> None:
+    def drawn(z: float, ground: float = 0.0) -> bool:
+        grown, points = VIEW.octree.grow(), np.array([[8.2, 3.2, z]])
+        grown.insert(points, pose(0.0, 0.0, z=ground))
+        return bool(VIEW.draw(grown, pose(0.0, 0.0, z=ground))[0].any())
+
+    # Leaves of 0.5 m: their middles are at 0.25, below 0.3, then 0.75 … 4.75, and at 5.25, above 5.
+    assert [drawn(z) for z in (-0.1, 0.1, 0.4, 0.6, 4.9, 5.1)] == [False, False, False, True, True, False]
+    assert [drawn(z, ground=12.0) for z in (0.4, 0.6, 4.9, 5.1)] == [False, True, True, False]
+
+
+@pytest.mark.parametrize(("upright", "drawn"), [("vehicle", False), ("odometry", True)])
+def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn: bool) -> None:
+    # 5° up: 14 m ahead the ground is 1.2 m above the robot's, in odometry's eyes. A wall on it is seen either way.
+    view = BirdView(**vars(VIEW) | {"upright": upright})
+    climb, c, s = np.eye(4), math.cos(math.radians(5)), math.sin(math.radians(5))
+    climb[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
+    grown = view.octree.grow()
+    grown.insert(ground, climb)
+    assert view.draw(grown, climb)[0].any() == drawn
+    grown.insert(post(10.0, 3.0), climb)
+    assert view.draw(grown, climb)[0, 4:8, 11:15].max() > 100
+
+
+def test_a_column_is_occupied_above_the_threshold() -> None:
+    # Seen once P = .7; seen and then twice looked through L = .8473 − 2 · .4055 = .0364, P = .509.
+    grown = VIEW.octree.grow()
+    grown.insert(np.array([[8.2, 3.2, 1.7]]), np.eye(4))
+    low, high = (BirdView(**vars(VIEW) | {"occupied": p}) for p in (0.69, 0.71))
+    assert low.draw(grown, np.eye(4))[0].max() == 64  # a column of the four of a pixel: 63.75
+    assert not high.draw(grown, np.eye(4)).any()
+    for _ in range(2):
+        grown.insert(np.array([[16.4, 6.4, 1.67]]), np.eye(4))
+    assert grown.probability(np.array([[8.2, 3.2, 1.7]]))[0] == pytest.approx(0.509, abs=1e-3)
+    assert not VIEW.draw(grown, np.eye(4)).any()
+
+
+def test_odd_headings_stand_off_by_a_seeded_offset_and_even_ones_do_not() -> None:
+    jittered = BirdView(**vars(VIEW) | {"jitter_m": 1.0})
+    grown = VIEW.octree.grow()
+    grown.insert(scene(), np.eye(4))
+    straight = VIEW.draw(grown, np.eye(4))
+    for number in (0, 7):
+        off = jittered.draw(grown, np.eye(4), number)
+        forward_m, left_m = jittered.offset_m(number)
+        np.testing.assert_array_equal(off[::2], straight[::2])
+        np.testing.assert_array_equal(off[1::2], VIEW.draw(grown, pose(forward_m, left_m))[1::2])
+        np.testing.assert_array_equal(off, jittered.draw(grown, np.eye(4), number))
+    assert (jittered.draw(grown, np.eye(4), 0)[1] != off[1]).any()
+    many = np.array([BirdView().offset_m(number) for number in range(2000)])
+    assert many.std(axis=0) == pytest.approx([0.5, 0.5], rel=0.08)
+    assert abs(many.mean(axis=0)).max() < 0.05
+
+
+def test_what_was_seen_before_is_drawn_until_it_fades() -> None:
+    view = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
+    grown, wall = view.octree.grow(), post(10.25, 3.25)
+    grown.insert(wall, pose(0.0, 0.0))
+    lit = []
+    for x in (1.0, 3.0, 5.0):
+        grown.insert(np.empty((0, 3)), pose(x, 0.0))
+        lit.append(bool(view.draw(grown, pose(x, 0.0)).any()))
+    # L = .847 · .882 = .748, P = .679; · .607 = .454, P = .612; · .607 = .275, P = .568 < .6
+    assert lit == [True, True, False]
+
+
+def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
+    # A metre a scan. The car's leaves: L = .847, then .882 L + .847 = 1.595, 2.255, then .882 L − .405 = 1.584, .993, .470, .010.
+    # P > .6 means L > .405: the car is drawn for three scans more, and not in the fourth.
+    view = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-3, 3, 0.05), np.arange(0.55, 2.5, 0.05)))
+    wall = np.stack([np.full(y.size, 12.2), y, z], axis=1)
+    car = np.stack(np.meshgrid([6.2], np.arange(-0.4, 0.5, 0.1), np.arange(1.05, 1.9, 0.1)), axis=-1).reshape(-1, 3)
+    grown, told = view.octree.grow(), []
+    for scan in range(7):
+        at = pose(-0.5 + scan % 2, 0.0)  # a metre on, a metre back
+        seen = np.concatenate([car, wall[np.abs(wall[:, 1]) > 2]]) if scan < 3 else wall
+        grown.insert(seen - at[:3, 3], at)
+        cells = np.floor((np.array([[6.2, 0.2], [12.2, 2.7]]) - grown.corner_m[:2]) / grown.leaf_m).astype(int)
+        told.append(view.columns(grown, at)[tuple(cells.T)].tolist())
+    assert told == 6 * [[1, 1]] + [[0, 1]]
+
+
+def test_points_alone_make_a_view() -> None:
+    images = VIEW(scene())
+    assert images.shape == (16, 32, 32)
+    assert images.any()
+    assert not VIEW(np.empty((0, 3))).any()
+    with pytest.raises(InputError, match="NaN"):
+        VIEW(np.full((4, 3), np.nan))
+
+
+@pytest.mark.parametrize(("name", "edge_m", "height_m"), [("birdview", 50.0, 1.73), ("birdview_30m", 30.0, 0.957)])
+def test_its_yaml_makes_the_papers_map(name: str, edge_m: float, height_m: float) -> None:
+    conf = yaml.safe_load((ROOT / f"conf/view/{name}.yaml").read_text())
+    assert conf.pop("_target_") == "pipeline.views.birdview.BirdView"
+    view = BirdView(**conf)
+    assert view == BirdView(Octree(edge_m=edge_m, sensor_height_m=height_m))
+    assert conf["octree"] == vars(view.octree)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"headings": 12}, {"headings": 0}, {"side_px": 0}, {"high_m": 0.3}, {"occupied": 0.4}, {"jitter_m": -1.0}]
+)
+def test_numbers_that_make_no_view_are_a_config_error(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=r"view\."):
+        BirdView(**wrong)
