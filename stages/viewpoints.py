@@ -1,20 +1,23 @@
 """Models of bird-views and test sequences → how well places are known again from other headings (DOM and PFL, IROS 2018)."""
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hydra.utils import instantiate
+from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import MEAN, Judged
 from pipeline.matching.ranking import Rows
 from pipeline.networks.features import REFERENCE, FeatureMethod
-from pipeline.reports import viewpoints
+from pipeline.reports import mapping, viewpoints
 from pipeline.reports.learned import Learned
 from pipeline.studies import seeded, spelled_out, turned
+from pipeline.views.mapped import Mapped
 from stages import ROOT, Bars, stage
 
 SAID = ("roc_auc", "accuracy")
@@ -36,11 +39,21 @@ def main(cfg: DictConfig) -> str:
                 views = Rows.read(Path(cfg.artifacts, "views", cfg.study, listed["view"], f"{sequence}.zarr"))
                 judged[name, sequence] = [ask(cfg, name, path, views, folder / path.stem / f"{sequence}.zarr") for path in paths]
             pictures |= shown(name, paths[0], views)
-        viewpoints.write(folder, cfg.study, cfg.dataset.simulated, judged, learned, pictures)
+        look = mapped(cfg, methods[0]["view"], sequences[0])
+        viewpoints.write(folder, cfg.study, cfg.dataset.simulated, judged, learned, pictures, look)
     numbers = {f"{name} {sequence}": [one.numbers() for one in seeds] for (name, sequence), seeds in judged.items()}
     with store.replace(cfg.metrics) as metrics:
         metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
     return "; ".join(f"{key}: {told(seeds)}" for key, seeds in numbers.items())
+
+
+def mapped(cfg: DictConfig, name: str, sequence: str) -> Figure:
+    """How the middle one of a sequence's submaps becomes a bird-view."""
+    scans, submaps = (Path(cfg.artifacts, kind, cfg.study, f"{sequence}.zarr") for kind in ("scans", "submaps"))
+    view = made("view", name)
+    drawing = Mapped(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), view)
+    middle = next(islice(drawing.maps(), len(drawing) // 2, None))
+    return mapping.bird_view(*middle, view, cfg.dataset.simulated)
 
 
 def train(cfg: DictConfig) -> Path:
@@ -50,7 +63,7 @@ def train(cfg: DictConfig) -> Path:
 
 def ask(cfg: DictConfig, name: str, model: Path, views: Rows, out: Path) -> Judged:
     """What one model knows of one sequence, kept as an artifact."""
-    judged: Judged = instantiate(cfg.viewpoints).judge(made(name), store.read_model(model), views)
+    judged: Judged = instantiate(cfg.viewpoints).judge(made("method", name), store.read_model(model), views)
     with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:
         for column, values in judged.columns().items():
             artifact.put(column, values)
@@ -59,13 +72,13 @@ def ask(cfg: DictConfig, name: str, model: Path, views: Rows, out: Path) -> Judg
 
 def shown(name: str, model: Path, views: Rows) -> dict[str, viewpoints.Pictures]:
     """The middle place of a sequence at the headings of a reference, and what a method's network makes of it, if it has one."""
-    method, seen = made(name), np.asarray(views.images[len(views.world_T_anchor) // 2])[REFERENCE]
+    method, seen = made("method", name), np.asarray(views.images[len(views.world_T_anchor) // 2])[REFERENCE]
     return {name: (seen, method.reconstructed(store.read_model(model), seen))} if isinstance(method, FeatureMethod) else {}
 
 
-def made(name: str) -> Any:
-    """A method as its yaml describes it."""
-    return instantiate(OmegaConf.load(ROOT / "conf" / "method" / f"{name}.yaml"))
+def made(group: str, name: str) -> Any:
+    """What a file of conf/ stands for."""
+    return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"))
 
 
 def told(seeds: list[dict[str, dict[str, float | None]]]) -> str:

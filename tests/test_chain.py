@@ -56,7 +56,7 @@ def test_a_second_run_runs_nothing(built):
         ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize"}),
         ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize"}),
         ("conf/view/scan_context.yaml", "rings: 40", "rings: 20", {"views"}),
-        ("conf/view/birdview_30m.yaml", "depth: 7", "depth: 6", {"birdviews"}),
+        ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews"}),
         ("conf/viewpoints.yaml", "correct_m: 10.0", "correct_m: 5.0", {"viewpoints"}),
         ("conf/grid/10m.yaml", "10.0", "12.0", {"labels"}),
         ("conf/submap/single.yaml", "1.0", "2.0", {"submaps"}),

@@ -138,7 +138,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     assert [name for name in benchmark["models"] if "seed" in name] == [
         f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)
     ]
-    assert benchmark["studies"]["campus"]["methods"][-1] == {"name": "sad", "view": "birdview_30m", "stage": "birdviews"}
+    assert benchmark["studies"]["campus"]["methods"][-1] == {"name": "sad", "view": "birdview_campus", "stage": "birdviews"}
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Training that plays the adversarial game of place features, and what tells how it goes (METHODS 5.1)."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -15,6 +15,8 @@ from pipeline.networks import loop
 from pipeline.networks.game import Game
 from pipeline.watch import Watch
 
+RIGHT = "held_out_accuracy"
+"""The judge's number that says which round is best, where it gives one."""
 SETTLED = 16
 """Batches of a round that the running statistics to localise by are taken from."""
 Health = dict[str, float]
@@ -71,9 +73,10 @@ def play(
 ) -> dict[str, NDArray[np.float64]]:
     """Train the game's networks on images (n, 64, 64); returns every term's mean in each round, and the judge's numbers after it.
 
-    Each turn has an Adam of its own, as in the authors' code. The last weights stay: no loss of such a game says which are best.
-    Every random draw of a round follows from the seed and the round's number, so a run that goes on from `watch.checkpoint`
-    gives the weights of one that was never interrupted.
+    Each turn has an Adam of its own, as in the authors' code. The makers end with their weights of the round that knew the most
+    held-out places, of equals the last: no loss of such a game says which are best, and it swings to its end. Every random draw
+    of a round follows from the seed and the round's number, so a run that goes on from `watch.checkpoint` gives the weights of
+    one that was never interrupted.
     """
     where, turns = next(game.parameters()).device, game.turns()
     moves = [
@@ -85,12 +88,13 @@ def play(
     optimizers = {f"adam/{turn.name}": move for turn, move in zip(turns, moves, strict=True)}
     share = loop.SCHEDULES[schedule]
     data, curves = torch.from_numpy(images), dict[str, list[float]]()
-    done = 0
+    done, best = 0, _makers(game)
     if watch.checkpoint is not None and watch.checkpoint.is_file():
         with loop.whole(watch.checkpoint):
             kept = loop.resume(watch.checkpoint, game, optimizers)
             done = len(kept["curves/joint_generator"])
-        curves = {name.removeprefix("curves/"): value.tolist() for name, value in kept.items()}
+        curves = {name.removeprefix("curves/"): value.tolist() for name, value in kept.items() if name.startswith("curves/")}
+        best = {name.removeprefix(loop.BEST): value for name, value in kept.items() if name.startswith(loop.BEST)}
     for number in watch.track(range(done, rounds), rounds - done, "train"):
         torch.manual_seed((seed << 20) + number)
         passes = -(-iterations * batch // len(data))
@@ -114,11 +118,26 @@ def play(
             if not math.isfinite(value):
                 raise ConfigError(f"training diverged: {name} in round {number + 1} is {value}; lower method.learning_rate")
             curves.setdefault(name, []).append(value)
+        if best_round(curves) == number:
+            best = _makers(game)
         watch.note(epoch=number + 1, **row)
         if watch.checkpoint is not None:
             columns = {f"curves/{name}": torch.tensor(column, dtype=torch.float64) for name, column in curves.items()}
-            loop.keep(watch.checkpoint, game, optimizers, columns)
+            loop.keep(watch.checkpoint, game, optimizers, columns | {f"{loop.BEST}{name}": value for name, value in best.items()})
+    game.load_state_dict(best, strict=False)
     return {name: np.array(column) for name, column in curves.items()}
+
+
+def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
+    """The round whose weights are kept, 0-based."""
+    right = np.asarray(curves.get(RIGHT, np.zeros(len(next(iter(curves.values()))))))
+    return len(right) - 1 - int(right[::-1].argmax())
+
+
+def _makers(game: Game) -> dict[str, Tensor]:
+    """The weights of encoder and decoder, as they are now."""
+    own = ("encoder.", "decoder.")
+    return {name: value.clone() for name, value in game.state_dict().items() if name.startswith(own)}
 
 
 def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:

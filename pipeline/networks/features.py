@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.errors import ConfigError, InputError
+from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
 from pipeline.matching.headings import nearest_heading
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.networks import loop
-from pipeline.networks.adversarial import health, pixels, play
+from pipeline.networks.adversarial import RIGHT, best_round, health, pixels, play
 from pipeline.networks.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
 from pipeline.networks.game import Game, Objective
 from pipeline.networks.lenet import device
@@ -83,11 +83,12 @@ class FeatureMethod(SequenceMethod):
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             game = self._game()
-            curves = self._train(game, images, held, shown, watch)
+            curves = self._train(game, images, views, database.places, watch)
             model = {
                 **{f"net/{part}.{name}": value.cpu().contiguous().numpy() for part in ("encoder", "decoder")
                    for name, value in getattr(game, part).state_dict().items()},
                 **{f"curves/{name}": column for name, column in curves.items()},
+                "best_epoch": np.array(best_round(curves)),
             }  # fmt: skip
             seen = images[shown[np.linspace(0, len(shown) - 1, min(PICTURES, len(shown))).astype(int)], 0]
             pictures = {"pictures/seen": seen, "pictures/reconstructed": self.reconstructed(model, seen)}
@@ -111,7 +112,7 @@ class FeatureMethod(SequenceMethod):
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
         """The same networks with another database; the evidence stays that of the training sequence."""
-        kept = {name: array for name, array in model.items() if name.startswith(("net/", "curves/", "pictures/", HELD_OUT))}
+        kept = {name: array for name, array in model.items() if not name.startswith(("codes", DATABASE))}
         return {**kept, "codes": self._codes(model, _images(views)), **Database.learned(views, places).arrays()}
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
@@ -160,19 +161,29 @@ class FeatureMethod(SequenceMethod):
         ).to(device())
 
     def _train(
-        self, game: Game, images: NDArray[np.uint8], held: NDArray[np.bool_], shown: NDArray[np.int64], watch: Watch
+        self, game: Game, images: NDArray[np.uint8], views: Rows, places: NDArray[np.int64], watch: Watch
     ) -> dict[str, NDArray[np.float64]]:
+        where, held = device(), self.held_out(views)
         data = images[~held].reshape(-1, SIDE, SIDE)
         total = max(1, round(self.epochs * watch.budget * len(data) / self.batch))
         iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
-        shown_images = images[shown].reshape(-1, SIDE, SIDE)
-        looked_at = pixels(
-            shown_images[np.linspace(0, len(shown_images) - 1, min(HELD, len(shown_images))).astype(int)], device()
-        )
+        shown = images[held if held.any() else ~held].reshape(-1, SIDE, SIDE)
+        looked_at = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
+        even, odd, counts = self.halves(views)
+        asked = odd[counts]
+
+        @torch.inference_mode()
+        def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+            flat = images.reshape(-1, SIDE, SIDE)
+            parts = [game.encoder(pixels(flat[i : i + AT_ONCE], where)).float().cpu() for i in range(0, len(flat), AT_ONCE)]
+            return torch.cat(parts).numpy()
 
         @torch.inference_mode()
         def judge(game: Game) -> dict[str, float]:
-            return health(game.encoder, game.decoder, looked_at)
+            reference = codes(images[even, REFERENCE]).reshape(len(even), -1, self.code)
+            found = even[nearest_heading(reference, codes(images[asked, 0]))[0].argmin(axis=0)]
+            right = float((places[found] == places[asked]).mean())
+            return {RIGHT: right, **health(game.encoder, game.decoder, looked_at)}
 
         return play(
             game,

@@ -106,9 +106,10 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, method:
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
     heading = f"{method}: " + (f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}")
-    fig = figure(TEXT_WIDTH_IN, 2.4, simulated, heading)
+    rows, columns = balanced(len(names), 3)
+    fig = figure(TEXT_WIDTH_IN, 0.4 + (2.0 if rows == 1 else 1.5) * rows, simulated, heading)
     few = "." if len(rounds) < 3 else ""
-    for axis, name in zip(panels(fig, len(names), min(len(names), 3), shared=False), names, strict=True):
+    for axis, name in zip(panels(fig, len(names), columns, shared=False), names, strict=True):
         for key, tint, label in ((name, "0.6", "training"), (HELD_OUT + name, colour(method), "held out")):
             if key in curves:
                 axis.plot(rounds, curves[key], color=tint, marker=few, label=label)

@@ -39,6 +39,8 @@ Mean over the headings ± standard deviation over them. ROC-AUC and PR-AUC say h
 correct, accuracy how many are.
 """
 HOW_TO_READ = {
+    "mapping": "From left to right, all from above with the front up: the newest scan; the octree's occupied leaves in the band"
+    " of heights that is drawn, and the nodes two levels above; the image that the methods get.",
     "curves": "One panel a heading. Recall is of each method's own correct matches, so a curve ends at 1 whatever the method: the"
     " number in the panel, its accuracy, says how many matches that is. A method without a correct match has no curve.",
     "indices": "Points are means over the sequences and seeds, each of them a faint dot. The dashed line is guessing.",

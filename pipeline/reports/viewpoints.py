@@ -25,11 +25,13 @@ def write(
     results: Mapping[tuple[str, str], Judged | Sequence[Judged]],
     models: Mapping[str, Learned | Sequence[Learned]],
     pictures: Mapping[str, Pictures],
+    mapped: Figure | None = None,
 ) -> list[Path]:
     """Write viewpoints.md, its figures, and a table for a terminal into `folder`; returns the files.
 
     `results` holds what was judged by (method, sequence), `models` and `pictures` go by method; a sequence of models or
-    judgements is one a seed. Methods that learn nothing have no pictures. Raises InputError for no results.
+    judgements is one a seed. Methods that learn nothing have no pictures. `mapped` is reports.mapping's Fig. 2. Raises
+    InputError for no results.
     """
     if not results:
         raise InputError("a report on viewpoints needs at least one judged sequence")
@@ -37,7 +39,8 @@ def write(
     learned = {method: [one] if isinstance(one, Learned) else list(one) for method, one in models.items()}
     folder.mkdir(parents=True, exist_ok=True)
     written, illustrations = [], []
-    for kind, stem, title, fig in _figures(judged, learned, pictures, simulated):
+    ahead = [("mapping", "viewpoints_mapping", "What is looked at (Fig. 2)", mapped)] if mapped else []
+    for kind, stem, title, fig in (*ahead, *_figures(judged, learned, pictures, simulated)):
         written.append(save(fig, folder / f"{stem}.svg"))
         illustrations.append(Illustration(kind, f"{stem}.svg", title))
     page = folder / "viewpoints.md"

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frames import Poses
 from pipeline.mapping.gathering import BLOCK
+from pipeline.mapping.octree import OctreeMap
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
 
@@ -23,7 +25,12 @@ class Mapped:
         return int(self.submaps["scans"].shape[0])
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
-        """Images (heading, row, column) of each submap.
+        """Images (heading, row, column) of each submap."""
+        for number, (_, grown, pose) in enumerate(self.maps()):
+            yield self.view.draw(grown, pose, number)
+
+    def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
+        """At each submap's anchor the points (n, 3) of its scan, the map, which grows on, and the pose (4, 4) over the ground.
 
         Scans are laid out by the log's odometry, by its truth where it has none at all. A scan whose odometry is unknown, as
         after a break in it, is seen alone, and the map begins anew behind it.
@@ -39,9 +46,10 @@ class Mapped:
             scan_T_ground[2, 3] = ground_m[number]
             pose = (odom_T_scan[row] if known else np.eye(4)) @ scan_T_ground
             grown = grown if known else self.view.octree.grow()
-            grown.insert(points - scan_T_ground[:3, 3], pose)
+            points = points - scan_T_ground[:3, 3]
+            grown.insert(points, pose)
             if anchors[number] == row:
-                yield self.view.draw(grown, pose, number)
+                yield points, grown, pose
                 number += 1
             grown = grown if known else self.view.octree.grow()
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.networks.adversarial import health, pixels, play, settle
+from pipeline.networks.adversarial import best_round, health, pixels, play, settle
 from pipeline.networks.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.networks.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
@@ -125,13 +125,14 @@ def looked_at(game: Game) -> dict[str, float]:
         return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
 
 
-def train(game: Game, watch: Watch | None = None, **settings: float) -> dict[str, np.ndarray]:
+def train(game: Game, watch: Watch | None = None, **settings: object) -> dict[str, np.ndarray]:
     words: dict[str, object] = {
         "code": 6, "rounds": 3, "iterations": 2, "batch": 4, "learning_rate": 0.001, "schedule": "one_cycle", "beta1": 0.5,
         "generator_steps": 2, "precision": "f32", "seed": 3, "watch": watch or Watch(),
+        "judge": looked_at,
     }  # fmt: skip
     with reproducible(1):
-        return play(game, DATA, looked_at, **(words | settings))  # type: ignore[arg-type]
+        return play(game, DATA, **(words | settings))  # type: ignore[arg-type]
 
 
 def same(one: nn.Module, other: nn.Module) -> bool:
@@ -152,6 +153,24 @@ def test_all_players_learn_and_the_last_weights_stay() -> None:
     curves = train(game)
     assert not any(same(part, other) for part, other in zip(game.children(), before.children(), strict=True))
     assert looked_at(game.eval())["held_out_error"] == curves["held_out_error"][-1]
+
+
+def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_path: Path) -> None:
+    right, seen = iter((0.25, 0.75, 0.75, 0.5)), list[dict[str, Tensor]]()
+
+    def judge(game: Game) -> dict[str, float]:
+        seen.append({name: value.clone() for name, value in game.encoder.state_dict().items()})
+        return {"held_out_accuracy": next(right)}
+
+    game, words = small(OBJECTIVES["least_squares"]), {"judge": judge, "rounds": 4}
+    with pytest.raises(KeyboardInterrupt):
+        train(game, PowerCut(checkpoint=tmp_path / "c", at=4), **words)
+    right = iter((0.5,))
+    resumed = small(OBJECTIVES["least_squares"])
+    curves = train(resumed, Watch(checkpoint=tmp_path / "c"), **words)
+    assert best_round(curves) == 2
+    assert all(torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items())
+    assert not same(resumed.encoder, game.encoder)
 
 
 @dataclass(frozen=True)
