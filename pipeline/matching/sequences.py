@@ -81,20 +81,16 @@ class SequenceMethod(Alignment):
             )
         return joined(parts)
 
-    def halves(self, views: Rows) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """The even training rows, the odd ones, and which of those are held out; all of them on a path too short for blocks."""
-        n = len(views.world_T_anchor)
-        even, odd = np.arange(0, n, 2), np.arange(min(1, n - 1), n, 2)
-        counts = self.held_out(views)[odd]
-        return even, odd, counts if counts.any() else np.ones(len(odd), bool)
-
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
         """How the odd training rows of held-out blocks fare against the even ones, and with their surroundings forgotten.
 
         All odd rows ask in a row, so that a sequence is whole and no query its own answer; all count on a path too short for
         blocks.
         """
-        even, odd, counts = self.halves(views)
+        n = len(database.places)
+        even, odd = np.arange(0, n, 2), np.arange(min(1, n - 1), n, 2)
+        counts = self.held_out(views)[odd]
+        counts = counts if counts.any() else np.ones(len(odd), bool)
         aligned = Aligned(self, difference(even, odd))
         right, seen, unseen = [], [], []
         for queries, sums in aligned.blocks():

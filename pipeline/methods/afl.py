@@ -1,7 +1,4 @@
-"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (METHODS 5).
-
-Yin et al., IROS 2018, after BiGAN (Donahue et al., 2017) and ALI (Dumoulin et al., 2017).
-"""
+"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (Yin et al., IROS 2018; METHODS 5.1)."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
-"""PFL: place features learned by an adversarial game that a second discriminator and two cycles keep stable (METHODS 5).
+"""PFL: place features that two discriminators and two cycles learn together, which keeps them stable (Yin et al., IROS 2018).
 
-Yin et al., "Synchronous adversarial feature learning for LiDAR based loop closure detection", IROS 2018.
+"Synchronous adversarial feature learning for LiDAR based loop closure detection"; METHODS 5.
 """
 
 from dataclasses import dataclass

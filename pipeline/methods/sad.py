@@ -1,4 +1,7 @@
-"""SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (paper 2's baseline; METHODS 5.5)."""
+"""SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (Milford and Wyeth, ICRA 2012).
+
+SeqSLAM's differences, paper 2's baseline; METHODS 5.5 and 6.
+"""
 
 from dataclasses import dataclass
 

@@ -27,7 +27,7 @@ from pipeline.settings import positive
 from pipeline.watch import Watch
 
 ENCODER, DECODER = "net/encoder.", "net/decoder."
-ROUNDS, LEAST_ITERATIONS, MOST_ITERATIONS = 4, 10, 2000
+ROUNDS, LEAST_ITERATIONS, MOST_ITERATIONS = 8, 10, 2000
 """A training has so many rounds, each of at least and at most so many iterations; after each it is looked at and kept."""
 REFERENCE = slice(0, None, 2)
 """The headings of a view that a reference place is made of: 0°, 45°, … (METHODS 5.4); a query is heading 0."""
@@ -83,7 +83,7 @@ class FeatureMethod(SequenceMethod):
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             game = self._game()
-            curves = self._train(game, images, views, database.places, watch)
+            curves = self._train(game, images, views, database, watch)
             model = {
                 **{f"net/{part}.{name}": value.cpu().contiguous().numpy() for part in ("encoder", "decoder")
                    for name, value in getattr(game, part).state_dict().items()},
@@ -161,7 +161,7 @@ class FeatureMethod(SequenceMethod):
         ).to(device())
 
     def _train(
-        self, game: Game, images: NDArray[np.uint8], views: Rows, places: NDArray[np.int64], watch: Watch
+        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, watch: Watch
     ) -> dict[str, NDArray[np.float64]]:
         where, held = device(), self.held_out(views)
         data = images[~held].reshape(-1, SIDE, SIDE)
@@ -169,8 +169,6 @@ class FeatureMethod(SequenceMethod):
         iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
         shown = images[held if held.any() else ~held].reshape(-1, SIDE, SIDE)
         looked_at = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
-        even, odd, counts = self.halves(views)
-        asked = odd[counts]
 
         @torch.inference_mode()
         def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -180,10 +178,12 @@ class FeatureMethod(SequenceMethod):
 
         @torch.inference_mode()
         def judge(game: Game) -> dict[str, float]:
-            reference = codes(images[even, REFERENCE]).reshape(len(even), -1, self.code)
-            found = even[nearest_heading(reference, codes(images[asked, 0]))[0].argmin(axis=0)]
-            right = float((places[found] == places[asked]).mean())
-            return {RIGHT: right, **health(game.encoder, game.decoder, looked_at)}
+            def difference(rows: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.float32]:
+                reference = codes(images[rows, REFERENCE]).reshape(len(rows), -1, self.code)
+                return nearest_heading(reference, codes(images[asked, 0]))[0]
+
+            right = self.evidence(database, views, difference).right
+            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, looked_at)}
 
         return play(
             game,
