@@ -1,9 +1,12 @@
 """The whole chain at its smallest: what runs, what does not run again, and what a kill costs."""
 
+import json
 import os
 import signal
+import sqlite3
 import subprocess
 import time
+from contextlib import closing
 
 import pytest
 import yaml
@@ -44,6 +47,16 @@ def test_the_reports_say_that_campus_and_town_are_simulated(built):
         assert "simulated" in (folder / told.rpartition("/")[2]).read_text().lower()
         assert all("simulated, not recorded" in path.read_text() for path in folder.glob("*.svg"))
     assert built.run("yearloc", "results").count("simulated") >= 2
+
+
+def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
+    numbers = json.loads((built.folder / "artifacts/viewpoints/suburb/10m.json").read_text())
+    ((asked, (only,)),) = numbers.items()
+    assert asked == "sad 00"
+    assert list(only) == [*(f"{22.5 + 45 * i:g}_deg" for i in range(8)), "mean"]
+    with closing(sqlite3.connect(built.folder / "mlflow.db")) as database:
+        steps = database.execute("select step from metrics where key = 'viewpoints/accuracy 2012-06-15'").fetchall()
+    assert sorted(step for (step,) in steps) == sorted(3 * [22, 67, 112, 157, 202, 247, 292, 337])  # of pfl, afl and sad
 
 
 def test_a_second_run_runs_nothing(built):

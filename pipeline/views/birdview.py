@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping import octree_kernels as kernels
+from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 from pipeline.settings import check, positive
 
+NEAR_M, STEEPEST_DEG, PLANES, POINTS = 0.2, 20.0, 200, 4096
+"""Of the ground's plane: points so near lie on it, it is no steeper, so many are tried, on so many points of a scan at most."""
 SAMPLES = 4
 """A pixel is looked at in so many places along each side; its value is their mean."""
 
@@ -31,8 +34,9 @@ class BirdView:
     low_m: float = 0.3
     high_m: float = 5.0
     """Leaves whose middle is this far above the ground under the robot are drawn: no ground, and what a day does not change."""
-    upright: Literal["vehicle", "odometry"] = "vehicle"
-    """Whose z axis is normal to the ground: slopes and odometry's drift tilt the ground, but a robot that pitches does not."""
+    upright: Literal["ground", "vehicle", "odometry"] = "ground"
+    """Whose z axis heights go along: the ground's, a plane through the newest scan, which must be a 3-D one; the vehicle's, which
+    pitches; or odometry's, in which the ground slopes."""
     occupied: float = 0.6
     """A column is occupied if one of these leaves is with a higher probability."""
     headings: int = 16
@@ -61,10 +65,28 @@ class BirdView:
         """The images of a map grown from points (n, 3) alone, z up from the ground. Raises InputError as `OctreeMap.insert`."""
         grown = self.octree.grow()
         grown.insert(points_m, np.eye(4))
-        return self.draw(grown, np.eye(4))
+        return self.draw(grown, self.standing(points_m, np.eye(4)))
+
+    def standing(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The robot's pose (4, 4) with its z axis as `upright` says and, where it is the ground's, its origin on the ground.
+
+        `points_m` (n, 3) is the newest scan, in the vehicle's frame. Where it shows no ground the pose is the vehicle's.
+        """
+        vehicle_T_ground = np.eye(4)
+        if self.upright == "odometry":
+            vehicle_T_ground[:3, :3] = odom_T_vehicle[:3, :3].T @ upright(odom_T_vehicle[:3, 0], np.array([0.0, 0.0, 1.0]))
+        elif self.upright == "ground":
+            near = points_m[np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2].astype(np.float64)
+            near = near[:: -(-len(near) // POINTS) or 1]
+            if found := plane(near, NEAR_M, STEEPEST_DEG, PLANES, np.random.default_rng(self.seed)):
+                a, b, height_m = found
+                vehicle_T_ground[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
+                vehicle_T_ground[2, 3] = height_m
+        pose: NDArray[np.float64] = odom_T_vehicle @ vehicle_T_ground
+        return pose
 
     def draw(self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], number: int = 0) -> NDArray[np.uint8]:
-        """Images (headings, side_px, side_px) around a robot at `odom_T_vehicle` (4, 4), 255 where all of a pixel is occupied.
+        """Images (headings, side_px, side_px) around a robot `standing` at (4, 4), 255 where all of a pixel is occupied.
 
         Row 0 is the front, column 0 the left. Image h is what the robot would see if it were turned h · 360° / headings further
         to the left; a quarter turn is exactly np.rot90(image, −1). The odd headings of submap `number` stand `offset_m` off.
@@ -94,7 +116,7 @@ class BirdView:
 
     def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
         """The normal (3,) of the ground, in odometry's frame. Raises InputError for a robot that lies on its side."""
-        up = np.array(odom_T_vehicle[:3, 2] if self.upright == "vehicle" else (0.0, 0.0, 1.0), np.float64)
+        up = np.array(odom_T_vehicle[:3, 2], np.float64)
         if not up[2] > 0.5:
             raise InputError("the robot is tilted by more than 60° against odometry's z axis: no bird's-eye view")
         return up
@@ -102,3 +124,11 @@ class BirdView:
     def offset_m(self, number: int) -> NDArray[np.float64]:
         """How far forward and to the left (2,) a submap's odd headings are drawn off: METHODS 5.5's slight translation."""
         return np.random.default_rng((self.seed, number)).normal(0.0, 1.0, 2) * self.jitter_m
+
+
+def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation (3, 3) whose z axis is along `up` (3,) and whose x axis looks as near to `forward` (3,) as it can."""
+    z = up / np.linalg.norm(up)
+    x = forward - (forward @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)

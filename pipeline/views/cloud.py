@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
+from pipeline.mapping.ground import plane
 from pipeline.settings import check, positive
 from pipeline.views import kernels
-
-SURE = 0.9999
-"""Planes are tried until the ground was missed by all of them with a chance below 1 − this, were it the best one so far."""
 
 
 @dataclass(frozen=True)
@@ -70,41 +67,10 @@ class Cloud:
         return cloud
 
     def _ground(self, points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on the plane that has most of them among the flat enough ones; none if there is none."""
-        if len(points) < 3:
+        """Which points (n, 3) lie on the ground; none if there is none."""
+        if not (found := plane(points, self.plane_m, self.slope_deg, self.iterations, rng)):
             return np.zeros(len(points), bool)
+        a, b, c = found
         x, y, z = points.T.astype(np.float32, order="C")
-        corners = rng.integers(len(points), size=(self.iterations, 3))
-        a, b, c = _plane(x, y, z, corners, self.plane_m, math.cos(math.radians(self.slope_deg)))
         ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(a * a + b * b + 1)
         return ground
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped-def]
-    """RANSAC (Fischler and Bolles, 1981): a, b, c of the plane a x + b y + z = c with most points (n,) nearer than `plane_m`.
-
-    `corners` (tried, 3) are three points for each plane; its normal's z is at least `least_upright`; c is infinite for none.
-    """
-    n = len(x)
-    best, a_best, b_best, c_best = np.int32(0), np.float32(0), np.float32(0), np.float32(np.inf)
-    missed = 1.0
-    for number in range(len(corners)):
-        i, j, k = corners[number]
-        ux, uy, uz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
-        vx, vy, vz = x[k] - x[i], y[k] - y[i], z[k] - z[i]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if length > 0 and abs(nz) >= least_upright * length:
-            a, b = np.float32(nx / nz), np.float32(ny / nz)
-            c = a * x[i] + b * y[i] + z[i]
-            near = np.float32(plane_m * length / abs(nz))
-            count = np.int32(0)
-            for point in range(n):
-                count += np.int32(abs(a * x[point] + b * y[point] + z[point] - c) < near)
-            if count > best:
-                best, a_best, b_best, c_best = count, a, b, c
-        missed = (1.0 - (best / n) ** 3) ** (number + 1)
-        if missed < 1.0 - SURE:
-            break
-    return a_best, b_best, c_best

@@ -30,7 +30,7 @@ class Mapped:
             yield self.view.draw(grown, pose, number)
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
-        """At each submap's anchor the points (n, 3) of its scan, the map, which grows on, and the pose (4, 4) over the ground.
+        """At each submap's anchor the points (n, 3) of its scan, the map, which grows on, and where the robot stands (4, 4).
 
         Scans are laid out by the log's odometry, by its truth where it has none at all. A scan whose odometry is unknown, as
         after a break in it, is seen alone, and the map begins anew behind it.
@@ -49,7 +49,7 @@ class Mapped:
             points = points - scan_T_ground[:3, 3]
             grown.insert(points, pose)
             if anchors[number] == row:
-                yield points, grown, pose
+                yield points, grown, self.view.standing(points, pose)
                 number += 1
             grown = grown if known else self.view.octree.grow()
 

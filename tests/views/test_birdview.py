@@ -103,7 +103,7 @@ def test_only_what_stands_between_the_two_heights_above_the_ground_is_drawn() ->
     assert [drawn(z, ground=12.0) for z in (0.4, 0.6, 4.9, 5.1)] == [False, True, True, False]
 
 
-@pytest.mark.parametrize(("upright", "drawn"), [("vehicle", False), ("odometry", True)])
+@pytest.mark.parametrize(("upright", "drawn"), [("ground", False), ("vehicle", False), ("odometry", True)])
 def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn: bool) -> None:
     # 5° up: 14 m ahead the ground is 1.2 m above the robot's, in odometry's eyes. A wall on it is seen either way.
     view = BirdView(**vars(VIEW) | {"upright": upright})
@@ -112,9 +112,32 @@ def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn:
     ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
     grown = view.octree.grow()
     grown.insert(ground, climb)
-    assert view.draw(grown, climb)[0].any() == drawn
+    standing = view.standing(ground, climb)
+    assert view.draw(grown, standing)[0].any() == drawn
     grown.insert(post(10.0, 3.0), climb)
-    assert view.draw(grown, climb)[0, 4:8, 11:15].max() > 100
+    assert view.draw(grown, standing)[0, 4:8, 11:15].max() > 100
+
+
+@pytest.mark.parametrize(("upright", "drawn"), [("ground", False), ("vehicle", True), ("odometry", True)])
+def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, drawn: bool) -> None:
+    """The robot leans back by 5° on a slope of 3° and its scans count heights from 0.4 m too high; a post tells of no ground."""
+    view, lean, slope = BirdView(**vars(VIEW) | {"upright": upright}), math.radians(5), math.tan(math.radians(3))
+    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
+    ground[:, 2] = slope * ground[:, 0] + 0.4
+    c, s = math.cos(lean), math.sin(lean)
+    seen = ground @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    leaning = np.eye(4)
+    leaning[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    grown = view.octree.grow()
+    grown.insert(seen, leaning)
+    standing = view.standing(seen, leaning)
+    assert view.draw(grown, standing)[0].any() == drawn
+    if upright == "ground":
+        up = np.array([-slope, 0.0, 1.0])
+        np.testing.assert_allclose(standing[:3, 2], up / np.linalg.norm(up), atol=1e-3)
+        height_m = 0.4 / (c - s * slope)  # along the robot's own axis, at which the plane is met above its origin
+        np.testing.assert_allclose(standing[:3, 3], leaning[:3, 2] * height_m, atol=0.01)
+        np.testing.assert_array_equal(view.standing(post(10.0, 3.0)[:2], leaning), leaning)
 
 
 def test_a_column_is_occupied_above_the_threshold() -> None:
