@@ -16,7 +16,7 @@ demo: .venv/ready
 	dvc repro
 	@yearloc results
 
-test: .venv/ready
+test: .venv/tools
 	ruff check .
 	ruff format --check .
 	mypy
@@ -32,13 +32,17 @@ dashboard: .venv/ready
 		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \
 		>mlflow.log 2>&1
 
-benchmarks: .venv/ready
+benchmarks: .venv/tools
 	python -m benchmarks
 
 .venv/ready: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@touch $@
+
+.venv/tools: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 

@@ -23,6 +23,7 @@ PUBLISHED = Table(
     ),
     words=1,
 )
+ALONE = " A bird-view is drawn of a map of this one scan, and what matches sequences of them is asked with it alone."
 ELSEWHERE = "For context, on other hardware (Matlab, GTX 1080 Ti) and other data: RA-L 2019, Table III, in milliseconds."
 
 
@@ -64,11 +65,12 @@ def _told(latency: Latency, driven: str, training: int) -> tuple[str, str, str]:
     machine = latency.machine
     versions = ", ".join(f"{name} {found}" for name, found in machine.versions.items() if found)
     gpu = f", {machine.gpu}" if machine.gpu else ""
+    alone = ALONE if any(view.startswith("birdview") for view in latency.views.values()) else ""
     return (
         f"Milliseconds of wall time, median and 95th percentile of {len(latency.points)} queries spread over {driven}, one at a"
         f" time on one thread, after {WARM_UP} calls to warm up. Generation draws the view from a submap's points"
         f" ({np.median(latency.points):,.0f} in the median); reading them, and gathering those of several sweeps, is not in it."
-        f" Retrieval ranks {latency.k} places from {training:,} training submaps.",
+        f" Retrieval ranks {latency.k} places from {training:,} training submaps.{alone}",
         f"Measured on {machine.processor}, {machine.cores} cores{gpu}; {versions}.",
         f"Load {machine.load:.2f} at the end; CPU time over wall time {machine.busy:.2f}: above 1 threads ran side by side, well"
         " below 1 others had the processor.",
