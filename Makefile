@@ -32,7 +32,7 @@ dashboard: .venv/ready
 		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \
 		>mlflow.log 2>&1
 
-benchmarks: .venv/tools
+benchmarks: .venv/ready
 	python -m benchmarks
 
 .venv/ready: pyproject.toml constraints.txt
