@@ -41,8 +41,9 @@ def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:
             lists["labels"][f"{dataset}-{grid}"] = {"grid": grid, **words, "sequences": " ".join(labelled)}
             for method in study["methods"]:
                 name, own = f"{dataset}-{grid}-{method['name']}", {"grid": grid, "method": method["name"], "view": method["view"]}
-                for model, again in seeded(method).items():
-                    told = {"model": model, "again": again, "budget": study["budget"]}
+                for model, seed in seeded(method).items():
+                    learn = " ".join(word for word in (f"budget={study['budget']}", seed) if word)
+                    told = {"model": model, "learn": learn, "budget": study["budget"]}
                     lists["models"][f"{dataset}-{grid}-{model}"] = {**own, **told, **words, **learned}
                 if year:
                     lists["rankings"][name] = {**own, **words, "tests": " ".join(study["tests"])}

@@ -101,3 +101,9 @@ def test_the_one_list_is_what_its_studies_come_to():
 
 def test_no_two_instances_of_a_stage_share_a_name():
     assert len({stage.addressing for stage in STAGES}) == len(STAGES) == len({stage.cmd for stage in STAGES})
+
+
+@STAGE
+def test_a_command_has_no_blanks_that_dvc_lock_would_lose(stage):
+    """It is written in folded lines there, and a changed command runs again for ever."""
+    assert stage.cmd == " ".join(stage.cmd.split())

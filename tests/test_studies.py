@@ -37,7 +37,7 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
         "method": "m2dp",
         "view": "cloud",
         "model": "m2dp",
-        "again": "",
+        "learn": "budget=tiny",
         "budget": "tiny",
         "train": "a",
         "of": "/a.zarr",
@@ -53,7 +53,7 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
     assert lists["labels"]["turned-10m"]["sequences"] == lists["models"]["turned-10m-pfl"]["train"] == "e f"
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
-    assert lists["models"]["turned-10m-pfl-seed1"]["again"] == "method.seed=1"
+    assert lists["models"]["turned-10m-pfl-seed1"]["learn"] == "budget=tiny method.seed=1"
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
