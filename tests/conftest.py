@@ -4,19 +4,27 @@ import os
 from pathlib import Path
 
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # two workers on two cores: torch's threads must not spin
 
 import stages  # noqa: F401 (numba caches by source from the first import on)
 from tests.clone import Clone
 
+BUILT = ("tests/test_chain.py", "tests/test_sweep.py")
+"""Files whose tests look at the built chain."""
+
+
+class OneChain(LoadScopeScheduling):  # type: ignore[misc]
+    """Tests of the built chain share one worker, so that it is built once (xdist's own groups do not hold with pytest 9)."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return "chain" if nodeid.startswith(BUILT) else nodeid
+
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of the built chain share one worker, so that it is built once."""
-    for item in items:
-        if "built" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("chain"))
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> OneChain:
+    return OneChain(config, log)
 
 
 @pytest.fixture(scope="session")
