@@ -207,6 +207,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(stage: Any, tm
     study = {
         **dict.fromkeys(("world", "source", "heeds", "root", "submap", "budget"), "x"),
         **{"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"], "methods": [{"name": "m2dp", "view": "m2dp"}]},
+        "question": "year",
     }
     cfg = {
         "benchmark": {"studies": {"campus": study}, **expand({"campus": study})},
