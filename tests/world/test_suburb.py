@@ -127,7 +127,7 @@ def test_the_table_names_whole_logs(suburb: Simulation, tmp_path: Path):
         suburb.record("02-a", tmp_path, Compute(workers=1), Watch())
 
 
-@pytest.mark.parametrize(("preset", "number"), [("tiny", 1), ("demo", 4)])
+@pytest.mark.parametrize(("preset", "number"), [("tiny", 2), ("demo", 4)])
 def test_the_presets_hold_logs(preset: str, number: int):
     keys = yaml.safe_load((CONF / f"suburb_{preset}.yaml").read_text())
     assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
