@@ -198,4 +198,28 @@ VIEWPOINTS = Schema(
     },
 )
 
-ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS)
+ROBUSTNESS = Schema(
+    "robustness",
+    1,
+    {
+        "numbers": Column("f8", ("case", "protocol", "number"), "as an evaluation's, of the whole sequence; NaN of none", 8, 8),
+        "answer": Column("i8", ("case", "query"), "the place ranked first", 8, 8),
+        "right": Column("?", ("case", "protocol", "query"), "it is a right one; never, of a query that is not seen", 8, 8),
+        "novelty": Column("f4", ("case", "query"), "in use", 8, 8),
+        "turned_deg": Column("f4", ("case", "query"), "by how much the robot was turned to the left", 8, 8),
+        "heading_error_deg": Column("f8", ("case", "query"), "told heading against the true one; NaN where none was told", 8, 8),
+        "error_m": Column("f8", ("case", "query"), "distance from the query to the first answer", 8, 8),
+        "seen": _judged("?", ("protocol", "query"), "training went there"),
+        "unseen": _judged("?", ("protocol", "query"), "training never went there; a query that is neither is not judged"),
+        "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
+    },
+    {
+        "cases": "what was done to the queries: change, level, shadow and repeat of each; the first is as driven",
+        "numbers": "name of each number",
+        "protocols": "name of each protocol",
+        "days": "whole days since the training sequence",
+        "model": "whose answers they are",
+    },
+)
+
+ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS, ROBUSTNESS)

@@ -120,18 +120,8 @@ def judge(
 
     `reject_from` is the model's threshold on each kind of novelty; `days` are since training.
     """
-    _check(ranking, reject_from, labels, world_T_anchor)
-    xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
-    off_deg = ranking.heading_deg.astype(np.float64) - np.rad2deg(yaw(world_T_anchor))
-    queries = Queries(
-        novelty=np.asarray(ranking.novelty, np.float32),
-        reject_from=tuple(map(float, reject_from)),
-        thresholds=spread(ranking.novelty[:, 0]),
-        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
-        turn_deg=np.asarray(labels.nearest_turn_deg, np.float64),
-        nearest_m=np.asarray(labels.nearest_m, np.float64),
-        heading_error_deg=np.abs(180 - (180 - off_deg) % 360),
-    )
+    queries = asked(ranking, reject_from, labels, world_T_anchor)
+    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
     return Evaluation(
         cells=_judgement(by_cells(ranking.places, labels.places, labels.oracle), queries, xy_m, bootstrap),
         distance=_judgement(distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap),
@@ -140,9 +130,28 @@ def judge(
         answer=ranking.places[:, 0],
         cost=ranking.costs[:, 0],
         xy_m=xy_m,
-        answer_xy_m=answer_xy_m,
+        answer_xy_m=ranking.xy_m[:, 0].astype(np.float64),
         kinds=ranking.kinds,
         days=days,
+    )
+
+
+def asked(ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses) -> Queries:
+    """What a ranking said of q queries at poses (q, 4, 4), and what it is weighed by whatever the protocol.
+
+    Raises InputError where ranking, labels and poses do not fit together.
+    """
+    _check(ranking, reject_from, labels, world_T_anchor)
+    xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
+    off_deg = ranking.heading_deg.astype(np.float64) - np.rad2deg(yaw(world_T_anchor))
+    return Queries(
+        novelty=np.asarray(ranking.novelty, np.float32),
+        reject_from=tuple(map(float, reject_from)),
+        thresholds=spread(ranking.novelty[:, 0]),
+        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
+        turn_deg=np.asarray(labels.nearest_turn_deg, np.float64),
+        nearest_m=np.asarray(labels.nearest_m, np.float64),
+        heading_error_deg=np.abs(180 - (180 - off_deg) % 360),
     )
 
 

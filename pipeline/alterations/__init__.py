@@ -1,0 +1,38 @@
+"""Alterations: what is done to the points of a query before anything is drawn of them (SCI paper, section V; METHODS 2.8)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+AS_DRIVEN = "as driven"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One of the ways in which an alteration meets every query; the first of each alteration leaves them as driven."""
+
+    change: str = AS_DRIVEN
+    """`turned`, `demolition`, `construction`, or `as driven`."""
+    level: float = 0.0
+    """Degrees of a wedge, or number of walls."""
+    shadow: bool = False
+    """What lies behind a new wall is hidden by it."""
+    repeat: int = 0
+    """Of drawings that differ by chance alone."""
+
+
+class Alteration(Protocol):
+    """One file in conf/alteration; its fields are the keys of its yaml."""
+
+    seed: int
+
+    @property
+    def cases(self) -> Sequence[Case]:
+        """What it makes of each query, one after the other; the first is as driven."""
+
+    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
+        """Points (m, 3) of one query of (n, 3), z up from the ground around the sensor, and by how many radians the robot is
+        turned to the left; a turned robot's points are given in its own frame."""
