@@ -1,4 +1,4 @@
-# Two commands, each enough on a fresh machine with Python 3.11–3.13, git and make.
+# Each command is enough on a fresh machine with Python 3.11–3.13, git and make.
 SHELL := /bin/bash
 PYTHON ?= python3
 PORT ?= 5000
@@ -8,13 +8,23 @@ export DVC_NO_ANALYTICS := 1
 export DO_NOT_TRACK := true
 export MLFLOW_DISABLE_TELEMETRY := true
 
-.PHONY: demo test dashboard benchmarks clean
+.PHONY: demo studies report test dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
 	@yearloc use campus town world=demo --keep
 	dvc repro
 	@yearloc results
+
+studies: .venv/ready
+	@yearloc repair
+	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
+	@yearloc use town world=demo question=robustness variants=engaged --add
+	dvc repro
+	@yearloc results
+
+report: .venv/ready
+	@python -m stages.page
 
 test: .venv/tools
 	ruff check .

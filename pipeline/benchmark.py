@@ -11,13 +11,14 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
-from pipeline.studies import QUESTIONS, expand, turned
+from pipeline.studies import AS_DRIVEN, QUESTIONS, expand, turned
 
 HEAD = """\
 # The one list of names. `yearloc use campus town` writes it; change `studies` by hand, and `yearloc use` spells them out anew.
 """
 SPELLED_OUT = "  # What the studies come to: dvc.yaml expands to these.\n"
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
+MOST_SEEDS = 100
 SAFE_NAME = re.compile(r"\w[\w.+-]*")
 """Of a sequence: it becomes part of stage names and paths."""
 
@@ -50,7 +51,8 @@ def _block(name: str, members: Mapping[str, Any]) -> str:
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, train, tests and methods (with commas), world, budget and question.
+    """The study of data set `name`; options are root, log, world, budget, question and seeds, and with commas train, tests,
+    methods and variants.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
@@ -59,35 +61,73 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
     dataset = _parsed(path)
-    allowed = {"tests", "methods", "budget", "question"} | ({"world"} if dataset["simulated"] else {"root", "log", "train"})
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants"} | (
+        {"world"} if dataset["simulated"] else {"root", "log", "train"}
+    )
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     study = dataset["study"]
     question = options.get("question", "year")
-    if question not in (asked := [word for word in QUESTIONS if word == "year" or word in study]):
+    if question not in (asked := [word for word in QUESTIONS if word in study or (conf / "question" / f"{word}.yaml").is_file()]):
         raise ConfigError(f"question={question}: of {name} expected {' or '.join(asked)}")
-    if question != "year":
-        study = {**study, "parts": False, **study[question]}
+    if question == "viewpoints":
+        study = {**study, "parts": False}
+    asked_of_all = conf / "question" / f"{question}.yaml"
+    study = {**study, **(_parsed(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
     found = _simulated(conf, name, study, options) if dataset["simulated"] else _recorded(name, dataset["reader"], study, options)
     places = found.study
+    stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
     views, instead = {method: _view(conf, method) for method in wanted}, study.get("views", {})
-    methods = [entry(conf, method, instead.get(view, view), study.get("seeds", 1)) for method, view in views.items()]
+    seeds, variants = _seeds(options, study), _variants(options, study)
+    methods = [entry(conf, method, instead.get(view, view), seeds, variants.get(method)) for method, view in views.items()]
     if question == "viewpoints" and len(turned(methods)) < len(methods):
         raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
     budget = options.get("budget", places["budget"])
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")
     words = {"submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget, "question": question}
-    return Proposal({**places, **words}, found.notes)
+    altered = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
+    besides: dict[str, Any] = {
+        "cells": study.get("cells"),
+        "stress": stress,
+        "robustness": altered | ({AS_DRIVEN: list(stress)} if stress else {}),
+    }
+    return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 
-def entry(conf: Path, method: str, view: str, seeds: int = 1) -> dict[str, Any]:
-    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, and how often it is trained."""
+def spread(tests: list[str], number: int) -> list[str]:
+    """So many of the test sequences, evenly from the first to the last; all, if there are no more."""
+    if number >= len(tests):
+        return list(tests)
+    return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
+
+
+def _seeds(options: Mapping[str, str], study: Mapping[str, Any]) -> int:
+    """How many models of each method that draws at random."""
+    seeds = options.get("seeds", str(study.get("seeds", 1)))
+    if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
+        raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
+    return int(seeds)
+
+
+def _variants(options: Mapping[str, str], study: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Of each method the variants that are wanted: name to the words that make it."""
+    known: Mapping[str, Mapping[str, str]] = study.get("variants", {})
+    wanted = options["variants"].split(",") if "variants" in options else [name for own in known.values() for name in own]
+    if unknown := [name for name in wanted if name and not any(name in own for own in known.values())]:
+        names = sorted({name for own in known.values() for name in own})
+        raise ConfigError(f"variants={unknown[0]}: expected some of {', '.join(names) or 'none, of this question'}")
+    return {method: {name: own[name] for name in own if name in wanted} for method, own in known.items()}
+
+
+def entry(conf: Path, method: str, view: str, seeds: int = 1, variants: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how often it is trained, and its
+    variants."""
     path = conf / "view" / f"{view}.yaml"
     drawn = {"stage": "birdviews"} if path.is_file() and "octree" in _parsed(path) else {}
     trained = {"seeds": seeds} if seeds > 1 and "seed" in _parsed(conf / "method" / f"{method}.yaml") else {}
-    return {"name": method, "view": view, **drawn, **trained}
+    return {"name": method, "view": view, **drawn, **trained, **({"variants": dict(variants)} if variants else {})}
 
 
 def _view(conf: Path, method: str) -> str:

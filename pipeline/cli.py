@@ -37,7 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk and write conf/benchmark.yaml")
     options = (
-        "names of files in conf/dataset, and root, log, train, tests, methods, world, budget; without any, the studies in use"
+        "names of files in conf/dataset, and root, log, train, tests, methods, world, budget, question, seeds, variants;"
+        " without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
@@ -145,6 +146,10 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
+    from textwrap import fill
+
+    from pipeline.reports.section import FILE, Section
+    from pipeline.reports.table import WIDEST
     from pipeline.studies import asks_about_the_year, turned
 
     for dataset, study in _studies(_conf() / "benchmark.yaml").items():
@@ -159,7 +164,11 @@ def _results(given: argparse.Namespace) -> None:
                 print(f"  {folder}/{page}, with {len(list(folder.glob('*.svg')))} figures beside it\n")
             if (timed := Path("artifacts/latency", dataset, grid, "latency.txt")).is_file():
                 print(f"  {timed}\n")
-    print("dashboard: make dashboard")
+        for path in sorted(Path("artifacts").glob(f"*/{dataset}/**/{FILE}")):
+            section = Section.read(path.parent)
+            print(fill(f"{section.title}. {section.answer}", WIDEST - 20))
+            print(f"  {path.parent}/{section.name}.md\n")
+    print("a page to read: make report; dashboard: make dashboard")
 
 
 def _methods(given: argparse.Namespace) -> None:

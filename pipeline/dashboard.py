@@ -82,6 +82,14 @@ SECTIONS = (
         unfolded=True,
     ),
     Section(
+        "Ageing: how new the seen look over days, and change per 100 days",
+        tuple(
+            Chart((f"ageing/{name}",), share=False)
+            for name in ("novelty_percentile", "cells_recall_at_1_same_heading_per_100_days", "cells_auc_top1_per_100_days")
+        ),
+        unfolded=True,
+    ),
+    Section(
         "Heading of what is placed right over days",
         (Chart(("distance/median_heading_error_deg",), share=False), Chart(("distance/heading_within_10deg",))),
         unfolded=True,
@@ -99,7 +107,7 @@ SECTIONS = (
         unfolded=True,
         columns=2,
     ),
-    *(Section(prefix) for prefix in ("cells", "distance", "rejection", "train", "cost", "System metrics")),
+    *(Section(prefix) for prefix in ("cells", "distance", "rejection", "ageing", "train", "cost", "System metrics")),
 )
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import hydra
 from hydra.errors import InstantiationException
-from omegaconf import DictConfig
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -80,6 +81,11 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
         return main
 
     return decorate
+
+
+def made(group: str, name: str, **changed: Any) -> Any:
+    """What a file of conf/ stands for, with some of its fields changed."""
+    return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed)
 
 
 @dataclass(frozen=True)

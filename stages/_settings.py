@@ -21,7 +21,7 @@ LISTED = ("world", "submap", "budget", "grid", "method", "view")
 """Groups whose file conf/benchmark.yaml names."""
 
 
-TELLING = ("report", "viewpoints", "latency", "publish", "sweep")
+TELLING = ("events", "report", "viewpoints", "robustness", "cells", "latency", "publish", "page", "sweep")
 """Stages that tell of results: a sweep does that itself, so no setting of theirs is one of a job."""
 
 
@@ -46,7 +46,8 @@ def listed(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
     views = {one["name"]: one["view"] for one in study["methods"]}
     method = said.get("method", next(iter(views)))
     view = said.get("view") or (cfg.method.view if "method.view" in said else views.get(method, cfg.method.view))
-    own = {"grids": [said.get("grid", study["grids"][0])], "methods": [entry(ROOT / "conf", method, view)]}
+    own: dict[str, Any] = {"cells": [], "robustness": {}, "grids": [said.get("grid", study["grids"][0])]}
+    own["methods"] = [entry(ROOT / "conf", method, view)]
     return {"studies": {dataset: study | own}, **expand({dataset: study | own})}
 
 

@@ -7,14 +7,13 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS
 from pathlib import Path
 from typing import Any
 
-from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
 from pipeline.latency import Contender, Latency
 from pipeline.reports import latency
 from pipeline.studies import spelled_out
-from stages import ROOT, stage
+from stages import ROOT, made, stage
 
 
 @stage("latency")
@@ -38,16 +37,16 @@ def ready(methods: Any, models: Path) -> dict[str, Contender]:
     draw = {view: made("view", view) for view in dict.fromkeys(method.view for method in methods)}
     return {
         one.name: Contender(
-            one.view, draw[one.view], made("method", one.name).localizer(store.read_model(models / f"{one.name}.safetensors"))
+            one.view, draw[one.view], alone(one.name).localizer(store.read_model(models / f"{one.name}.safetensors"))
         )
         for one in methods
     }
 
 
-def made(group: str, name: str) -> Any:
-    """What a file of conf/ stands for."""
-    settings = OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml")
-    return instantiate(settings, **({"threads": 1} if "threads" in settings else {}))
+def alone(method: str) -> Any:
+    """A method on one thread."""
+    threads = {"threads": 1} if "threads" in OmegaConf.load(ROOT / "conf/method" / f"{method}.yaml") else {}
+    return made("method", method, **threads)
 
 
 if __name__ == "__main__":

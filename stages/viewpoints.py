@@ -3,12 +3,11 @@
 import json
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from hydra.utils import instantiate
 from matplotlib.figure import Figure
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import MEAN, Judged
@@ -18,7 +17,7 @@ from pipeline.reports import mapping, viewpoints
 from pipeline.reports.learned import Learned
 from pipeline.studies import seeded, spelled_out, turned
 from pipeline.views.mapped import Mapped
-from stages import ROOT, Bars, stage
+from stages import Bars, made, stage
 
 SAID = ("roc_auc", "accuracy")
 
@@ -74,11 +73,6 @@ def shown(name: str, model: Path, views: Rows) -> dict[str, viewpoints.Pictures]
     """The middle place of a sequence at the headings of a reference, and what a method's network makes of it, if it has one."""
     method, seen = made("method", name), np.asarray(views.images[len(views.world_T_anchor) // 2])[REFERENCE]
     return {name: (seen, method.reconstructed(store.read_model(model), seen))} if isinstance(method, FeatureMethod) else {}
-
-
-def made(group: str, name: str) -> Any:
-    """What a file of conf/ stands for."""
-    return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"))
 
 
 def told(seeds: list[dict[str, dict[str, float | None]]]) -> str:

@@ -17,10 +17,14 @@ PROJECT = ("conf", "pipeline", "stages", "dvc.yaml", ".dvc/config", ".dvcignore"
 class Clone:
     """A copy of the project without git, to run DVC in."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, built: str | None = None) -> None:
+        """An unbuilt one; or one that is built already, given what was told of that."""
         self.folder = folder
-        self.ran: list[str] = []
-        self.undisturbed: dict[str, str] = {}
+        told = json.loads(built or "{}")
+        self.ran: list[str] = told.get("ran", [])
+        self.undisturbed: dict[str, str] = told.get("undisturbed", {})
+        if built:
+            return
         for name in PROJECT:
             if (ROOT / name).is_dir():
                 shutil.copytree(ROOT / name, folder / name)

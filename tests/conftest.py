@@ -1,9 +1,11 @@
 """What all tests share: real recordings beside the project, and a chain built once."""
 
+import json
 import os
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # two workers on two cores: torch's threads must not spin
@@ -11,20 +13,25 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # two workers on two cores:
 import stages  # noqa: F401 (numba caches by source from the first import on)
 from tests.clone import Clone
 
-BUILT = ("tests/test_chain.py", "tests/test_sweep.py")
-"""Files whose tests look at the built chain."""
+FIRST, LAST = "tests/test_chain.py", "tests/test_sweep.py"
+"""Tests of the built chain: one worker starts with building it and the first file, whoever is free ends with the last."""
 
 
-class OneChain(LoadScopeScheduling):  # type: ignore[misc]
-    """Tests of the built chain share one worker, so that it is built once (xdist's own groups do not hold with pytest 9)."""
+class Shared(LoadScopeScheduling):  # type: ignore[misc]
+    """Each of those files goes to one worker (xdist's own groups do not hold with pytest 9), other tests one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return "chain" if nodeid.startswith(BUILT) else nodeid
+        return next((file for file in (FIRST, LAST) if nodeid.startswith(file)), nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> OneChain:
-    return OneChain(config, log)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Shared:
+    config.option.loadscopereorder = False
+    return Shared(config, log)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.nodeid.startswith(LAST) - item.nodeid.startswith(FIRST))
 
 
 @pytest.fixture(scope="session")
@@ -38,11 +45,16 @@ def real() -> Path:
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
-    """The chain of the tiny world, built by DVC. Whoever edits it puts it back."""
-    clone = Clone(tmp_path_factory.mktemp("chain"))
-    clone.run("yearloc", "use", "campus", "world=tiny")
-    clone.run("yearloc", "use", "town", "world=tiny", "methods=sci,scan_context", "--add")
-    clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")
-    clone.ran = clone.repro()
-    clone.undisturbed = clone.digests()
-    return clone
+    """A worker's own copy of the chain of tiny worlds, which DVC builds once. Whoever edits it puts it back."""
+    alone = "PYTEST_XDIST_WORKER" not in os.environ
+    shared = tmp_path_factory.getbasetemp() if alone else tmp_path_factory.getbasetemp().parent
+    told = shared / "chain.json"
+    with FileLock(shared / "chain.lock"):
+        if not told.is_file():
+            (shared / "chain").mkdir()
+            clone = Clone(shared / "chain")
+            clone.run("yearloc", "use", "campus", "world=tiny")
+            clone.run("yearloc", "use", "town", "world=tiny", "methods=sci,scan_context", "--add")
+            clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")
+            told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
+    return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))

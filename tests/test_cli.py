@@ -146,7 +146,12 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     [
         (["use", "suburb", "question=viewpoints", "methods=pfl,sci"], "only methods that look at bird-views"),
         (["use", "campus", "question=viewpoints"], "question=viewpoints: of campus expected year"),
-        (["use", "suburb", "question=train"], "expected year or viewpoints"),
+        (["use", "suburb", "question=train"], "expected year or robustness or viewpoints"),
+        (["use", "campus", "seeds=0"], "expected a number from 1 to 100"),
+        (
+            ["use", "campus", "question=robustness", "variants=5way"],
+            "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged",
+        ),
         (["use", "moon"], "expected one of bag, campus"),
         (["use", "nclt"], "root=FOLDER"),
         (["use", "nclt", "root=/nowhere"], "no such folder"),

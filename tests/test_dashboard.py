@@ -39,6 +39,7 @@ def test_sections_keep_the_order_given() -> None:
         "AUC over days since training",
         "Recall by distance over days",
         "Rejection of unseen places over days",
+        "Ageing: how new the seen look over days, and change per 100 days",
         "Heading of what is placed right over days",
         "Calibration error over days",
         "Training curves over epochs",
@@ -48,7 +49,7 @@ def test_sections_keep_the_order_given() -> None:
 def test_charts_that_the_page_makes_itself_go_to_folded_sections() -> None:
     """The page puts a metric that no chart names first into the section named like its prefix, in sight if it must make one."""
     folded = {section["name"] for section in state()["compareRunSections"] if not section["display"]}
-    assert folded == {"cells", "distance", "rejection", "train", "cost", "System metrics"}
+    assert folded == {"cells", "distance", "rejection", "ageing", "train", "cost", "System metrics"}
 
 
 def test_every_chart_is_in_a_section_and_no_two_share_an_id() -> None:

@@ -16,6 +16,7 @@ from pipeline.studies import spelled_out
 ROOT = Path(__file__).parents[1]
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {"pipeline.telemetry"}  # nor can what a stage costs
+ALSO = {"robustness": {"conf/localize.yaml", "conf/evaluate.yaml"}}  # it asks and judges as these stages do
 STAGES = list(Repo(ROOT).index.stages)
 GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)
 STAGE = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.addressing)
@@ -41,7 +42,7 @@ def test_params_are_the_files_that_the_stage_composes(stage):
     }
     if "benchmark" in cfg:
         used.add("conf/benchmark.yaml")
-    assert paths(stage, params=True) == used | {f"conf/{name}.yaml"}
+    assert paths(stage, params=True) == used | {f"conf/{name}.yaml"} | ALSO.get(name, set())
 
 
 def targets(node: object) -> list[str]:
@@ -61,7 +62,8 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
         for key, value in cfg.items()
         if key not in ("hydra", "tracking") and isinstance(value, DictConfig)
     }
-    if name in ("labels", "report", "viewpoints", "latency", "publish") or (name == "logs" and cfg.dataset.simulated):
+    told = name in ("labels", "report", "viewpoints", "robustness", "cells", "latency", "publish")
+    if told or (name in ("logs", "events") and cfg.dataset.simulated):
         plain.pop("dataset")  # they look at the data set's box or label, and build no reader
     roots = {f"stages.{name}", *targets(plain)}
     needed = roots.union(*(GRAPH.find_upstream_modules(root) for root in roots)) - {"pipeline"} - UNTRACKED_MODULES

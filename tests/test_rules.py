@@ -66,13 +66,15 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    assert study.keys() - {"parts", "views", "viewpoints"} == {"train", "tests", "submap", "grids", "methods"} | (
+    assert study.keys() - {"parts", "views", "viewpoints", "robustness"} == {"train", "tests", "submap", "grids", "methods"} | (
         set() if conf["simulated"] else {"expected"}
     )
     assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()
     for preset in study["tests"] if conf["simulated"] else ():
         driven = yaml.safe_load((ROOT / f"conf/world/{path.stem}_{preset}.yaml").read_text())["sequences"]
-        assert {name.partition("-a")[0].partition("-b")[0] for name in (study["train"], *study["tests"][preset])} <= driven.keys()
+        stress = study.get("robustness", {}).get("stress", {}).get(preset, {})
+        asked = (study["train"], *study["tests"][preset], *stress)
+        assert {name.partition("-a")[0].partition("-b")[0] for name in asked} <= driven.keys()
 
 
 def own_class(module: ModuleType) -> type:

@@ -30,7 +30,7 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     counts = {name: len(members) for name, members in lists.items()}
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
     year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "reports": 3, "published": 2}
-    assert counts == year | {"birdviews": 0, "viewpoints": 0}
+    assert counts == year | {"events": 0, "birdviews": 0, "viewpoints": 0, "robustness": 0, "cells": 0}
     assert lists["models"]["one-5m-m2dp"] == {
         "dataset": "one",
         "grid": "5m",
@@ -63,8 +63,43 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
     assert "one-5m-pfl" in lists["rankings"]
 
 
+def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
+    variants = {"4way": "method.n_way=4 method.epochs=100"}
+    methods = [{"name": "sci", "view": "sc", "seeds": 2, "variants": variants}, {"name": "m2dp", "view": "cloud"}]
+    asked = {"stress": {"x": "heavy"}, "cells": ["20m"], "robustness": {"turned": ["b"], "as_driven": ["x"]}}
+    lists = expand({"one": OTHER | {"question": "robustness", "methods": methods, **asked}})
+    # of the study's own cells each variant with each seed; of the further ones the methods as they are
+    assert list(lists["models"]) == [
+        "one-10m-sci",
+        "one-10m-sci-seed1",
+        "one-10m-sci-4way",
+        "one-10m-sci-4way-seed1",
+        "one-10m-m2dp",
+        "one-20m-sci",
+        "one-20m-m2dp",
+    ]
+    assert lists["models"]["one-10m-sci-4way-seed1"]["learn"] == "budget=tiny method.n_way=4 method.epochs=100 method.seed=1"
+    assert list(lists["drives"]) == ["one-b", "one-d", "one-x"]
+    assert lists["views"]["one-sc"]["sequences"] == lists["labels"]["one-20m"]["sequences"] == "b d x"
+    assert {words["tests"] for words in lists["rankings"].values()} == {"d"}  # the year is told of its own tests alone
+    assert list(lists["reports"]) == ["one-10m"]
+    assert lists["robustness"]["one-10m-as_driven"] == {
+        "grid": "10m",
+        "dataset": "one",
+        "alteration": "as_driven",
+        "sequences": "x",
+    }
+    assert list(lists["robustness"]) == ["one-10m-turned", "one-10m-as_driven"]
+    assert lists["cells"] == {"one": {"dataset": "one"}}
+
+
+def test_a_study_without_a_question_asks_about_the_year() -> None:
+    old = {name: word for name, word in ONE.items() if name != "question"}
+    assert expand({"one": old}) == expand({"one": ONE})
+
+
 def test_an_unknown_question_is_named() -> None:
-    with pytest.raises(ConfigError, match="question=when: expected year or viewpoints"):
+    with pytest.raises(ConfigError, match="question=when: expected year, robustness or viewpoints"):
         expand({"one": ONE | {"question": "when"}})
 
 

@@ -1,4 +1,9 @@
-"""Alterations: what is done to the points of a query before anything is drawn of them (SCI paper, section V; METHODS 2.8)."""
+"""Alterations: what is done to the points of a query before anything is drawn of them (SCI paper, section V; METHODS 2.8).
+
+Every draw is made with `default_rng((alteration.seed, stamp_ns))`, anew for each query and each of its cases. So all methods are
+asked with the same changes, and cases that draw the same numbers first share what these stand for: the larger wedge begins where
+the smaller one does, the second wall comes to the first.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 AS_DRIVEN = "as driven"
+TURNED = "turned"
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,9 @@ class Case:
 class Alteration(Protocol):
     """One file in conf/alteration; its fields are the keys of its yaml."""
 
-    seed: int
+    @property
+    def seed(self) -> int:
+        """Of every draw, with the stamp of the query's anchor."""
 
     @property
     def cases(self) -> Sequence[Case]:
@@ -35,4 +43,5 @@ class Alteration(Protocol):
 
     def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
         """Points (m, 3) of one query of (n, 3), z up from the ground around the sensor, and by how many radians the robot is
-        turned to the left; a turned robot's points are given in its own frame."""
+        turned to the left; a turned robot's points are given in its own frame. A case as driven returns the points themselves,
+        a turned one no others than these."""

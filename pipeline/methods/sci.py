@@ -7,11 +7,12 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import entr, logsumexp, softmax
+from scipy.special import softmax
 from torch import Tensor, nn
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
+from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import temperature
@@ -176,23 +177,3 @@ class Sci:
         parts = [net.embed(self._images(part, where)) for part in torch.split(heights, self.batch)]
         embedded = torch.cat(parts)
         return net.head[3:](embedded).float().cpu(), nn.functional.normalize(embedded.float()).cpu()
-
-
-def novelties(logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
-
-    The paper's comes first; the second is it at the held-out blocks' temperature; energy is Liu et al.'s, NeurIPS 2020.
-    """
-    return {
-        "entropy": normalised_entropy(softmax(logits, axis=1)),
-        "tempered_entropy": normalised_entropy(softmax(logits / softness, axis=1)),
-        "energy": -np.asarray(logsumexp(logits, axis=1)),
-        "feature_distance": 1 - likeness.astype(np.float64),
-    }
-
-
-def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Entropy (n,) of probabilities (n, places) over log₂ places: 0 for one sure place, 1 for none (METHODS 2.6)."""
-    entropy: NDArray[np.float64] = entr(probability).sum(axis=1)
-    normalised: NDArray[np.float64] = entropy / np.log(max(probability.shape[1], 2))
-    return normalised

@@ -9,6 +9,8 @@ import numpy as np
 
 from pipeline.compute import Compute
 from pipeline.errors import LogError
+from pipeline.formats.changes import Change, read_changes, visible
+from pipeline.frames import days_between
 from pipeline.readers.log import Reader
 from pipeline.watch import Watch
 
@@ -19,6 +21,8 @@ class Recorded:
 
     reader: Reader
     root: str
+    events: str | None = None
+    """A csv of what changed on site after training, as `formats.changes` has it; None: nobody noted it."""
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
         """Open the log below `root` and write what it holds into folder/inventory.csv; says how much that is.
@@ -41,3 +45,11 @@ class Recorded:
         (folder / "inventory.csv").write_text("".join(rows))
         left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
+
+    def changes(self, train: str, sequence: str) -> list[Change]:
+        """What shows on the day of `sequence` and did not on that of `train`; raises LogError for a bad csv, or bad logs."""
+        if self.events is None:
+            return []
+        root = Path(self.root)
+        trained, driven = (self.reader.open(root, name).stamps_ns[0] for name in (train, sequence))
+        return visible(read_changes(Path(self.events)), days_between(trained, driven))

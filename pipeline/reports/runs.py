@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.reports import gallery
+from pipeline.reports import ageing_lines, gallery
 from pipeline.reports.rejection import of
 from pipeline.reports.result import Result
 from pipeline.reports.table import present
@@ -20,7 +21,7 @@ REJECTION = {"auroc": "auroc", "precision": "precision_at_threshold", "recall": 
 
 
 def record(study: "Study", method: str, group: Sequence[Result], figures: Path, colour: str) -> RunRecord:
-    """One method's run: its metrics over the days since training, how it was learned, and a child run a test sequence."""
+    """One method's run: its metrics over the days and their slopes, how it was learned, and a child run a test sequence."""
     tags = {"mlflow.runColor": colour, "dataset": study.dataset, "grid": study.grid, "method": method}
     tags["data"] = "simulated" if study.simulated else "recorded"
     params = {"dataset": study.dataset, "cell_m": study.cell_m, "train": study.train, **study.recipes[method]}
@@ -41,7 +42,10 @@ def record(study: "Study", method: str, group: Sequence[Result], figures: Path, 
         )
         for result in group
     ]
-    return RunRecord(f"{method} {study.grid}", tags, params, series | learned, gallery.files(study, figures, method), children)
+    aged = ageing_lines.series(group, ageing_lines.held_out(study.find, group), Ageing())
+    return RunRecord(
+        f"{method} {study.grid}", tags, params, series | learned | aged, gallery.files(study, figures, method), children
+    )
 
 
 def metrics(result: Result) -> Mapping[str, float]:

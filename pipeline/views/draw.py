@@ -48,19 +48,28 @@ class Drawing:
         if self.single:
             yield from compute.rows(self._single, len(self), BLOCK)
             return
-        images = map(self.view, self._gathered())
+        images = map(self.view, self.points())
         while block := list(islice(images, BLOCK)):
             yield np.stack(block)
 
-    def _gathered(self) -> Gathering:
-        columns = {name: self.submaps.load(name) for name in ("first", "ground_m", "used")}
-        return Gathering(self.scans, self.submaps.attrs["layout"], last=self.submaps.load("scans"), **columns)
+    def points(self) -> Iterator[NDArray[np.floating]]:
+        """Points (n, 3) in metres of one submap after the other, z up from the ground."""
+        if self.single:
+            for start in range(0, len(self), BLOCK):
+                yield from self._points(start, min(start + BLOCK, len(self)))
+        else:
+            columns = {name: self.submaps.load(name) for name in ("first", "ground_m", "used")}
+            yield from Gathering(self.scans, self.submaps.attrs["layout"], last=self.submaps.load("scans"), **columns)
 
     def _single(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Images (stop − start, …) of submaps of one scan each; their points are read in one slice."""
+        """Images (stop − start, …) of submaps of one scan each."""
+        return np.stack([self.view(points) for points in self._points(start, stop)])
+
+    def _points(self, start: int, stop: int) -> Iterator[NDArray[np.floating]]:
+        """Points (n, 3) of submaps of one scan each, which are read in one slice."""
         rows = np.asarray(self.submaps["scans"][start:stop])
         offsets = np.asarray(self.scans["offsets"][rows[0] : rows[-1] + 2])
         points = np.asarray(self.scans["points"][offsets[0] : offsets[-1]])
         grain_m = float(self.scans.attrs["grain_m"])
-        spans = [(offsets[row - rows[0]] - offsets[0], offsets[row - rows[0] + 1] - offsets[0]) for row in rows]
-        return np.stack([self.view(points[a:b] * grain_m) for a, b in spans])
+        for row in rows - rows[0]:
+            yield points[offsets[row] - offsets[0] : offsets[row + 1] - offsets[0]] * grain_m

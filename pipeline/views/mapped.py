@@ -1,6 +1,6 @@
 """Drawing the bird-views of submaps of a map that remembers: every scan of the sequence goes into it, in order (METHODS 4.4)."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ class Mapped:
     scans: Artifact
     submaps: Artifact
     view: BirdView
+    altered: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
+    """What is made of the points (n, 3) of a scan of this row before they go into the map, z up from the ground."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
@@ -47,6 +49,7 @@ class Mapped:
             pose = (odom_T_scan[row] if known else np.eye(4)) @ scan_T_ground
             grown = grown if known else self.view.octree.grow()
             points = points - scan_T_ground[:3, 3]
+            points = self.altered(row, points) if self.altered else points
             grown.insert(points, pose)
             if anchors[number] == row:
                 yield points, grown, self.view.standing(points, pose)

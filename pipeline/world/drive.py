@@ -64,14 +64,21 @@ class Drive:
 
 
 def drive(
-    seed: int, when: date, line_m: NDArray[np.float64], ground: Ground, route_m: float, step_m: float, motion: Motion = SEGWAY
+    seed: int,
+    when: date,
+    line_m: NDArray[np.float64],
+    ground: Ground,
+    route_m: float,
+    step_m: float,
+    motion: Motion = SEGWAY,
+    lateral_m: float = 0.0,
 ) -> Drive:
     """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every `step_m`.
 
-    It departs at `when`, or on that date at DEPARTURE.
+    It departs at `when`, or on that date at DEPARTURE, and keeps `lateral_m` left of its usual line, but on the street.
     """
     rng = generator(seed, Stream.DRIVE, when)
-    path_m, heading = _path(rng, line_m, motion)
+    path_m, heading = _path(rng, line_m, motion, lateral_m)
     length_m = LINE_STEP_M * (len(path_m) - 1)
     lead_m = motion.speed_mps * LEAD_S
     scans = max(1, int(np.floor((min(route_m, length_m - 2 * lead_m) + 1e-6) / step_m)))
@@ -101,7 +108,7 @@ def drive(
 
 
 def _path(
-    rng: np.random.Generator, line_m: NDArray[np.float64], motion: Motion
+    rng: np.random.Generator, line_m: NDArray[np.float64], motion: Motion, lateral_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Places (n, 2) every LINE_STEP_M of the path really driven along `line_m`, and the heading (n,) there, unwrapped."""
     middle_m = _resample(line_m)
@@ -110,7 +117,8 @@ def _path(
     along /= np.hypot(*along.T)[:, None] + 1e-9
     weave_m = wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
     weave_m = OFFSET_RESTORED * smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
-    left_m = (-motion.keep_right_m + rng.normal(0, motion.bias_sd_m) + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
+    usual_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
+    left_m = (usual_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
     path_m = _resample(middle_m + left_m[:, None] * np.stack([-along[:, 1], along[:, 0]], 1))
     tangent = np.gradient(path_m, axis=0)
     return path_m, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))

@@ -12,15 +12,14 @@ from pipeline.world.campus import Campus
 from pipeline.world.draft import Draft
 from pipeline.world.seeds import Stream, generator
 from pipeline.world.shapes import Kind
+from pipeline.world.site import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, clear, clear_of_streets, fence, mound
 from pipeline.world.streets import distance_to_segments_m
-from pipeline.world.structures import Part, Structure
+from pipeline.world.structures import Structure
 
 PERIOD_DAYS = 450
 EVENT_PERIOD_SHARE = (0.1, 0.9)
-FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, FENCE_AFTER_DAYS = 110, 70, 60
-FENCE_MARGIN_M, FENCE_FROM_STREET_M = 4.0, 0.5
-FENCE_HALF_THICKNESS_M, FENCE_HEIGHT_M = 0.1, 2.2
-MOUND = (Part(0, 0, 8.0, 6.0, 0, 4.5),)
+FURTHER_PERIOD_SHARE = ((FENCE_BEFORE_DAYS + 1) / PERIOD_DAYS, EVENT_PERIOD_SHARE[1])
+"""Further events fence nothing in before the day after training: on the training day their year is the year without them."""
 NEAR_M = 45.0
 SITE_OFFSETS_M = (14.0, 40.0)
 SITE_TRIES = 300
@@ -41,28 +40,56 @@ class Event:
     x_m: float
     y_m: float
 
+    @property
+    def from_day(self) -> float:
+        """When the place first differs from the training day: a site that was fenced in by then changes with its mound."""
+        before_days = (FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, 0) if self.what == "construction" else (0,)
+        return next(self.day - before for before in before_days if self.day > before)
+
 
 def pass_a_year(
-    seed: int, campus: Campus, route_m: NDArray[np.float64], count: int, near_share: float
+    seed: int,
+    campus: Campus,
+    route_m: NDArray[np.float64],
+    count: int,
+    near_share: float,
+    further: int = 0,
+    further_near_share: float = 1.0,
 ) -> tuple[Campus, list[Event]]:
     """The campus with the days on which things appear and vanish, and the events, `near_share` of them near the route.
 
     Half are constructions. One that finds no room within SITE_TRIES becomes a demolition, and the other way round; a campus
-    that has room for neither gets fewer.
+    that has room for neither gets fewer. `further` events come on top: they leave the others, and the training day, as they are.
     """
-    rng = generator(seed, Stream.EVENTS)
-    draft, events = campus.draft(), []
+    draft = campus.draft()
+    here = campus, draft, route_m
+    events = _happen(generator(seed, Stream.EVENTS), *here, count, near_share, EVENT_PERIOD_SHARE)
+    events += _happen(generator(seed, Stream.FURTHER_EVENTS), *here, further, further_near_share, FURTHER_PERIOD_SHARE)
+    _turn_over_trees(generator(seed, Stream.TREES), draft)
+    lists = tuple(draft.structures), tuple(draft.plants), tuple(draft.poles), tuple(draft.slots)
+    return replace(campus, structures=lists[0], plants=lists[1], poles=lists[2], slots=lists[3]), events
+
+
+def _happen(
+    rng: np.random.Generator,
+    campus: Campus,
+    draft: Draft,
+    route_m: NDArray[np.float64],
+    count: int,
+    near_share: float,
+    period_share: tuple[float, float],
+) -> list[Event]:
+    """Events on days within a share of the period, the first of them near the route."""
+    events = []
     for number in range(count):
         near = number < round(near_share * count)
-        day = float(PERIOD_DAYS * rng.uniform(*EVENT_PERIOD_SHARE))
+        day = float(PERIOD_DAYS * rng.uniform(*period_share))
         makers = (_construct, _demolish) if number % 2 == 0 else (_demolish, _construct)
         route = route_m if near else None
         event = makers[0](rng, campus, draft, route, day) or makers[1](rng, campus, draft, route, day)
         if event:
             events.append(event)
-    _turn_over_trees(generator(seed, Stream.TREES), draft)
-    lists = tuple(draft.structures), tuple(draft.plants), tuple(draft.poles), tuple(draft.slots)
-    return replace(campus, structures=lists[0], plants=lists[1], poles=lists[2], slots=lists[3]), events
+    return events
 
 
 def _construct(
@@ -84,52 +111,12 @@ def _construct(
         yaw = float(np.arctan2(along[1], along[0]) + rng.integers(4) * np.pi / 2)
         recipe = campus.recipes[rng.integers(len(campus.recipes))]
         building = Structure(float(place_m[0]), float(place_m[1]), yaw, recipe, born_day=day)
-        if draft.fits(building) and (streets.clearance_m(_site_m(building)) > FENCE_FROM_STREET_M).all():
-            mound = replace(building, parts=MOUND, kind=Kind.WORKS, born_day=day - MOUND_BEFORE_DAYS, dead_day=day)
-            _clear_site(draft, building, day - FENCE_BEFORE_DAYS)
+        if draft.fits(building) and clear_of_streets(streets, building):
+            clear(draft, building, day - FENCE_BEFORE_DAYS)
             draft.build(building)
-            draft.structures += [_fence(building, day), mound]
+            draft.structures += [fence(building, day), mound(building, day)]
             return Event("construction", day, building.x_m, building.y_m)
     return None
-
-
-def _fence(building: Structure, day: float) -> Structure:
-    """Four boards around the site, up before the building and gone some time after."""
-    length_m, width_m = (half + FENCE_MARGIN_M for half in building.half_extent_m())
-    boards = [(0, width_m, length_m, 0), (0, -width_m, length_m, 0), (length_m, 0, 0, width_m), (-length_m, 0, 0, width_m)]
-    thick = FENCE_HALF_THICKNESS_M
-    parts = tuple(Part(u, v, max(long, thick), max(wide, thick), 0, FENCE_HEIGHT_M) for u, v, long, wide in boards)
-    born_day, dead_day = day - FENCE_BEFORE_DAYS, day + FENCE_AFTER_DAYS
-    return replace(building, parts=parts, kind=Kind.WORKS, born_day=born_day, dead_day=dead_day)
-
-
-def _site_m(building: Structure) -> NDArray[np.float64]:
-    """Points (n, 2) no more than a metre apart all over the building's site, fence included."""
-    half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
-    u, v = (np.linspace(-half, half, int(2 * half) + 2) for half in half_m)
-    return building.to_world(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))
-
-
-def _clear_site(draft: Draft, building: Structure, day: float) -> None:
-    """Everything small on the site goes on the day when the fence comes."""
-    half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
-    c, s = np.cos(building.yaw_rad), np.sin(building.yaw_rad)
-
-    def inside(thing: object) -> bool:
-        offset_m = np.array([thing.x_m - building.x_m, thing.y_m - building.y_m])  # type: ignore[attr-defined]
-        return bool((np.abs(offset_m @ np.array([[c, -s], [s, c]])) <= half_m).all())
-
-    def until(dead_day: float) -> float:
-        return min(dead_day, day)
-
-    draft.plants = [replace(plant, dead_day=until(plant.dead_day)) if inside(plant) else plant for plant in draft.plants]
-    draft.poles = [replace(pole, dead_day=until(pole.dead_day)) if inside(pole) else pole for pole in draft.poles]
-    draft.slots = [replace(slot, dead_day=until(slot.dead_day)) if inside(slot) else slot for slot in draft.slots]
-    small = {Kind.CLUTTER, Kind.LEAF}
-    draft.structures = [
-        replace(thing, dead_day=until(thing.dead_day)) if thing.kind in small and inside(thing) else thing
-        for thing in draft.structures
-    ]
 
 
 def _demolish(

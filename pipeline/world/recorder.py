@@ -16,6 +16,25 @@ PILOT_HEIGHT_M = 1.75
 
 
 @dataclass(frozen=True)
+class Recording:
+    """What a sequence came to."""
+
+    scans: int
+    points: int
+    metres: float
+    """Path length from the first scan to the last."""
+    unseen: float
+    """The share of the route on streets that the training sequence leaves out."""
+    reversed: float
+    """The share of the route on the training sequence's streets that is driven against its direction."""
+    sees: str = "scans"
+
+    def __str__(self) -> str:
+        driven = f"{self.scans} {self.sees}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
+        return f"{driven}; planned {self.unseen:.0%} unseen, {self.reversed:.0%} reversed"
+
+
+@dataclass(frozen=True)
 class Block:
     """What became of a block of scans."""
 

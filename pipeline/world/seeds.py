@@ -28,6 +28,7 @@ class Stream(IntEnum):
     VISUAL_ODOMETRY = 13
     OUTAGES = 14
     LOOPS = 15
+    FURTHER_EVENTS = 16
 
 
 Noise: TypeAlias = Callable[[Stream], np.random.Generator]

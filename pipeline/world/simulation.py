@@ -3,51 +3,34 @@
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
-from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from pipeline.compute import Compute
 from pipeline.errors import ConfigError
+from pipeline.formats.changes import Change
 from pipeline.settings import check
 from pipeline.watch import Watch
-from pipeline.world.campus import build_campus
+from pipeline.world.campus import Campus, build_campus
+from pipeline.world.changes import changes_by
 from pipeline.world.day import dawn
 from pipeline.world.drive import drive
-from pipeline.world.events import pass_a_year
+from pipeline.world.entry import Entry
+from pipeline.world.events import Event, pass_a_year
 from pipeline.world.names import kitti_log
 from pipeline.world.plan import Plan
-from pipeline.world.recorder import Recorder
+from pipeline.world.recorder import Recorder, Recording
 from pipeline.world.robots import ROBOTS, Robot
 from pipeline.world.routes import Routes, loop_routes, training_routes
 from pipeline.world.seeds import generator
-from pipeline.world.writers import Format, writer
+from pipeline.world.writers import Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter
 
 BLOCK_RAYS = 400_000
 """About so many rays are cast at a time."""
 LOG_SEEDS, MAX_SEED = 7919, (1 << 20) - 1
 TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
-
-
-@dataclass(frozen=True)
-class Recording:
-    """What a sequence came to."""
-
-    scans: int
-    points: int
-    metres: float
-    """Path length from the first scan to the last."""
-    unseen: float
-    """The share of the route on streets that the training sequence leaves out."""
-    reversed: float
-    """The share of the route on the training sequence's streets that is driven against its direction."""
-    sees: str = "scans"
-
-    def __str__(self) -> str:
-        driven = f"{self.scans} {self.sees}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
-        return f"{driven}; planned {self.unseen:.0%} unseen, {self.reversed:.0%} reversed"
 
 
 @dataclass(frozen=True)
@@ -64,8 +47,7 @@ class Simulation:
     azimuths: int
     """Rays per turn of each of the scanner's beams; a push-broom's rays per sweep."""
     sequences: Mapping[str, Mapping[str, float]]
-    """Name -> {unseen, reversed}, the wanted shares of its route against that of the first, the training sequence, whose own are
-    zeros; a scanner car's are of each log's second half against its first."""
+    """Name -> its Entry's words. The first is the training sequence, which no other's words change; its own shares are zeros."""
     events_per_km_of_route: float = 3.0
     """Buildings that go up or come down in fifteen months; 14 is heavy."""
     near_route: float = 0.6
@@ -93,10 +75,9 @@ class Simulation:
             raise ConfigError("world.events_per_km_of_route must be 0 or more, world.near_route a share")
         if not self.sequences:
             raise ConfigError("world.sequences: needs at least the training sequence")
-        for sequence, wanted in self.sequences.items():
+        for sequence, words in self.sequences.items():
             self._robot.departs(sequence)
-            if set(wanted) != set(TRAINING_ENTRY) or not all(0 <= share <= 1 for share in wanted.values()):
-                raise ConfigError(f"world.sequences.{sequence}: needs unseen and reversed, each a share from 0 to 1")
+            Entry.of(sequence, words)
         if dict(self.sequences[self.training]) != TRAINING_ENTRY and not self._robot.loops:
             raise ConfigError(f"world.sequences.{self.training}: the first is the training sequence, unseen and reversed are 0")
 
@@ -115,11 +96,8 @@ class Simulation:
         The bytes follow from the world's parameters, the training entry and the sequence's own name and entry. Raises
         ConfigError for a sequence that the table lacks, or a route file that cannot be driven.
         """
-        entry = kitti_log(sequence) if self._robot.loops else sequence
-        if entry not in self.sequences:
-            raise ConfigError(f"sequence {sequence}: not in world.sequences ({', '.join(self.sequences)})")
-        routes, plan = self._way(entry)
-        recorder = self._drive(routes, plan, self._robot.departs(entry), truth / sequence if truth else None)
+        name = self._named(sequence)
+        recorder, plan = self._drive(name, truth / sequence if truth else None)
         scans = len(recorder.drive.scan_rows)
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
         logs = writer(self.logs, folder, sequence, recorder.lidar)
@@ -133,6 +111,18 @@ class Simulation:
                 for scan in done.unwritten:
                     logs.write_scan(*scan)
         return Recording(scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.sees)
+
+    def changes(self, train: str, sequence: str) -> list[Change]:
+        """What shows on the day of `sequence` and did not when `train`, the world's training sequence, was driven.
+
+        In the frame of the logs' truth. A scanner car's logs are all of one day: nothing changes. Raises ConfigError.
+        """
+        if self._robot.loops:
+            return []
+        if train != self.training:
+            raise ConfigError(f"train={train}: this world changes from the day of its first sequence, {self.training}")
+        campus, events = self._year(self.routes(), Entry.of(sequence, self.sequences[self._named(sequence)]))
+        return changes_by(self._day(sequence), campus, events, origin_m(self.logs)[:2])
 
     def routes(self) -> Routes:
         """The streets and the training sequence's plan on them."""
@@ -149,17 +139,35 @@ class Simulation:
         own = robot.loops or entry == self.training
         return routes, routes.training if own else routes.test(robot.departs(entry), wanted)
 
-    def _drive(self, routes: Routes, plan: Plan, when: date, truth: Path | None) -> Recorder:
+    def _named(self, sequence: str) -> str:
+        """Whose entry a sequence has: its own, or its log's."""
+        name = kitti_log(sequence) if self._robot.loops else sequence
+        if name not in self.sequences:
+            raise ConfigError(f"sequence {sequence}: not in world.sequences ({', '.join(self.sequences)})")
+        return name
+
+    def _day(self, name: str) -> int:
+        """Days after training."""
+        return self._robot.departs(name).toordinal() - self._robot.departs(self.training).toordinal()
+
+    def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
+        """The campus with all that changes over a sequence's year."""
+        densities = self.events_per_km_of_route, entry.events_per_km
+        count, wanted = (round(events_per_km * routes.route_m / 1000) for events_per_km in densities)
+        campus, further = build_campus(routes.seed, self.blocks, routes.streets), max(wanted - count, 0)
+        line_m = routes.training.line_m
+        return pass_a_year(routes.seed, campus, line_m, count, self.near_route, further, entry.near_route)
+
+    def _drive(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
         """Build the world and drive through it."""
-        seed, robot = routes.seed, self._robot
-        day = when.toordinal() - robot.departs(self.training).toordinal()
-        campus = build_campus(seed, self.blocks, routes.streets)
-        count = round(self.events_per_km_of_route * routes.route_m / 1000)
-        campus, events = pass_a_year(seed, campus, routes.training.line_m, count, self.near_route)
-        driven = drive(seed, when, plan.line_m, campus.ground, routes.route_m, self.step_m, robot.motion)
+        (routes, plan), entry, robot = self._way(name), Entry.of(name, self.sequences[name]), self._robot
+        seed, when, day = routes.seed, robot.departs(name), self._day(name)
+        campus, events = self._year(routes, entry)
+        line = plan.line_m, campus.ground, routes.route_m, self.step_m
+        driven = drive(seed, when, *line, robot.motion, entry.lateral_m)
         side = TruthWriter(truth) if truth else None
         if side:
             side.open()
             side.write_year(day, events, {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage})
         today = dawn(seed, campus, when, day)
-        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), None, side)
+        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), None, side), plan

@@ -10,7 +10,7 @@ import pytest
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
-from pipeline.methods.sci import Sci, normalised_entropy, novelties
+from pipeline.methods.sci import Sci
 from pipeline.watch import Watch
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
@@ -109,16 +109,6 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(model: Mo
     assert (np.median(unknown.novelty, axis=0) > np.median(ranking.novelty, axis=0)).all()
 
 
-def test_each_novelty_is_what_its_name_says() -> None:
-    # Logits (ln 2, ln 1, ln 1): probabilities .5 .25 .25, entropy 1.5 bits of log2 3; energy −ln 4. At temperature .5 the odds
-    # are squared: 4 1 1, so 2/3 1/6 1/6.
-    entropy, tempered, energy, distance = novelties(np.log([[2.0, 1.0, 1.0]]), 0.5, np.array([0.9])).values()
-    np.testing.assert_allclose(entropy, 1.5 / np.log2(3))
-    np.testing.assert_allclose(tempered, (2 / 3 * np.log2(1.5) + 1 / 3 * np.log2(6)) / np.log2(3))
-    np.testing.assert_allclose(energy, -np.log(4))
-    np.testing.assert_allclose(distance, 0.1)
-
-
 def test_confidence_is_the_highest_tempered_probability(model: Model) -> None:
     everything = SMALL.localizer(model)(rows(3), k=PLACES)
     odds = (1 - everything.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
@@ -213,11 +203,3 @@ def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model
 def test_grey_images_are_learned_too(colormap: str) -> None:
     learned = replace(SMALL, colormap=colormap, epochs=2).learn(rows(2), TRUTH, Watch())  # type: ignore[arg-type]
     assert learned["net/features.0.weight"].shape[1] == {"jet": 3, "grey": 1}[colormap]
-
-
-@pytest.mark.parametrize(
-    ("probability", "entropy"),
-    [((0.25,) * 4, 1.0), ((0, 1, 0, 0), 0.0), ((0.5, 0.25, 0.125, 0.125), 0.875), ((0.7, 0.2, 0.1), 0.729847), ((1,), 0.0)],
-)
-def test_entropy_is_normalised_as_the_authors_do(probability: tuple[float, ...], entropy: float) -> None:
-    np.testing.assert_allclose(normalised_entropy(np.array([probability], float)), [entropy], atol=5e-7)

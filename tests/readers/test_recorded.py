@@ -8,7 +8,9 @@ import pytest
 
 from pipeline.compute import Compute
 from pipeline.errors import LogError
+from pipeline.formats.changes import Change
 from pipeline.readers.kitti import Kitti
+from pipeline.readers.log import Log
 from pipeline.readers.recorded import Recorded
 from pipeline.watch import Watch
 
@@ -45,3 +47,24 @@ def test_nothing_is_written_of_a_log_that_cannot_be_read(tmp_path: Path, kitti: 
     with pytest.raises(LogError):
         Recorded(Kitti(), str(root)).record("07", tmp_path / "out", Compute(), Watch())
     assert not (tmp_path / "out").exists()
+
+
+class Days:
+    """Logs whose names are the day on which they were recorded."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        stamps_ns = np.array([(86_400 * int(sequence) + 50_000) * 10**9])
+        return Log(stamps_ns, np.eye(4)[None], np.eye(4)[None], lambda row: np.zeros((1, 3)), {})
+
+
+def test_what_the_user_noted_shows_from_its_day(tmp_path: Path) -> None:
+    noted = tmp_path / "noted.csv"
+    noted.write_text("x_m, y_m, what, day, from_day\n1.5,-2,demolition,40,40\n3,4,scaffold,90,8\n0,0,fence,-3,-3\n")
+    site = Recorded(Days(), str(tmp_path), str(noted))
+    scaffold, demolition = Change("scaffold", 8, 90, 3.0, 4.0), Change("demolition", 40, 40, 1.5, -2.0)
+    # Day 107 is 7 days after day 100; what was there before training is no change.
+    assert [site.changes("100", sequence) for sequence in ("107", "108", "140")] == [[], [scaffold], [scaffold, demolition]]
+
+
+def test_nobody_noted_anything(tmp_path: Path) -> None:
+    assert Recorded(Days(), str(tmp_path)).changes("100", "140") == []

@@ -165,6 +165,8 @@ def test_runs_hold_the_year_the_training_and_a_child_a_sequence(study: Study, dr
     assert (other.name, other.tags["mlflow.runColor"]) == ("m2dp 10m", "#009E73")
     assert not {name for name in other.series if name.startswith(("train/", "calibration/")) or "heading_error" in name}
     assert {"rejection/distance_auroc", "cells/oracle_auc_exact_top1"} <= other.series.keys()
+    assert run.series["ageing/cells_recall_at_1_per_100_days"] == [(62, pytest.approx(0.0))]
+    assert not {name for name in run.series if name.startswith("ageing/novelty")}  # neither model keeps what it held out
 
 
 def test_a_missing_artifact_is_named(artifacts: Path, tmp_path: Path) -> None:

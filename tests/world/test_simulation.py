@@ -13,12 +13,14 @@ from pipeline.errors import ConfigError
 from pipeline.formats.nclt import pose_rows
 from pipeline.watch import Watch
 from pipeline.world import simulation
+from pipeline.world.recorder import Recording
 from pipeline.world.shapes import Kind
-from pipeline.world.simulation import Recording, Simulation
+from pipeline.world.simulation import Simulation
 from tests.world.walls import off_walls_m
 
 CONF = Path(__file__).parents[2] / "conf" / "world"
 TRAINING, TEST, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
+EVEN = {"unseen": 0.0, "reversed": 0.0}
 
 
 def _record(world: Simulation, sequence: str, root: Path, workers: int = 1, truth: Path | None = None) -> Recording:
@@ -164,7 +166,14 @@ def test_an_unknown_sequence_is_one_line_of_error(small: Simulation, tmp_path: P
         {"sequences": {}},
         {"sequences": {"summer": {"unseen": 0.0, "reversed": 0.0}}},
         {"sequences": {TRAINING: {"unseen": 0.1, "reversed": 0.0}}},
-        {"sequences": {TRAINING: {"unseen": 0.0, "reversed": 0.0}, TEST: {"unseen": 0.1}}},
+        {"sequences": {TRAINING: {"unseen": 0.0, "reversed": 0.0, "lateral_m": 2.0}}},
+        {"sequences": {TRAINING: EVEN, TEST: {"unseen": 0.1}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "season": 1.0}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "unseen": 1.1}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "reversed": "all"}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "events_per_km": -1.0}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "near_route": 2.0}}},
+        {"sequences": {TRAINING: EVEN, TEST: {**EVEN, "lateral_m": -3.5}}},
     ],
 )
 def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[str, object]):
@@ -174,10 +183,10 @@ def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[s
 
 
 @pytest.mark.parametrize("preset", ["tiny", "demo", "year"])
-def test_every_preset_holds_all_eleven_sequences(preset: str):
+def test_every_preset_holds_the_papers_eleven_sequences_and_three_of_stress(preset: str):
     keys = yaml.safe_load((CONF / f"campus_{preset}.yaml").read_text())
     assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
     world = Simulation(**keys)
-    assert len(world.sequences) == 11
     assert world.training == TRAINING
-    assert [entry["reversed"] for entry in world.sequences.values()][1:] == [0, 0.3, 0, 0.15, 0, 0.3, 0, 0.15, 0, 0.3]
+    reversed_shares = [entry["reversed"] for entry in world.sequences.values()]
+    assert reversed_shares == [0, 0, 0.3, 0, 0.15, 0, 0.3, 0, 0.15, 0, 0.3, 1, 0, 0]

@@ -14,8 +14,9 @@ from pipeline.world.campus import build_campus
 from pipeline.world.drive import drive
 from pipeline.world.motion import CAR
 from pipeline.world.names import KITTI_DATE
+from pipeline.world.recorder import Recording
 from pipeline.world.shapes import Kind
-from pipeline.world.simulation import Recording, Simulation
+from pipeline.world.simulation import Simulation
 from tests.world.walls import off_walls_m
 
 CONF = Path(__file__).parents[2] / "conf" / "world"

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.world.campus import build_campus, shapes_on
-from pipeline.world.events import pass_a_year
-from pipeline.world.robots import ROBOTS
+from pipeline.world.campus import shapes_on
+from pipeline.world.entry import Entry
 from pipeline.world.routes import Routes
 from pipeline.world.shapes import Kind
 from pipeline.world.simulation import Simulation
@@ -16,12 +15,8 @@ def off_walls_m(
 ) -> NDArray[np.float64]:
     """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands on the sequence's day."""
     routes = routes or world.routes()
-    departs = ROBOTS[world.robot].departs
-    day = departs(sequence).toordinal() - departs(world.training).toordinal()
-    campus = build_campus(routes.seed, world.blocks, routes.streets)
-    count = round(world.events_per_km_of_route * routes.route_m / 1000)
-    campus, _ = pass_a_year(routes.seed, campus, routes.training.line_m, count, world.near_route)
-    box = shapes_on(campus, day)[0]
+    campus, _ = world._year(routes, Entry.of(sequence, world.sequences[sequence]))
+    box = shapes_on(campus, world._day(sequence))[0]
     box = box[box["kind"] == Kind.BUILDING]
     east, north, up = points_m.T[..., None]
     ahead = (east - box["x_m"]) * box["cos_yaw"] + (north - box["y_m"]) * box["sin_yaw"]

@@ -4,13 +4,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.frames import Poses
 from pipeline.world.drive import Drive
 from pipeline.world.lidar import Lidar, Returns
 from pipeline.world.seeds import Noise
 from pipeline.world.writers.kitti import KittiWriter
 from pipeline.world.writers.nclt import NcltWriter
-from pipeline.world.writers.robotcar import RobotCarWriter
+from pipeline.world.writers.robotcar import ORIGIN_M, RobotCarWriter
 
 
 class Writer(Protocol):
@@ -37,6 +40,11 @@ Files = Callable[[Path, str, Poses], Writer]
 FILES: dict[str, Files] = {"nclt": NcltWriter, "robotcar": RobotCarWriter, "kitti": KittiWriter}
 BAGS = ("ros1", "sqlite3", "mcap")
 Format = Literal["nclt", "robotcar", "kitti", "ros1", "sqlite3", "mcap"]
+
+
+def origin_m(logs: Format) -> NDArray[np.float64]:
+    """Where the world's origin (3,) lies in the world frame that the reader of the format's truth hands out."""
+    return np.array(ORIGIN_M if logs == "robotcar" else (0.0, 0.0, 0.0))
 
 
 def writer(logs: Format, folder: Path, sequence: str, lidar: Lidar) -> Writer:

@@ -1,0 +1,47 @@
+"""Demolition: nothing comes back from a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.alterations import AS_DRIVEN, Case
+from pipeline.errors import ConfigError
+from pipeline.settings import check
+
+DEMOLITION = "demolition"
+
+
+@dataclass(frozen=True)
+class Demolition:
+    """Takes away all points whose azimuth lies in a wedge, the ground among them."""
+
+    widths_deg: Sequence[float] = (30, 60, 90)
+    """A case each. All of a query begin at one random azimuth and widen to the left, so what one lacks a wider one lacks too."""
+    seed: int = 0
+    """Of the azimuths, with each query's stamp: see pipeline.alterations."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "widths_deg", tuple(self.widths_deg))
+        check(self, "alteration")
+        if not self.widths_deg or not all(0 < width < 360 for width in self.widths_deg):
+            raise ConfigError(f"alteration.widths_deg={list(self.widths_deg)}: expected angles between 0 and 360")
+        if self.seed < 0:
+            raise ConfigError(f"alteration.seed={self.seed}: expected a number of at least 0")
+
+    @property
+    def cases(self) -> Sequence[Case]:
+        """As driven, then each width."""
+        return (Case(), *(Case(DEMOLITION, float(width)) for width in self.widths_deg))
+
+    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
+        """The points (m, 3) outside a wedge of `case.level` degrees from an azimuth U[0, 2π) on, and no turn."""
+        if case.change == AS_DRIVEN:
+            return points_m, 0.0
+        half_rad = math.radians(case.level) / 2
+        middle_rad = rng.uniform(0, 2 * math.pi) + half_rad
+        x, y = points_m.T[:2]
+        along_m = math.cos(middle_rad) * x + math.sin(middle_rad) * y
+        return points_m[along_m <= math.cos(half_rad) * np.sqrt(x * x + y * y)], 0.0

@@ -1,0 +1,40 @@
+"""Several alterations in one go, which share the case as driven."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.alterations import Alteration, Case
+from pipeline.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Several:
+    """The cases of its parts, one part after the other; each query meets one part at a time, drawn as it would be alone."""
+
+    parts: Sequence[Alteration]
+    """All of one seed, and no two with a case in common but the first."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", tuple(self.parts))
+        if len({part.seed for part in self.parts}) != 1:
+            raise ConfigError(f"alteration.parts: expected parts of one seed, got {[part.seed for part in self.parts]}")
+        if len(set(self.cases)) < len(self.cases):
+            raise ConfigError("alteration.parts: two parts have a case in common; leave one of them out")
+
+    @property
+    def seed(self) -> int:
+        """That of its parts."""
+        return self.parts[0].seed
+
+    @property
+    def cases(self) -> Sequence[Case]:
+        """As driven, then the cases of each part."""
+        return (Case(), *(case for part in self.parts for case in part.cases if case != Case()))
+
+    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
+        """As the part does whose case it is."""
+        (part, *_) = (part for part in self.parts if case in part.cases)
+        return part.alter(case, points_m, rng)

@@ -1,0 +1,48 @@
+"""The robot turned by random angles on its place, before anything is drawn (SCI paper, Fig. 10; METHODS 2.8)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.alterations import AS_DRIVEN, TURNED, Case
+from pipeline.errors import ConfigError
+from pipeline.settings import check, positive
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Turns the points themselves, not the columns of a view."""
+
+    repeats: int = 5
+    """Angles of each query."""
+    seed: int = 0
+    """Of the angles, with each query's stamp: see pipeline.alterations."""
+
+    def __post_init__(self) -> None:
+        check(self, "alteration")
+        positive("alteration", repeats=self.repeats)
+        if self.seed < 0:
+            raise ConfigError(f"alteration.seed={self.seed}: expected a number of at least 0")
+
+    @property
+    def cases(self) -> Sequence[Case]:
+        """As driven, then each repeat."""
+        return (Case(), *(Case(TURNED, repeat=repeat) for repeat in range(self.repeats)))
+
+    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
+        """The points (n, 3) as a robot sees them that is turned to the left by U[0, 2π), and that angle in radians."""
+        if case.change == AS_DRIVEN:
+            return points_m, 0.0
+        left_rad = float(rng.uniform(0, 2 * math.pi, case.repeat + 1)[-1])
+        return turned(points_m, left_rad), left_rad
+
+
+def turned(points_m: NDArray[np.floating], left_rad: float) -> NDArray[np.floating]:
+    """Points (n, 3) in the frame of a robot that has turned to the left by so much: Rz(−left) p."""
+    c, s = math.cos(left_rad), math.sin(left_rad)
+    seen, (x, y) = points_m.copy(), points_m.T[:2]
+    seen[:, 0], seen[:, 1] = c * x + s * y, c * y - s * x
+    return seen

@@ -1,0 +1,116 @@
+"""How a number changes with the days since training, and when it has fallen so far that one would train again.
+
+A straight line through one value a test sequence, by least squares. Its interval is of the scatter of the sequences about the
+line, whatever that comes from: chance along each path, another share of streets driven backwards, the weather of the day.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from pipeline.errors import ConfigError
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.settings import check
+
+
+@dataclass(frozen=True)
+class Line:
+    """A value v = intercept + slope · days, fitted to `number` sequences."""
+
+    number: int
+    last_day: float
+    """Of the last sequence: what lies after it is extrapolated."""
+    intercept: float
+    """On the day of training."""
+    slope: float
+    """A day."""
+    middle_slope: float
+    """Theil and Sen's: the median over all pairs of sequences, which one odd sequence hardly moves."""
+    p: float
+    """Two-sided, of no slope; NaN of two sequences."""
+    quantile: float
+    """Of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none."""
+    covariance: NDArray[np.float64]
+    """(2, 2) of intercept and slope."""
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Lowest and highest slope a day; None of two sequences, through which a line always goes."""
+        half = self.quantile * np.sqrt(self.covariance[1, 1])
+        return None if np.isnan(half) else (float(self.slope - half), float(self.slope + half))
+
+    @property
+    def trend(self) -> int:
+        """−1 and +1 where the whole interval of the slope lies below and above 0, else 0."""
+        low, high = self.interval or (-1.0, 1.0)
+        return int(low > 0) - int(high < 0)
+
+    def at(self, days: NDArray[Any]) -> NDArray[np.float64]:
+        """The line and its lowest and highest (3, n) on some days (n,), each by itself; NaN where there is no interval."""
+        beside = np.stack([np.ones_like(days, np.float64), days])
+        value = np.array([self.intercept, self.slope]) @ beside
+        half = self.quantile * np.sqrt(np.einsum("in,ij,jn->n", beside, self.covariance, beside))
+        return np.stack([value, value - half, value + half])
+
+    def lost(self, share: float) -> tuple[float, float, float] | None:
+        """The day on which the line has lost `share` of its value on the day of training, and its earliest and latest.
+
+        None unless the line surely falls. Fieller's interval of a ratio (1954): the days d on which share · intercept +
+        slope · d = 0 cannot be ruled out; unlike the slope's interval alone, it knows that the intercept is uncertain too.
+        """
+        if self.trend >= 0 or self.intercept <= 0:
+            return None
+        estimate = np.array([self.intercept, self.slope])
+        (aa, ab), (_, bb) = np.outer(estimate, estimate) - self.quantile**2 * self.covariance
+        half = np.sqrt(max(ab**2 - aa * bb, 0.0))
+        first, last = (max(0.0, float(share * (-ab + sign * half) / bb)) for sign in (-1, 1))
+        return float(-share * self.intercept / self.slope), first, last
+
+
+@dataclass(frozen=True)
+class Ageing:
+    """What is asked of the lines (conf/report.yaml)."""
+
+    loss: float = 0.1
+    """The share of a number's value on the day of training whose loss calls for training again."""
+    level: float = 0.95
+    """Of the intervals."""
+
+    def __post_init__(self) -> None:
+        check(self, "ageing")
+        for name in ("loss", "level"):
+            if not 0 < getattr(self, name) < 1:
+                raise ConfigError(f"ageing.{name}={getattr(self, name)}: expected a share between 0 and 1")
+
+    def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
+        """Through values (n,) on days (n,) since training, those that are NaN left out; None unless two lie on unlike days."""
+        there = np.isfinite(values)
+        x, y = np.asarray(days, np.float64)[there], np.asarray(values, np.float64)[there]
+        if len(np.unique(x)) < 2:
+            return None
+        fit, n = stats.linregress(x, y), len(x)
+        left, apart = y - fit.intercept - fit.slope * x, x - x.mean()
+        of_slope = (left @ left) / (apart @ apart) / (n - 2) if n > 2 else np.nan
+        of_intercept, of_both = of_slope * (x**2).mean(), -of_slope * x.mean()
+        return Line(
+            number=n,
+            last_day=float(x.max()),
+            intercept=float(fit.intercept),
+            slope=float(fit.slope),
+            middle_slope=float(stats.theilslopes(y, x).slope),
+            p=float(fit.pvalue) if n > 2 else np.nan,
+            quantile=float(stats.t.ppf((1 + self.level) / 2, n - 2)) if n > 2 else np.nan,
+            covariance=np.array([[of_intercept, of_both], [of_both, of_slope]]),
+        )
+
+
+def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:
+    """How new the seen queries look, 0 to 100: the percentile of their median novelty among held-out queries (h,).
+
+    Seen by distance, novelty in use; 50 is as new as the day of training itself. NaN where either is empty.
+    """
+    seen = evaluation.novelty[evaluation.distance.seen, 0]
+    return float(stats.percentileofscore(held_out, np.median(seen), kind="mean")) if len(seen) and len(held_out) else np.nan

@@ -1,0 +1,121 @@
+"""How a method fares by the distance to the nearest thing that was built or torn down since training.
+
+Real changes of the world, unlike those that an alteration draws into single queries: they hide, widen and open up views for good.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import settings
+from pipeline.errors import ConfigError
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.counts import right
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.numbers import Weight, auc_exact, share
+from pipeline.evaluation.protocols import Truth
+from pipeline.formats.changes import Change
+
+NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
+APART_M = 1e6
+"""Between the paths of two sequences that are pooled, so that no block holds queries of both."""
+
+
+@dataclass(frozen=True)
+class Bands:
+    """How queries are grouped (conf/report.yaml)."""
+
+    edges_m: Sequence[float] = (25.0, 50.0, 100.0)
+    """Rising; the last band has no end."""
+    kinds: Sequence[str] = ("construction", "demolition")
+    """Which changes count; trees change everywhere."""
+    few: int = 30
+    """Fewer seen queries than this say little."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "bands")
+        settings.positive("bands", few=self.few)
+        if not self.edges_m or list(self.edges_m) != sorted({float(edge) for edge in self.edges_m if edge > 0}):
+            raise ConfigError(f"bands.edges_m={list(self.edges_m)}: expected rising distances above 0")
+
+    @property
+    def names(self) -> list[str]:
+        """`0–25 m`, `25–50 m`, `over 50 m`."""
+        edges = [f"{edge:g}" for edge in (0.0, *self.edges_m)]
+        return [f"{low}–{high} m" for low, high in pairwise(edges)] + [f"over {edges[-1]} m"]
+
+    def of(self, away_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The band (q,) of each distance (q,), on an edge the nearer one; −1 of NaN."""
+        return np.where(np.isnan(away_m), -1, np.searchsorted(np.asarray(self.edges_m, np.float64), away_m, side="left"))
+
+
+@dataclass(frozen=True)
+class Banded:
+    """One method by one protocol, over all its sequences."""
+
+    seen: NDArray[np.int64]  # (band,)
+    unseen: NDArray[np.int64]  # (band,)
+    values: NDArray[np.float64]  # (band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none
+
+
+def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
+    """Distance (q,) from positions (q, 2) to the nearest change; infinite where there is none."""
+    where = np.array([(one.x_m, one.y_m) for one in changes], np.float64).reshape(-1, 2)
+    return np.asarray(np.linalg.norm(where - xy_m[:, None], axis=2).min(axis=1, initial=np.inf))
+
+
+def distances(
+    xy_m: Mapping[str, NDArray[np.float64]], changes: Mapping[str, Iterable[Change]], kinds: Sequence[str]
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """How far queries (q, 2) are from the nearest change that shows, and from one to come: two of (q,) a sequence.
+
+    `changes` of each sequence are those that show on its day. What shows in others alone is to come, or NaN where something that
+    shows is nearer: the kind of street that changes, before it does.
+    """
+    by = {sequence: {one for one in changes[sequence] if one.what in kinds} for sequence in xy_m}
+    every, found = set().union(*by.values()), {}
+    for sequence, where in xy_m.items():
+        shown, to_come = nearest_m(where, by[sequence]), nearest_m(where, every - by[sequence])
+        found[sequence] = shown, np.where(to_come < shown, to_come, np.nan)
+    return found
+
+
+def banded(
+    evaluations: Sequence[Evaluation], away_m: Sequence[NDArray[np.float64]], bands: Bands, protocol: str, bootstrap: Bootstrap
+) -> Banded:
+    """One method's queries of all sequences pooled, each counting once; `away_m` (q,) of each evaluation's, NaN to leave out.
+
+    The threshold of the exact curve passes the novelties of all sequences together.
+    """
+    band = bands.of(np.concatenate(away_m))
+    novelty = np.concatenate([one.novelty[:, 0] for one in evaluations])
+    truth = _pooled([one.truth(protocol) for one in evaluations])
+    rows = [np.flatnonzero(band == number) for number in range(len(bands.names))]
+    parts = [_some(truth, here) for here in rows]
+
+    def numbers(weight: Weight) -> NDArray[np.float64]:
+        found = []
+        for here, part in zip(rows, parts, strict=True):
+            own = weight[:, here]
+            found += [share(flags, part.seen, own) for flags in (right(part, 1), part.oracle_right)]
+            found.append(auc_exact(part, novelty[here], own))
+        return np.stack(found)
+
+    apart_m = np.concatenate([one.xy_m + np.array([APART_M * number, 0.0]) for number, one in enumerate(evaluations)])
+    values = np.concatenate([numbers(np.ones((1, len(band)))), bootstrap.intervals(numbers, apart_m)], axis=1)
+    seen, unseen = ([int(getattr(part, name).sum()) for part in parts] for name in ("seen", "unseen"))
+    return Banded(np.array(seen), np.array(unseen), values.reshape(len(rows), len(NUMBERS), 3))
+
+
+def _pooled(truths: Sequence[Truth]) -> Truth:
+    seen, unseen, true_rank, oracle_right = (
+        np.concatenate([getattr(one, name) for one in truths]) for name in ("seen", "unseen", "true_rank", "oracle_right")
+    )
+    return Truth(seen, unseen, true_rank, oracle_right, truths[0].usual_recall)
+
+
+def _some(truth: Truth, rows: NDArray[np.int64]) -> Truth:
+    return Truth(truth.seen[rows], truth.unseen[rows], truth.true_rank[rows], truth.oracle_right[rows], truth.usual_recall)

@@ -1,0 +1,64 @@
+"""A csv of what has changed in a place since training: buildings that went up or came down, trees that were felled or planted."""
+
+import csv
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass, fields
+from math import isfinite, nan
+from pathlib import Path
+
+from pipeline.errors import LogError
+
+
+@dataclass(frozen=True)
+class Change:
+    """One row; its fields are the columns."""
+
+    what: str
+    """`construction`, `demolition`, `tree`, or any other word."""
+    from_day: int
+    """The first day after the training sequence's on which the place looks different: of a construction, when its fence is up."""
+    day: int
+    """Days after the training sequence on which it is done: the building stands, or is gone."""
+    x_m: float
+    y_m: float
+    """In the world frame of the logs' ground truth, as the reader hands it out."""
+
+
+COLUMNS = tuple(field.name for field in fields(Change))
+
+
+def visible(changes: Iterable[Change], day: int) -> list[Change]:
+    """The changes that show on `day` and did not on the training day, in order of their coming."""
+    return sorted((one for one in changes if 0 < one.from_day <= day), key=lambda one: (one.from_day, one.day, one.x_m, one.y_m))
+
+
+def write_changes(path: Path, changes: Iterable[Change]) -> None:
+    """Write a header and a row a change, metres to the centimetre."""
+    rows = (f"{what},{from_day},{day},{x_m:.2f},{y_m:.2f}\n" for what, from_day, day, x_m, y_m in map(astuple, changes))
+    path.write_text(",".join(COLUMNS) + "\n" + "".join(rows), encoding="utf-8")
+
+
+def read_changes(path: Path) -> list[Change]:
+    """The changes of a csv, whose columns may come in any order; raises LogError naming what it lacks, or a bad row."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = csv.DictReader(file, skipinitialspace=True)
+            lacks = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+            if lacks:
+                raise LogError(f"{path}: its first line names no column {', '.join(lacks)}; expected {','.join(COLUMNS)}")
+            return [_change(path, number, row) for number, row in enumerate(rows, 1)]
+    except OSError:
+        raise LogError(f"{path}: no such file") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: expected a csv file; {error}") from None
+
+
+def _change(path: Path, number: int, row: dict[str, str]) -> Change:
+    what, from_day, day, x_m, y_m = (row[name] for name in COLUMNS)
+    try:
+        change = Change(what, int(from_day), int(day), float(x_m), float(y_m))
+    except (TypeError, ValueError):
+        change = Change("", 0, 0, nan, nan)
+    if not isfinite(change.x_m + change.y_m):
+        raise LogError(f"{path}: row {number} holds no change; expected a word, two whole days and x, y in metres")
+    return change

@@ -1,0 +1,56 @@
+"""Wedges of directions that nothing comes back from."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pipeline.alterations.demolition import Demolition
+from pipeline.errors import ConfigError
+
+AZIMUTHS_DEG = np.arange(0.05, 360, 0.1)
+"""3600 points, a tenth of a degree apart."""
+POINTS_M = np.stack([9 * np.cos(np.radians(AZIMUTHS_DEG)), 9 * np.sin(np.radians(AZIMUTHS_DEG)), np.full(3600, 0.4)], axis=1)
+
+
+def kept(alteration: Demolition, stamp_ns: int = 3, points: np.ndarray = POINTS_M) -> list[np.ndarray]:
+    """The points that each case leaves."""
+    rngs = [np.random.default_rng((alteration.seed, stamp_ns)) for _ in alteration.cases]
+    return [alteration.alter(case, points, rng)[0] for case, rng in zip(alteration.cases, rngs, strict=True)]
+
+
+@pytest.mark.parametrize("stamp_ns", range(8))
+def test_a_wedge_takes_exactly_the_points_within(stamp_ns: int) -> None:
+    """Of points a tenth of a degree apart it takes ten a degree, one after the other from its random start on."""
+    start_deg = math.degrees(np.random.default_rng((0, stamp_ns)).uniform(0, 2 * math.pi))
+    for width_deg, left in zip((30, 60, 90, 270), kept(Demolition([30, 60, 90, 270]), stamp_ns)[1:], strict=True):
+        assert len(left) == 3600 - 10 * width_deg
+        np.testing.assert_array_equal(left, POINTS_M[(AZIMUTHS_DEG - start_deg) % 360 > width_deg])
+
+
+def test_distance_and_height_make_no_difference() -> None:
+    near, far = POINTS_M * (0.01, 0.01, 1), POINTS_M * (9, 9, -20)
+    for left, other in ((near, (0.01, 0.01, 1)), (far, (9, 9, -20))):
+        np.testing.assert_allclose(kept(Demolition(), points=left)[2], kept(Demolition())[2] * other)
+
+
+def test_what_a_wedge_lacks_a_wider_one_lacks_too() -> None:
+    driven, *left = ({tuple(point) for point in points} for points in kept(Demolition()))
+    assert driven > left[0] > left[1] > left[2]
+
+
+def test_the_same_seed_takes_the_same_and_another_seed_or_query_another_wedge() -> None:
+    wedge = kept(Demolition())[2].tobytes()
+    assert kept(Demolition([60]))[1].tobytes() == wedge
+    assert kept(Demolition(seed=1))[2].tobytes() != wedge
+    assert kept(Demolition(), stamp_ns=4)[2].tobytes() != wedge
+
+
+def test_a_point_on_the_sensors_axis_has_no_direction_and_stays() -> None:
+    assert all(len(points) == 1 for points in kept(Demolition(), points=np.array([[0.0, 0.0, 2.0]])))
+
+
+@pytest.mark.parametrize("wrong", [{"widths_deg": [0]}, {"widths_deg": []}, {"widths_deg": [360]}, {"seed": -1}])
+def test_senseless_settings_are_refused(wrong: dict[str, list[float]]) -> None:
+    with pytest.raises(ConfigError, match=f"alteration.{next(iter(wrong))}="):
+        Demolition(**wrong)  # type: ignore[arg-type]

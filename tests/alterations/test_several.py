@@ -1,0 +1,65 @@
+"""Several alterations in one go, and the files of conf/alteration."""
+
+from dataclasses import fields
+from pathlib import Path
+from pydoc import locate
+
+import numpy as np
+import pytest
+import yaml
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
+
+from pipeline.alterations import Case
+from pipeline.alterations.as_driven import AsDriven
+from pipeline.alterations.construction import Construction
+from pipeline.alterations.demolition import Demolition
+from pipeline.alterations.several import Several
+from pipeline.alterations.turned import Turned
+from pipeline.errors import ConfigError
+
+CONF = sorted((Path(__file__).parents[2] / "conf/alteration").glob("*.yaml"))
+POINTS_M = np.random.default_rng(2).uniform((-40, -40, 0), (40, 40, 15), (500, 3))
+GLANCE = Several([Turned(repeats=1), Demolition([60]), Construction([2], shadows=[False])])
+
+
+def test_parts_stand_behind_one_case_as_driven() -> None:
+    assert GLANCE.cases == (Case(), Case("turned"), Case("demolition", 60.0), Case("construction", 2.0))
+
+
+@pytest.mark.parametrize("whole", [Turned(), Demolition(), Construction()], ids=lambda whole: type(whole).__name__)
+def test_a_case_is_the_same_as_in_the_whole_alteration(whole: Turned | Demolition | Construction) -> None:
+    for case in (shared := set(GLANCE.cases) & set(whole.cases)):
+        here, there = (alteration.alter(case, POINTS_M, np.random.default_rng((0, 5))) for alteration in (GLANCE, whole))
+        np.testing.assert_array_equal(here[0], there[0])
+        assert here[1] == there[1]
+    assert len(shared) == 2
+
+
+def test_parts_that_cannot_be_told_apart_are_refused() -> None:
+    with pytest.raises(ConfigError, match="one seed"):
+        Several([Turned(), Demolition(seed=1)])
+    with pytest.raises(ConfigError, match="in common"):
+        Several([Demolition(), Demolition([60])])
+    with pytest.raises(ConfigError, match="one seed"):
+        Several([])
+
+
+def test_as_driven_leaves_everything() -> None:
+    (case,) = AsDriven().cases
+    assert case == Case()
+    assert AsDriven().alter(case, POINTS_M, np.random.default_rng(0)) == (POINTS_M, 0.0)
+
+
+@pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)
+def test_an_alteration_is_one_yaml_with_its_fields(path: Path) -> None:
+    conf = yaml.safe_load(path.read_text())
+    made = instantiate(OmegaConf.load(path))
+    assert made.cases[0] == Case()
+    assert made.seed == 0
+    if path.stem == "glance":
+        assert made == GLANCE
+    else:
+        assert conf.pop("_target_") == f"pipeline.alterations.{path.stem}.{type(made).__name__}"
+        assert conf.keys() == {field.name for field in fields(made)}
+        assert made == locate(f"pipeline.alterations.{path.stem}.{type(made).__name__}")()

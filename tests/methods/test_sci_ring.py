@@ -1,0 +1,240 @@
+"""SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.frames import pose
+from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.methods.sci_ring import SciRing, circular_mean_deg, jointly, rolled
+from pipeline.views.scan_context import ScanContext
+from pipeline.watch import Watch
+
+KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
+PLACES, EACH, SECTORS = 4, 10, 40
+VIEW = ScanContext(rings=8, sectors=SECTORS, max_range_m=24.0, voxel_m=0.0, min_points=1)
+SMALL = SciRing(
+    epochs=16, batch=8, dropout=0.0, held_out_every_m=10, held_out_length_m=2, neighbour_m=11, precision="f32", threads=1
+)
+TRUTH = np.repeat(np.arange(PLACES), EACH)
+YAW_DEG = np.random.default_rng(7).uniform(-180, 180, len(TRUTH))
+
+
+def scene(number: int) -> np.ndarray:
+    """Thirty poles (n, 3) around a place, x to the east."""
+    rng = np.random.default_rng(number)
+    xy_m, heights_m = rng.uniform(-17, 17, (30, 2)), rng.uniform(2, 14, 30)
+    return np.concatenate([[(*xy, z) for z in np.arange(0.5, top, 0.5)] for xy, top in zip(xy_m, heights_m, strict=True)])
+
+
+def rows(seed: int, yaw_deg: np.ndarray = YAW_DEG, first: int = 0) -> Rows:
+    """Each scene seen EACH times with noise by sensors of these yaws, a metre apart along x."""
+    world_T_anchor = pose(
+        np.stack([np.arange(len(TRUTH)), *np.zeros((2, len(TRUTH)))], 1), np.deg2rad(yaw_deg)[:, None] * [0, 0, 1]
+    )
+    rng = np.random.default_rng(seed)
+    seen = [
+        (scene(first + int(place)) + rng.normal(0, 0.1, 3)) @ turn[:3, :3]
+        for place, turn in zip(TRUTH, world_T_anchor, strict=True)
+    ]
+    return Rows(np.stack([VIEW(points) for points in seen]), np.arange(len(TRUTH)), world_T_anchor)
+
+
+def some(views: Rows, part: slice) -> Rows:
+    return Rows(views.images[part], views.stamps_ns[part], views.world_T_anchor[part])
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return SMALL.learn(rows(2), TRUTH, Watch())
+
+
+@pytest.fixture(scope="module")
+def ranking(model: Model) -> Ranking:
+    return SMALL.localizer(model)(rows(3), 3)
+
+
+def same(one: Model, other: Model) -> bool:
+    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
+
+
+def off_deg(told: np.ndarray, true: np.ndarray) -> np.ndarray:
+    off: np.ndarray = np.abs((told - true + 180) % 360 - 180)
+    return off
+
+
+def test_places_are_learned(model: Model, ranking: Ranking) -> None:
+    assert (ranking.places[:, 0] == TRUTH).mean() > 0.9
+    assert model["curves/loss"][-1] < 0.5 * model["curves/loss"][0]
+
+
+@pytest.mark.parametrize("turn_deg", [0, 90, -130])
+def test_a_sensor_turned_to_the_left_is_known_and_told_so(model: Model, turn_deg: float) -> None:
+    """Its yaw in the world grows by as much; headings here are 72° apart, so an answer lies between them."""
+    yaw_deg = YAW_DEG + turn_deg
+    found = SMALL.localizer(model)(rows(2, yaw_deg), 1)
+    assert (found.places[:, 0] == TRUTH).mean() > 0.9
+    assert np.median(off_deg(found.heading_deg, yaw_deg)) < 12
+    assert ((found.heading_deg > -180) & (found.heading_deg <= 180)).all()
+
+
+def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(model: Model, ranking: Ranking) -> None:
+    # 8 of 40 columns: what was seen at azimuth a is seen at a + 72°, so the sensor looks 72° less to the left.
+    views = rows(3)
+    found = SMALL.localizer(model)(replace(views, images=np.roll(views.images, 8, axis=2)), 3)
+    assert found.places.tolist() == ranking.places.tolist()
+    np.testing.assert_allclose(found.costs, ranking.costs, atol=1e-6)
+    np.testing.assert_allclose(found.novelty, ranking.novelty, atol=1e-5)
+    np.testing.assert_allclose(off_deg(found.heading_deg, ranking.heading_deg - 72), 0, atol=1e-2)
+
+
+def test_answers_are_ranked_from_cheapest_to_dearest(ranking: Ranking) -> None:
+    assert ranking.places.shape == ranking.costs.shape == (len(TRUTH), 3)
+    assert ranking.xy_m.shape == (len(TRUTH), 3, 2)
+    assert (np.diff(ranking.costs, axis=1) >= 0).all()
+    assert ((ranking.costs >= 0) & (ranking.costs <= 1)).all()
+    assert all(len(set(answer)) == 3 for answer in ranking.places.tolist())
+
+
+def test_the_first_answer_lies_where_the_likest_training_view_stands_the_others_at_their_places_mean(ranking: Ranking) -> None:
+    # Place p holds x = 10 p … 10 p + 9, whose mean is 10 p + 4.5; views stand a metre apart.
+    first_m = ranking.xy_m[:, 0, 0]
+    assert set(first_m) <= set(range(len(TRUTH)))
+    assert (first_m // EACH == TRUTH).mean() > 0.9
+    assert len(set(first_m)) > PLACES
+    np.testing.assert_allclose(ranking.xy_m[:, 1:, 0], 10 * ranking.places[:, 1:] + 4.5)
+    np.testing.assert_array_equal(ranking.xy_m[..., 1], 0)
+
+
+def test_memory_looks_one_way_whatever_way_training_did(model: Model) -> None:
+    """Views of one place are alike in it, though each was seen at another yaw."""
+    memory = model["memory"]
+    np.testing.assert_allclose(np.linalg.norm(memory, axis=1), 1, atol=1e-5)
+    cosine = memory @ memory.T
+    alike = TRUTH[:, None] == TRUTH
+    assert cosine[alike].min() > np.quantile(cosine[~alike], 0.9)
+
+
+def test_costs_of_all_places_are_one_minus_a_probability(model: Model) -> None:
+    found = SMALL.localizer(model)(rows(3), 25)
+    np.testing.assert_allclose((1 - found.costs).sum(axis=1), 1, atol=1e-5)
+    assert sorted(found.places[0].tolist()) == list(range(PLACES))
+    odds = (1 - found.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
+    np.testing.assert_allclose(found.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
+
+
+def test_novelty_is_higher_for_unknown_scenes(model: Model, ranking: Ranking) -> None:
+    unknown = SMALL.localizer(model)(rows(4, first=PLACES), 1)
+    assert ranking.kinds == KINDS
+    np.testing.assert_allclose(ranking.novelty[:, 0], ranking.novelty[:, 2] * ranking.novelty[:, 4], rtol=1e-5, atol=1e-7)
+    for column in range(len(KINDS)):
+        assert np.median(unknown.novelty[:, column]) > np.median(ranking.novelty[:, column])
+
+
+def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(model: Model, ranking: Ranking) -> None:
+    ask, crowd = SMALL.localizer(model), rows(3)
+    alone = ask(some(crowd, slice(30, 31)), 3)
+    assert alone.places.tolist() == ranking.places[30:31].tolist()
+    np.testing.assert_allclose(alone.costs[0], ranking.costs[30], atol=1e-5)
+    np.testing.assert_allclose(alone.heading_deg, ranking.heading_deg[30:31], atol=1e-2)
+    none = ask(some(crowd, slice(0, 0)), 3)
+    assert len(none.places) == len(none.novelty) == len(none.heading_deg) == 0
+
+
+@dataclass(frozen=True)
+class PowerCut(Watch):
+    """Stops the run when its second epoch is about to be shown."""
+
+    def note(self, **numbers: float) -> None:
+        if numbers["epoch"] == 2:
+            raise KeyboardInterrupt
+
+
+def test_an_interrupted_training_goes_on_to_the_same_bytes_and_another_seed_to_others(tmp_path: Path) -> None:
+    short = replace(SMALL, epochs=3)
+    with pytest.raises(KeyboardInterrupt):
+        short.learn(rows(2), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
+    assert (tmp_path / "half").is_file()
+    whole = short.learn(rows(2), TRUTH, Watch())
+    assert same(short.learn(rows(2), TRUTH, Watch(checkpoint=tmp_path / "half")), whole)
+    assert not same(replace(short, seed=1).learn(rows(2), TRUTH, Watch()), whole)
+
+
+def test_noise_on_the_training_yaw_is_seeded() -> None:
+    noisy = replace(SMALL, yaw_noise_deg=40.0, epochs=1)
+    once, again = (noisy.learn(rows(2), TRUTH, Watch()) for _ in range(2))
+    assert same(once, again)
+    assert not same(once, replace(noisy, yaw_noise_deg=0.0).learn(rows(2), TRUTH, Watch()))
+
+
+def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
+    short = replace(SMALL, held_out_every_m=1000.0, colormap="grey")
+    learned = short.learn(rows(2), TRUTH, Watch(budget=0.05))
+    assert len(learned["curves/loss"]) == 1
+    assert learned["net/features.0.weight"].shape[1] == 1
+
+
+def minus_one(places: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(len(places)) == 5, -1, places)
+
+
+def one_less(places: np.ndarray) -> np.ndarray:
+    return places[1:]
+
+
+@pytest.mark.parametrize("spoil", [minus_one, one_less])
+def test_every_training_view_needs_its_place(spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+    with pytest.raises(InputError, match="known place"):
+        SMALL.learn(rows(2), spoil(TRUTH), Watch())
+
+
+def test_views_of_another_shape_are_refused(model: Model) -> None:
+    other = rows(3)
+    with pytest.raises(InputError, match="8 rings × 40 sectors"):
+        SMALL.localizer(model)(replace(other, images=other.images[:, :, :32]), 1)
+    with pytest.raises(InputError, match="multiple of 8 sectors"):
+        SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Watch())
+
+
+@pytest.mark.parametrize("wrong", [{"yaw_noise_deg": -1.0}, {"dropout": 1.5}, {"epochs": 0}, {"batch": 0}, {"h_max_m": 0.0}])
+def test_impossible_settings_are_a_config_error(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
+        replace(SMALL, **wrong)  # type: ignore[arg-type]
+
+
+def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:
+    evidence = Evidence.of(model)
+    assert evidence.right.mean() > 0.8
+    for kind in KINDS:
+        assert np.median(evidence.unseen[kind]) > np.median(evidence.seen[kind])
+    assert max(Rejection().thresholds(model, KINDS)) > ACCEPT_NOTHING
+
+
+def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None:
+    # Two headings, three places, chances in twelfths: place 1 has 2 at heading 0 and 6 at heading 1. A yaw of 1.25 headings is
+    # three quarters of the first after the last, heading 1, and a quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
+    chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
+    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), torch.tensor([1.25]))
+    loss, right, count = jointly(lambda images: chances.log() + 3, batch)
+    assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
+    assert (int(right), count) == (1, 1)
+    back = (batch[0], batch[1], torch.tensor([-0.75]))  # the same yaw, a whole turn less
+    assert float(jointly(lambda images: chances.log(), back)[0]) == pytest.approx(float(loss))
+
+
+def test_headings_are_averaged_around_the_circle() -> None:
+    # Of four: half at 0° and half at 90° is 45°; half at 0° and half at 270° is −45°; all at 180° is 180°, not −180°.
+    chances = torch.tensor([[0.5, 0.5, 0, 0], [0.5, 0, 0, 0.5], [0, 0, 1, 0]])
+    np.testing.assert_allclose(circular_mean_deg(chances), [45, -45, 180], atol=1e-4)
+
+
+def test_each_image_is_rolled_by_its_own_columns() -> None:
+    heights = torch.arange(4, dtype=torch.uint8).expand(2, 3, 4)
+    turned = rolled(heights, torch.tensor([1, -1]))
+    assert turned[:, 0].tolist() == [[3, 0, 1, 2], [1, 2, 3, 0]]

@@ -1,0 +1,172 @@
+"""Views of altered submaps."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import schemas, store
+from pipeline.alterations import AS_DRIVEN, TURNED, Case
+from pipeline.alterations.construction import Construction
+from pipeline.alterations.demolition import Demolition
+from pipeline.alterations.several import Several
+from pipeline.alterations.turned import Turned, turned
+from pipeline.compute import Compute
+from pipeline.frames import pose
+from pipeline.mapping import gathering
+from pipeline.mapping.octree import Octree
+from pipeline.matching.ranking import Rows
+from pipeline.views.altered import altered
+from pipeline.views.birdview import BirdView
+from pipeline.views.draw import Drawing
+from pipeline.views.mapped import Mapped
+
+ALL = Several([Turned(repeats=2), Demolition(), Construction()])
+BIRDVIEW = BirdView(octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0)
+"""A leaf is half a metre, a pixel a metre."""
+POLES_M = np.array([[4.25, 0.25], [-0.25, 3.25], [0.25, -5.25]])
+"""In the world: ahead, to the left and to the right of where the robot starts. Scan i sees pole i alone."""
+
+
+class Points:
+    """A view that shows the points themselves."""
+
+    schema = schemas.CLOUDS
+
+    def __call__(self, points_m: np.ndarray) -> np.ndarray:
+        return points_m
+
+
+class Summary(Points):
+    """How many points there are, and their mean."""
+
+    def __call__(self, points_m: np.ndarray) -> np.ndarray:
+        return np.array([len(points_m), *points_m.mean(axis=0)], np.float32)
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Turns every robot by so many degrees; in another case it has every scan miss everything that draws below a half."""
+
+    left_deg: float = 0.0
+    seed: int = 0
+    cases: Sequence[Case] = (Case(), Case(TURNED), Case("missed"))
+
+    def alter(self, case: Case, points_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+        if case.change == TURNED:
+            return turned(points_m, math.radians(self.left_deg)), math.radians(self.left_deg)
+        return points_m[: 0 if case.change != AS_DRIVEN and rng.random() < 0.5 else None], 0.0
+
+
+def artifacts(
+    folder: Path, points: Sequence[np.ndarray], world_T_scan: np.ndarray, window: int = 0, stamps_ns: Sequence[int] = ()
+) -> tuple[store.Artifact, store.Artifact]:
+    """Scans, and a submap at each that has `window` more behind it."""
+    rows = np.arange(window, len(points))
+    stamps = np.array(stamps_ns or range(len(points)))
+    with store.write(folder / "scans.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+        draft.put("points", np.rint(np.concatenate(points) / 0.005).astype(np.int16))
+        draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
+        draft.put("stamps_ns", stamps)
+        draft.put("world_T_scan", world_T_scan)
+        draft.put("odom_T_scan", world_T_scan)
+    with store.write(folder / "submaps.zarr", schemas.SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+        draft.put("first", rows - window)
+        draft.put("scans", rows)
+        draft.put("stamps_ns", stamps[rows])
+        draft.put("ground_m", np.zeros(len(rows)))
+        draft.put("used", np.ones(len(points), bool))
+        draft.put("world_T_anchor", world_T_scan[rows])
+    return store.read(folder / "scans.zarr", schemas.SCANS), store.read(folder / "submaps.zarr", schemas.SUBMAPS)
+
+
+@pytest.fixture(params=[0, 2], ids=["single", "gathered"])
+def driven(tmp_path: Path, request: pytest.FixtureRequest) -> tuple[store.Artifact, store.Artifact]:
+    """Six scans of 200 points, along a bend."""
+    rng = np.random.default_rng(4)
+    clouds = [rng.uniform((-30, -30, 0), (30, 30, 9), (200, 3)) for _ in range(6)]
+    bend = pose(np.cumsum(rng.uniform(0, 2, (6, 3)), axis=0), np.cumsum(rng.normal(0, 0.2, (6, 3)), axis=0))
+    return artifacts(tmp_path, clouds, bend, request.param)
+
+
+def poles(folder: Path, stamps_ns: Sequence[int] = ()) -> tuple[store.Artifact, store.Artifact]:
+    """Three scans half a metre apart, each a submap, that see a pole each."""
+    xyz_m, heights_m = np.arange(3)[:, None] * (0.5, 0, 0), np.arange(0.75, 3.0, 0.25)
+    poles_m = POLES_M - xyz_m[:, :2]
+    points = [np.column_stack([np.tile(pole_m, (len(heights_m), 1)), heights_m]) for pole_m in poles_m]
+    return artifacts(folder, points, pose(xyz_m, np.zeros((3, 3))), stamps_ns=stamps_ns)
+
+
+def test_as_driven_is_what_the_stage_draws(driven: tuple[store.Artifact, store.Artifact]) -> None:
+    drawn = altered(*driven, Summary(), ALL)
+    assert tuple(drawn) == ALL.cases
+    stage = np.concatenate(list(Drawing(*driven, Summary()).blocks(Compute(workers=1))))
+    rows = Rows(*drawn[Case()])
+    assert rows.images.tobytes() == stage.tobytes()
+    assert rows.images.dtype == stage.dtype
+    for name in ("stamps_ns", "world_T_anchor"):
+        np.testing.assert_array_equal(getattr(rows, name), driven[1].load(name))
+
+
+def test_each_case_is_drawn_of_the_altered_points(driven: tuple[store.Artifact, store.Artifact]) -> None:
+    submaps = list(Drawing(*driven, Summary()).points())
+    for case, rows in altered(*driven, Summary(), ALL).items():
+        rngs = [np.random.default_rng((0, stamp)) for stamp in rows.stamps_ns]
+        wanted = [Summary()(ALL.alter(case, points, rng)[0]) for points, rng in zip(submaps, rngs, strict=True)]
+        np.testing.assert_array_equal(rows.images, wanted)
+
+
+def test_points_are_gathered_once_for_all_cases(
+    driven: tuple[store.Artifact, store.Artifact], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gathered, plain = [], gathering._moved
+    monkeypatch.setattr(gathering, "_moved", lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1])
+    counts = []
+    for alteration in (Turned(repeats=1), ALL):
+        gathered.clear()
+        altered(*driven, Summary(), alteration)
+        counts.append(len(gathered))
+    assert counts[0] == counts[1]
+
+
+def test_a_turned_robot_sees_the_same_world(driven: tuple[store.Artifact, store.Artifact]) -> None:
+    drawn = list(altered(*driven, Points(), Turned()).values())
+    headings = [np.arctan2(rows.world_T_anchor[:, 1, 0], rows.world_T_anchor[:, 0, 0]) for rows in drawn]
+    assert len({heading for case in headings for heading in case}) == 6 * len(headings[0])
+    worlds = [rows.images @ rows.world_T_anchor[:, :3, :3].swapaxes(1, 2) + rows.world_T_anchor[:, None, :3, 3] for rows in drawn]
+    for rows, world in zip(drawn[1:], worlds[1:], strict=True):
+        assert np.abs(rows.images - drawn[0].images).max() > 1
+        np.testing.assert_allclose(world, worlds[0], atol=1e-9)
+
+
+def test_bird_views_as_driven_are_what_the_stage_draws(tmp_path: Path) -> None:
+    scans, submaps = poles(tmp_path)
+    drawn = altered(scans, submaps, BIRDVIEW, Fixed())
+    stage = np.stack(list(Mapped(scans, submaps, BIRDVIEW)))
+    assert (stage[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(drawn[Case()].images, stage)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(tmp_path: Path, quarters: int) -> None:
+    """Of eight images a quarter turn is two: image h shows what image h + 2 showed of the robot as driven."""
+    drawn = altered(*poles(tmp_path), BIRDVIEW, Fixed(90.0 * quarters))
+    straight, turned = drawn[Case()].images, drawn[Case(TURNED)].images
+    rolled = np.roll(straight, -2 * quarters, axis=1)
+    assert (rolled != straight).any()
+    np.testing.assert_allclose(turned.astype(int), rolled.astype(int), atol=16)  # one of a pixel's sixteen samples
+    headings = np.arctan2(drawn[Case(TURNED)].world_T_anchor[:, 1, 0], drawn[Case(TURNED)].world_T_anchor[:, 0, 0])
+    np.testing.assert_allclose(headings % (2 * math.pi), math.pi / 2 * quarters)
+
+
+def test_every_scan_of_a_map_is_altered_by_its_own_draw(tmp_path: Path) -> None:
+    draws = {stamp: np.random.default_rng((0, stamp)).random() for stamp in range(20)}
+    kept, missed = (next(stamp for stamp, draw in draws.items() if (draw < 0.5) is low) for low in (False, True))
+    later = next(stamp for stamp, draw in draws.items() if stamp > kept and draw >= 0.5)
+    drawn = altered(*poles(tmp_path, [kept, missed, later]), BIRDVIEW, Fixed())
+    # the second scan's pole is missed, also by the third submap
+    assert (drawn[Case("missed")].images[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 1, 2]
+    assert (drawn[Case()].images[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]

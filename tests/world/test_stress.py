@@ -1,0 +1,103 @@
+"""Sequences that are hard in one way each: what makes them so, and that nothing else changes."""
+
+import hashlib
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pipeline.compute import Compute
+from pipeline.watch import Watch
+from pipeline.world.campus import Campus, shapes_on
+from pipeline.world.drive import drive
+from pipeline.world.entry import Entry
+from pipeline.world.events import FENCE_BEFORE_DAYS, Event
+from pipeline.world.ground import Ground
+from pipeline.world.simulation import Simulation
+from pipeline.world.streets import distance_to_segments_m
+
+CONF = Path(__file__).parents[2] / "conf" / "world"
+TRAINING, TEST = "2012-01-15", "2012-02-04"
+FLAT, STRAIGHT_M = Ground(np.zeros((200, 40)), -100.0, -100.0), np.array([[0.0, 0.0], [1300.0, 0.0]])
+HEAVY = Entry(0.08, 0.0, events_per_km=120.0)
+"""Over the small world's 100 m: 12 events, 8 beyond the world's own 4."""
+
+
+@pytest.fixture(scope="module")
+def default_and_heavy(small: Simulation) -> tuple[tuple[Campus, list[Event]], tuple[Campus, list[Event]]]:
+    return small._year(small.routes(), Entry(0.08, 0.0)), small._year(small.routes(), HEAVY)
+
+
+def _looks(campus: Campus, day: int) -> list[np.ndarray]:
+    """All that stands on a day, but for the days that it came and goes, and the slots that are open."""
+    shapes = [
+        np.stack([shapes[name] for name in shapes.dtype.names if name not in ("born_day", "dead_day")])
+        for shapes in shapes_on(campus, day)
+    ]
+    return [*shapes, np.array([slot.dead_day > day for slot in campus.slots])]
+
+
+def test_a_heavy_year_begins_on_the_same_training_day(default_and_heavy: tuple[tuple[Campus, list[Event]], ...]):
+    (default, _), (heavy, _) = default_and_heavy
+    for one, other in zip(_looks(default, 0), _looks(heavy, 0), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert len(shapes_on(heavy, 426)[0]) != len(shapes_on(default, 426)[0])
+
+
+def test_a_heavy_year_keeps_the_worlds_own_events_and_has_more_near_the_route(
+    small: Simulation, default_and_heavy: tuple[tuple[Campus, list[Event]], ...]
+):
+    (_, own), (_, events) = default_and_heavy
+    further = events[len(own) :]
+    assert events[: len(own)] == own
+    assert len(own) + 4 <= len(events) <= 12
+    line_m = small.routes().training.line_m
+    places_m = np.array([(event.x_m, event.y_m) for event in further])
+    assert (distance_to_segments_m(places_m, line_m[:-1], line_m[1:]).min(1) < 45.0).all()
+    # All happen by day 450 × 0.9, and no fence is up before day 1.
+    assert all(FENCE_BEFORE_DAYS + 1 <= event.day <= 405 for event in further)
+
+
+def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Path):
+    table = {**small.sequences, "2013-03-16": {"unseen": 0.08, "reversed": 0.0, "events_per_km": 120.0, "lateral_m": 2.0}}
+    for name, world in (("without", small), ("with", replace(small, sequences=table))):
+        for sequence in (TRAINING, TEST):
+            world.record(sequence, tmp_path / name / sequence, Compute(workers=1), Watch())
+    digests = [
+        [hashlib.sha256(path.read_bytes()).digest() for path in sorted((tmp_path / name).rglob("*.*")) if path.is_file()]
+        for name in ("without", "with")
+    ]
+    assert digests[0] == digests[1]
+    assert len(digests[0]) == 2 * 27  # 25 scans, the truth, the odometry
+
+
+@pytest.mark.parametrize("lateral_m", [2.0, -1.0])
+def test_a_lateral_offset_moves_the_whole_drive_and_no_more(lateral_m: float):
+    usual, aside = (drive(0, date(2012, 7, 14), STRAIGHT_M, FLAT, 400.0, 2.0, lateral_m=m) for m in (0.0, lateral_m))
+    usual_m, aside_m = usual.world_T_body[usual.scan_rows, 1, 3], aside.world_T_body[aside.scan_rows, 1, 3]
+    # The street's 3 m to either side cut a few of the weave's swings, and no more.
+    assert np.median(aside_m - usual_m) == pytest.approx(lateral_m, abs=0.1)
+    assert np.abs(aside_m).max() <= 3.0
+
+
+@pytest.mark.parametrize(("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")])
+def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
+    keys = yaml.safe_load((CONF / f"{name}.yaml").read_text())
+    keys.pop("_target_")
+    plan = Simulation(**keys)._way(reverse)[1]
+    # At a corner of its route the way across comes within 10 m: about 20 m of each 95 m, when it leads in a like direction.
+    assert plan.reversed > 0.9
+    assert 0.02 < plan.unseen < 0.15
+
+
+@pytest.mark.parametrize("preset", ["campus_tiny", "campus_demo", "campus_year", "town_tiny", "town_demo", "town_year"])
+def test_stress_is_the_same_in_every_preset(preset: str):
+    table = yaml.safe_load((CONF / f"{preset}.yaml").read_text())["sequences"]
+    assert list(table.values())[-3:] == [
+        {"unseen": 0.08, "reversed": 1.0},
+        {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5},
+        {"unseen": 0.08, "reversed": 0.0, "events_per_km": 14.0, "near_route": 1.0},
+    ]
