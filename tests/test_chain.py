@@ -28,8 +28,11 @@ def test_every_stage_runs_once_and_leaves_its_artifact(built):
         "train",
         "localize",
         "evaluate",
+        "events",
         "report",
         "viewpoints",
+        "robustness",
+        "cells",
         "latency",
         "publish",
     }
@@ -47,6 +50,29 @@ def test_the_reports_say_that_campus_and_town_are_simulated(built):
         assert "simulated" in (folder / told.rpartition("/")[2]).read_text().lower()
         assert all("simulated, not recorded" in path.read_text() for path in folder.glob("*.svg"))
     assert built.run("yearloc", "results").count("simulated") >= 2
+
+
+def test_robustness_is_told_of_each_alteration_and_stress_and_every_model(built):
+    folder = built.folder / "artifacts/robustness/town/10m"
+    assert sorted(path.stem for path in folder.glob("*.json")) == ["as_driven", "construction", "demolition", "turned"]
+    turned = json.loads((folder / "turned.json").read_text())
+    assert set(turned) == {"sci", "scan_context", "scan_context-engaged"}
+    ((_, cases),) = turned["scan_context-engaged"].items()
+    assert [case["case"]["change"] for case in cases] == ["as driven"] + 5 * ["turned"]
+    alone = json.loads((built.folder / "artifacts/evaluate/town/10m/sci.json").read_text())["2014-11-25-09-18-32"]
+    as_driven = turned["sci"]["2014-11-25-09-18-32"][0]
+    assert as_driven["cells"]["auc_top1"] == pytest.approx(alone["cells"]["auc_top1"])  # the same views, drawn again
+    assert len(json.loads((folder / "as_driven.json").read_text())["sci"]) == 3  # the sequences of stress
+    told = json.loads((built.folder / "artifacts/cells/town/section.json").read_text())
+    assert "5m" in str(told["sources"])
+
+
+def test_the_page_holds_every_section_of_the_studies(built, tmp_path):
+    line = built.run("python", "-m", "stages.page", f"out={tmp_path}/page.html")
+    assert line.startswith("page: ")
+    page = (tmp_path / "page.html").read_text()
+    for name in ("town-10m-turned", "town-10m-as_driven", "town-cells", "town-10m-ageing", "town-10m-events", "campus-10m-glance"):
+        assert f'id="{name}"' in page
 
 
 def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
@@ -76,6 +102,9 @@ def test_a_second_run_runs_nothing(built):
         ("conf/submap/accumulated.yaml", "80.0", "60.0", {"submaps"}),
         ("conf/dataset/town.yaml", "lift_m: 0.0", "lift_m: 1.0", {"scans"}),
         ("conf/world/campus_tiny.yaml", "seed: 0", "seed: 1", {"logs"}),
+        ("conf/world/town_tiny.yaml", "seed: 1", "seed: 2", {"logs", "events"}),
+        ("conf/alteration/demolition.yaml", "[30, 60, 90]", "[20, 60, 90]", {"robustness"}),
+        ("conf/evaluate.yaml", "seen_m: 5.0", "seen_m: 6.0", {"evaluate", "robustness"}),
         ("conf/compute/threads.yaml", "workers: 0", "workers: 1", set()),
         ("conf/tracking/local.yaml", "5000", "5001", set()),
     ],
@@ -100,7 +129,7 @@ def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_pa
     ran = twin.repro()
     own = {f"{stage}@campus-{new}" for stage in ("logs", "scans")}
     assert {stage for stage in ran if stage.partition("@")[0] in ("logs", "scans")} == own
-    asked = {"submaps", "views", "labels", "localize", "evaluate", "report", "latency", "publish"}
+    asked = {"submaps", "views", "labels", "localize", "evaluate", "report", "robustness", "latency", "publish"}
     assert {stage.partition("@")[0] for stage in set(ran) - own} == asked
     assert not [stage for stage in ran if "town" in stage]
 

@@ -59,6 +59,16 @@ class Chapter:
         there = {name: self.study.find("train", method=name) for name in names}
         return {name: relative(path, self.artifacts) for name, path in there.items() if path.is_file()}
 
+    @property
+    def files(self) -> dict[str, Path]:
+        """The same, as files."""
+        return {name: self.artifacts.parent / path for name, path in self.models.items()}
+
+    @property
+    def timed(self) -> Path:
+        """Where the latency of its methods is told."""
+        return self.artifacts / "latency" / self.study.dataset / self.study.grid
+
     def where(self, row: Sequence[str], heading: str, column: int) -> str:
         """What a cell of a result table is from: an evaluation, a method's metrics or model, or a sequence's labels."""
         named = {short: full for full, short in dates(self.study.results).items()} | {full: full for full in self.sequences}

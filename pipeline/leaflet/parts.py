@@ -7,6 +7,7 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.leaflet import wording
 from pipeline.leaflet.answer import ranked
 from pipeline.leaflet.chapter import Chapter
+from pipeline.leaflet.costs import costs
 from pipeline.leaflet.markup import Html, inline, join, prose, tag
 from pipeline.leaflet.plate import plate
 from pipeline.leaflet.sortable import sortable
@@ -44,6 +45,7 @@ def described(chapter: Chapter) -> Html:
             tag("p", inline(told)),
             sortable(setup.table(study.models, longest=400), wording.METHODS, learned),
             sortable(tables.sequences(study.results), wording.SEQUENCES, chapter.where),
+            sortable(costs(chapter.files, chapter.timed), wording.COSTS, lambda row, *_: place(chapter.models[row[0]])),
             disclosure(f"{chapter.name}-setup", sources, chapter.made_with),
         ]
     )

@@ -22,6 +22,7 @@ BY = {
     "distance": "Seen if a training pose is nearer than {seen_m:g} m, right if the answer lies within {correct_m:g} m.",
 }
 METHODS = "Methods, and how much of their own full training they were given"
+COSTS = "What training cost where it was done on this machine, and a query: medians of one thread, from its points to its place"
 SEQUENCES = "Test sequences by both protocols"
 MAIN = {
     "recall_at_1": "How often the first answer is right, rejection ignored, by {protocol}, with 95 % intervals",
