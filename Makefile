@@ -19,7 +19,7 @@ demo: .venv/ready
 studies: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
-	@yearloc use town world=demo question=robustness variants=engaged --add
+	@yearloc use town world=demo question=robustness variants=engaged altered=turned cells= --add
 	dvc repro
 	@yearloc results
 

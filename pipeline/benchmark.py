@@ -52,7 +52,7 @@ def _block(name: str, members: Mapping[str, Any]) -> str:
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     """The study of data set `name`; options are root, log, world, budget, question and seeds, and with commas train, tests,
-    methods and variants.
+    methods, variants, altered and cells.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
@@ -61,14 +61,14 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
     dataset = _parsed(path)
-    allowed = {"tests", "methods", "budget", "question", "seeds", "variants"} | (
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells"} | (
         {"world"} if dataset["simulated"] else {"root", "log", "train"}
     )
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     study = dataset["study"]
     question = options.get("question", "year")
-    if question not in (asked := [word for word in QUESTIONS if word in study or (conf / "question" / f"{word}.yaml").is_file()]):
+    if question not in (asked := [word for word in QUESTIONS if word in ("year", "robustness") or word in study]):
         raise ConfigError(f"question={question}: of {name} expected {' or '.join(asked)}")
     if question == "viewpoints":
         study = {**study, "parts": False}
@@ -87,9 +87,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")
     words = {"submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget, "question": question}
-    altered = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
+    alterable = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
+    altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
+    grids = [path.stem for path in sorted((conf / "grid").glob("*.yaml"))]
     besides: dict[str, Any] = {
-        "cells": study.get("cells"),
+        "cells": _some(options, "cells", grids) if "cells" in options else study.get("cells"),
         "stress": stress,
         "robustness": altered | ({AS_DRIVEN: list(stress)} if stress else {}),
     }
@@ -114,11 +116,16 @@ def _seeds(options: Mapping[str, str], study: Mapping[str, Any]) -> int:
 def _variants(options: Mapping[str, str], study: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Of each method the variants that are wanted: name to the words that make it."""
     known: Mapping[str, Mapping[str, str]] = study.get("variants", {})
-    wanted = options["variants"].split(",") if "variants" in options else [name for own in known.values() for name in own]
-    if unknown := [name for name in wanted if name and not any(name in own for own in known.values())]:
-        names = sorted({name for own in known.values() for name in own})
-        raise ConfigError(f"variants={unknown[0]}: expected some of {', '.join(names) or 'none, of this question'}")
+    wanted = _some(options, "variants", sorted({name for own in known.values() for name in own}))
     return {method: {name: own[name] for name in own if name in wanted} for method, own in known.items()}
+
+
+def _some(options: Mapping[str, str], option: str, known: list[str]) -> list[str]:
+    """Those of the known names that an option wants: all, if it is not there, and none, if it is empty."""
+    wanted = [name for name in options[option].split(",") if name] if option in options else known
+    if unknown := [name for name in wanted if name not in known]:
+        raise ConfigError(f"{option}={unknown[0]}: expected some of {', '.join(known) or 'none, for this question'}")
+    return wanted
 
 
 def entry(conf: Path, method: str, view: str, seeds: int = 1, variants: Mapping[str, str] | None = None) -> dict[str, Any]:

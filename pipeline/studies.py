@@ -26,6 +26,9 @@ reader, or of a simulated one no more than that it is simulated."""
 AS_DRIVEN = "as_driven"
 """The alteration that changes nothing, which the sequences of stress are asked with."""
 
+STRUCTURE = ("demolition", "construction")
+"""Alterations that a method's own model is asked about alone: variants differ in the headings that they learned."""
+
 
 def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:
     """For each list the name of a stage's instance, such as campus-10m-sci, to its words."""
@@ -83,6 +86,7 @@ def _told(lists: Lists, dataset: str, study: Mapping[str, Any]) -> None:
             lists["viewpoints"][f"{dataset}-{grid}"] = {"grid": grid, "dataset": dataset}
         for alteration, sequences in study.get("robustness", {}).items():
             words = {"grid": grid, "dataset": dataset, "alteration": alteration, "sequences": " ".join(sequences)}
+            words["models"] = "own" if alteration in STRUCTURE else "all"
             lists["robustness"][f"{dataset}-{grid}-{alteration}"] = words
     if study.get("cells"):
         lists["cells"][dataset] = {"dataset": dataset}

@@ -28,16 +28,17 @@ TOLD = ("recall_at_1", "auc_top1", "auroc", "median_error_m", "median_heading_er
 @stage("robustness")
 def main(cfg: DictConfig) -> str:
     words, name = spelled_out(cfg.benchmark)[cfg.study], Path(cfg.out).name
+    methods = [method if cfg.models == "all" else own(method) for method in words.methods]
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        judged = asked(cfg, words.methods, folder)
+        judged = asked(cfg, methods, folder)
         section = robustness.section(
             folder,
             f"{cfg.study}-{cfg.cells}-{name}",
             cfg.study,
             cfg.cells,
             name,
-            {family: [judged[model] for model in seeds] for family, seeds in families(words.methods).items()},
+            {family: [judged[model] for model in seeds] for family, seeds in families(methods).items()},
             cfg.dataset.simulated,
             (cfg.out, str(trained(cfg))),
             parameters(cfg, words),
@@ -60,6 +61,11 @@ def asked(cfg: DictConfig, methods: Any, folder: Path) -> dict[str, dict[str, Ro
         for model, changed in models(method).items():
             judged[model] = ask(cfg, method.name, model, changed, drawn, folder / model)
     return judged
+
+
+def own(method: Any) -> DictConfig:
+    """A method of a study without its variants and further seeds."""
+    return DictConfig({**method, "variants": {}, "seeds": 1})
 
 
 def draw(cfg: DictConfig, view: str) -> dict[str, Mapping[Case, Rows]]:

@@ -71,7 +71,14 @@ def test_the_page_holds_every_section_of_the_studies(built, tmp_path):
     line = built.run("python", "-m", "stages.page", f"out={tmp_path}/page.html")
     assert line.startswith("page: ")
     page = (tmp_path / "page.html").read_text()
-    for name in ("town-10m-turned", "town-10m-as_driven", "town-cells", "town-10m-ageing", "town-10m-events", "campus-10m-glance"):
+    for name in (
+        "town-10m-turned",
+        "town-10m-as_driven",
+        "town-cells",
+        "town-10m-ageing",
+        "town-10m-events",
+        "campus-10m-glance",
+    ):
         assert f'id="{name}"' in page
 
 

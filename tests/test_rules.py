@@ -66,7 +66,8 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    assert study.keys() - {"parts", "views", "viewpoints", "robustness"} == {"train", "tests", "submap", "grids", "methods"} | (
+    optional = {"parts", "views", "altered", "viewpoints", "robustness"}
+    assert study.keys() - optional == {"train", "tests", "submap", "grids", "methods"} | (
         set() if conf["simulated"] else {"expected"}
     )
     assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()

@@ -88,6 +88,7 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "dataset": "one",
         "alteration": "as_driven",
         "sequences": "x",
+        "models": "all",
     }
     assert list(lists["robustness"]) == ["one-10m-turned", "one-10m-as_driven"]
     assert lists["cells"] == {"one": {"dataset": "one"}}
