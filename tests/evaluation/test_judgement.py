@@ -47,11 +47,16 @@ def drive(
 
     By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
     """
+    return judge(ranking, reject_from, labels, poses(xy_m), 20, Distance(), Bootstrap(block_m=5.0, resamples=40))
+
+
+def poses(xy_m: np.ndarray) -> np.ndarray:
+    """Where queries stand, those five with their own yaw."""
     world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
     world_T_anchor[:, :2, 3] = xy_m
     if len(xy_m) == len(YAW_DEG):
         world_T_anchor[:, :3, :3] = Rotation.from_euler("z", YAW_DEG[:, None], degrees=True).as_matrix()
-    return judge(ranking, reject_from, labels, world_T_anchor, 20, Distance(), Bootstrap(block_m=5.0, resamples=40))
+    return world_T_anchor
 
 
 def rows(whole: Any, index: slice) -> Any:
