@@ -73,7 +73,7 @@ def test_the_page_holds_every_section_of_the_studies(built, tmp_path):
     page = (tmp_path / "page.html").read_text()
     for name in (
         "town-10m-turned",
-        "town-10m-as_driven",
+        "town-10m-as-driven",
         "town-cells",
         "town-10m-ageing",
         "town-10m-events",
