@@ -193,8 +193,8 @@ def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 
 
 def test_methods_run_on_one_thread(stage: Any) -> None:
-    assert stage.made("method", "sci").threads == 1
-    assert stage.made("method", "m2dp") == M2dp()
+    assert stage.alone("sci").threads == 1
+    assert stage.alone("m2dp") == M2dp()
 
 
 def test_the_stage_measures_each_method_of_a_study_with_its_model(stage: Any, tmp_path: Path) -> None:
