@@ -3,8 +3,10 @@
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from copy import copy
 from hashlib import sha256
 from pathlib import Path
@@ -43,6 +45,11 @@ class Clone:
         """The same with all that it has built, elsewhere."""
         other = copy(self)
         other.folder = shutil.copytree(self.folder, folder, dirs_exist_ok=True)
+        if (folder / "mlflow.db").is_file():  # it knows where its figures are
+            with closing(sqlite3.connect(folder / "mlflow.db")) as database:
+                for table, column in (("experiments", "artifact_location"), ("runs", "artifact_uri")):
+                    database.execute(f"update {table} set {column} = replace({column}, ?, ?)", (str(self.folder), str(folder)))
+                database.commit()
         return other
 
     def run(self, *command: str) -> str:
