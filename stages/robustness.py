@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
 from pipeline.alterations import Case
-from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.robustness import Robustness, judge
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Rows
@@ -22,7 +20,6 @@ from stages import ROOT, Bars, made, stage
 
 Drawn = Mapping[str, Mapping[Case, Rows]]
 """Of each sequence the rows in each case."""
-TOLD = ("recall_at_1", "auc_top1", "auroc", "median_error_m", "median_heading_error_deg")
 
 
 @stage("robustness")
@@ -44,7 +41,7 @@ def main(cfg: DictConfig) -> str:
             parameters(cfg, words),
         )
         section.write(folder)
-    numbers = {model: told(own) for model, own in judged.items()}
+    numbers = {model: {sequence: one.told() for sequence, one in found.items()} for model, found in judged.items()}
     with store.replace(cfg.metrics) as metrics:
         metrics.write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     return section.answer
@@ -111,23 +108,6 @@ def parameters(cfg: DictConfig, words: Any) -> dict[str, Any]:
     altering: Any = OmegaConf.to_container(cfg.alteration)
     said = {"budget": words.budget, "train": words.train, "sequences": cfg.sequences.split(), "variants": changed}
     return {"alteration": altering, **said, "stress": dict(words.get("stress", {}))}
-
-
-def told(own: Mapping[str, Robustness]) -> dict[str, Any]:
-    """The few numbers of a model by sequence, case and protocol; None where there is none."""
-    return {
-        sequence: [
-            {"case": asdict(case), **{by: {name: number(one, i, by, name) for name in TOLD} for by in PROTOCOLS}}
-            for i, case in enumerate(one.cases)
-        ]
-        for sequence, one in own.items()
-    }
-
-
-def number(one: Robustness, case: int, protocol: str, name: str) -> float | None:
-    """None where there is none, which is valid JSON."""
-    value = one.number(case, protocol, name)
-    return None if value != value else value
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from pipeline.matching.ranking import Ranking
 from pipeline.schemas import ROBUSTNESS
 from pipeline.store import Artifact
 
+TOLD = ("recall_at_1", "auc_top1", "auroc", "median_error_m", "median_heading_error_deg")
+
 
 @dataclass(frozen=True)
 class Robustness:
@@ -49,6 +51,14 @@ class Robustness:
             for number, case in enumerate(self.cases)
             if case.change == change and level in (None, case.level) and shadow in (None, case.shadow)
         ]
+
+    def told(self) -> list[dict[str, Any]]:
+        """The few numbers of each case by protocol, as JSON has them: None where there is none."""
+        return [{"case": asdict(case), **{by: self._few(i, by) for by in PROTOCOLS}} for i, case in enumerate(self.cases)]
+
+    def _few(self, case: int, protocol: str) -> dict[str, float | None]:
+        values = {name: self.number(case, protocol, name) for name in TOLD}
+        return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
     def attrs(self) -> dict[str, Any]:
         """The attributes of its artifact."""

@@ -3,6 +3,7 @@
 Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one; the distance is the least of the eight.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -38,7 +39,7 @@ AT_ONCE = 256
 
 
 @dataclass(frozen=True)
-class FeatureMethod(SequenceMethod):
+class FeatureMethod(SequenceMethod, ABC):
     """What place feature learning's variants share."""
 
     view: str = "birdview"
@@ -71,9 +72,9 @@ class FeatureMethod(SequenceMethod):
         if not 0 <= self.beta1 < 1:
             raise ConfigError(f"method.beta1={self.beta1}: expected 0 or more, and less than 1")
 
+    @abstractmethod
     def terms(self) -> Objective:
         """What this variant trains for."""
-        raise NotImplementedError
 
     def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
         """Train on all headings of the rows that are not held out; the database has all rows."""

@@ -49,7 +49,7 @@ class Ring(nn.Module):
             RingConv(64, 128), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
             RingConv(128, 256), nn.ReLU(), nn.MaxPool2d(2),
         )  # fmt: skip
-        self.headings, column = sectors // POOLED, 256 * (rings // POOLED)
+        self.headings, column = self.count(sectors), 256 * (rings // POOLED)
         self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column))
         """FC1's slice of each sector, the rings' channels one after the other."""
         self.fc1_bias = nn.Parameter(torch.zeros(64))
@@ -66,6 +66,11 @@ class Ring(nn.Module):
         sector = torch.arange(self.headings)
         turned = (sector - sector[:, None]) % self.headings
         self.register_buffer("pairs", turned * self.headings + sector, persistent=False)
+
+    @staticmethod
+    def count(sectors: int) -> int:
+        """The headings that are told apart."""
+        return sectors // POOLED
 
     def forward(self, images: Tensor) -> Tensor:
         return self.place(self.embed(images))

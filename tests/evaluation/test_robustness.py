@@ -75,3 +75,11 @@ def test_it_comes_back_from_its_artifact(tmp_path: Path) -> None:
             out.put(name, getattr(one, name))
     with pytest.raises(ArtifactError, match="its numbers are not today's"):
         Robustness.read(store.read(path, schemas.ROBUSTNESS))
+
+
+def test_what_is_told_is_valid_json_and_names_its_case() -> None:
+    first, turned = judged().told()
+    assert turned["case"] == {"change": "turned", "level": TURNED.level, "repeat": 1, "shadow": False}
+    assert first["cells"]["recall_at_1"] == 0.75
+    nothing = replace(judged(), numbers=np.full_like(judged().numbers, np.nan)).told()
+    assert set(nothing[0]["distance"].values()) == {None}

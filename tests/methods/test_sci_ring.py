@@ -12,7 +12,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.frames import pose
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
-from pipeline.methods.sci_ring import SciRing, circular_mean_deg, jointly, rolled
+from pipeline.methods.sci_ring import SciRing
 from pipeline.views.scan_context import ScanContext
 from pipeline.watch import Watch
 
@@ -221,20 +221,8 @@ def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None
     # three quarters of the first after the last, heading 1, and a quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
     chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
     batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), torch.tensor([1.25]))
-    loss, right, count = jointly(lambda images: chances.log() + 3, batch)
+    loss, right, count = SMALL.step(lambda images: chances.log() + 3, batch)
     assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
     assert (int(right), count) == (1, 1)
     back = (batch[0], batch[1], torch.tensor([-0.75]))  # the same yaw, a whole turn less
-    assert float(jointly(lambda images: chances.log(), back)[0]) == pytest.approx(float(loss))
-
-
-def test_headings_are_averaged_around_the_circle() -> None:
-    # Of four: half at 0° and half at 90° is 45°; half at 0° and half at 270° is −45°; all at 180° is 180°, not −180°.
-    chances = torch.tensor([[0.5, 0.5, 0, 0], [0.5, 0, 0, 0.5], [0, 0, 1, 0]])
-    np.testing.assert_allclose(circular_mean_deg(chances), [45, -45, 180], atol=1e-4)
-
-
-def test_each_image_is_rolled_by_its_own_columns() -> None:
-    heights = torch.arange(4, dtype=torch.uint8).expand(2, 3, 4)
-    turned = rolled(heights, torch.tensor([1, -1]))
-    assert turned[:, 0].tolist() == [[3, 0, 1, 2], [1, 2, 3, 0]]
+    assert float(SMALL.step(lambda images: chances.log(), back)[0]) == pytest.approx(float(loss))

@@ -1,0 +1,24 @@
+"""Headings around the circle, of images that turn by rolling their columns."""
+
+import torch
+from torch import Tensor
+
+
+def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
+    """The two of `count` headings next to each fractional one (n,), and how far (n,) it is from the first to the second."""
+    below = headings.floor()
+    first = below.long() % count
+    return first, (first + 1) % count, headings - below
+
+
+def rolled(heights: Tensor, turns: Tensor) -> Tensor:
+    """Heights (n, rings, sectors), each rolled by its own number of columns (n,)."""
+    columns = (torch.arange(heights.shape[2]) - turns[:, None]) % heights.shape[2]
+    return heights.gather(2, columns[:, None].expand_as(heights))
+
+
+def circular_mean_deg(chances: Tensor) -> Tensor:
+    """Degrees (n,) in (−180, 180] of chances (n, heading) of headings even around the circle, the first at 0."""
+    angles = 2 * torch.pi * torch.arange(chances.shape[1], device=chances.device) / chances.shape[1]
+    turned = torch.atan2(chances @ angles.sin(), chances @ angles.cos()).rad2deg()
+    return 180 - (180 - turned) % 360

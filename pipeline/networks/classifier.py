@@ -1,0 +1,223 @@
+"""A network over Scan Context Images that takes places for classes: what SCI and its ring share (METHODS 2)."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.special import softmax
+from torch import Tensor, nn
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching import holdout
+from pipeline.matching.novelties import novelties
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.temperature import temperature
+from pipeline.networks import loop
+from pipeline.networks.lenet import device
+from pipeline.settings import check, positive
+from pipeline.views.scan_context import colours, quantize
+from pipeline.watch import Watch
+
+Kinds = dict[str, NDArray[np.float64]]
+
+
+class Look(NamedTuple):
+    """What a network makes of n images."""
+
+    logits: Tensor
+    """(n, places)"""
+    features: Tensor
+    """(n, 64) of length 1: what its last layer looks at."""
+    heading_deg: Tensor
+    """(n,) NaN, if it tells none."""
+
+
+class Known(NamedTuple):
+    """Training views as the network sees them."""
+
+    features: Tensor
+    """(m, 64) of length 1."""
+    rows: Tensor
+    """(m,) the view that each is of."""
+
+
+@dataclass(frozen=True)
+class Classifier(ABC):
+    """The settings of both, a training that is judged on held-out blocks, and answers by softmax."""
+
+    view: str = "scan_context"
+    colormap: Literal["jet", "grey"] = "jet"
+    h_min_m: float = 0.0
+    h_max_m: float = 15.0
+    """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
+    epochs: int = 200
+    batch: int = 64
+    learning_rate: float = 0.002
+    schedule: loop.Schedule = "one_cycle"
+    """The authors' is constant; falling at the end is what makes a short training good."""
+    dropout: float = 0.7
+    batch_norm_momentum: float = 0.1
+    """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short training has."""
+    precision: Literal["auto", "bf16", "f32"] = "auto"
+    """Of training and of answers; the last layer always answers in f32."""
+    threads: int = 2
+    """Fixed, since the order of sums follows from it and the weights from that."""
+    seed: int = 0
+    held_out_every_m: float = 40.0
+    held_out_length_m: float = 4.0
+    """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
+    neighbour_m: float = 20.0
+    """A held-out query counts as unseen once the places and training views nearer than this are forgotten."""
+
+    def __post_init__(self) -> None:
+        check(self, "method")
+        positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
+        positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
+        if not 0 <= self.dropout <= 1:
+            raise ConfigError(f"method.dropout={self.dropout}: expected a share from 0 to 1")
+
+    @abstractmethod
+    def network(self, places: int, rings: int, sectors: int) -> nn.Module:
+        """The network, as it is initialised."""
+
+    @abstractmethod
+    def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Any], int]:
+        """Those of an epoch of the rows `trained`, and how many they are."""
+
+    @abstractmethod
+    def look(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Look:
+        """Of quantized heights (n, rings, sectors); places may be `forgotten` (n, places)."""
+
+    @abstractmethod
+    def known(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> Known:
+        """What the model remembers of its training views."""
+
+    def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
+        """The kinds of novelty, the one in use first."""
+        return novelties(logits, softness, likeness)
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
+        heights = self._heights(views)
+        if len(places) != len(heights) or (places < 0).any():
+            raise InputError("every view of the training sequence needs a known place")
+        held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+        trained, classes = torch.from_numpy(np.flatnonzero(~held)), torch.from_numpy(places)
+        held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
+        batches, steps = self.batches(heights, views, classes, trained)
+
+        def judge(net: nn.Module) -> tuple[float, float]:
+            logits = self.look(net, heights[held]).logits
+            loss = nn.functional.cross_entropy(logits, classes[held])
+            return float(loss), float((logits.argmax(1) == classes[held]).float().mean())
+
+        xy = views.world_T_anchor[:, :2, 3]
+        place_xy = np.stack([np.bincount(places, xy[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1)
+        with loop.reproducible(self.threads):
+            torch.manual_seed(self.seed)
+            net = self.network(len(place_xy), *heights.shape[1:]).to(device())
+            result = loop.fit(
+                net,
+                batches,
+                judge,
+                epochs=max(1, round(self.epochs * watch.budget)),
+                steps=steps,
+                learning_rate=self.learning_rate,
+                schedule=self.schedule,
+                precision=self.precision,
+                seed=self.seed,
+                watch=watch,
+                step=self.step,
+            )
+            net.load_state_dict(result.weights)
+            forgotten = torch.from_numpy(near(xy[held], place_xy, self.neighbour_m))
+            known = self.known(net, heights, views, trained)
+            seen, unseen = self.look(net, heights[held]), self.look(net, heights[held], forgotten)
+        of_training = torch.isin(known.rows, trained)
+        memory, memory_xy = known.features.numpy(), xy[known.rows.numpy()]
+        close = near(xy[held], memory_xy[of_training], self.neighbour_m)
+        likeness = [(one.features.numpy() @ memory[of_training].T).astype(np.float64) for one in (seen, unseen)]
+        scores, others = (one.logits.numpy().astype(np.float64) for one in (seen, unseen))
+        softness = temperature(scores, places[held])
+        evidence = Evidence(
+            scores.argmax(axis=1) == places[held],
+            self.novelties(scores, softness, likeness[0].max(axis=1)),
+            self.novelties(others, softness, np.where(close, -1, likeness[1]).max(axis=1)),
+        )
+        return {
+            **{f"net/{name}": value.cpu().contiguous().numpy() for name, value in result.weights.items()},
+            "place_xy_m": place_xy,
+            "memory": memory,
+            "memory_xy_m": memory_xy,
+            "temperature": np.array(softness),
+            **evidence.arrays(),
+            "image_shape": np.array(heights.shape[1:]),
+            "best_epoch": np.array(result.best_epoch),
+            **{f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)},
+        }
+
+    def localizer(self, model: Model) -> Localizer:
+        """The k places of highest softmax; cost = 1 − probability."""
+        place_xy, softness = model["place_xy_m"], float(model["temperature"])
+        rings, sectors = (int(side) for side in model["image_shape"])
+        net = self.network(len(place_xy), rings, sectors)
+        net.load_state_dict(
+            {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
+        )
+        net.to(device())
+        memory = torch.from_numpy(model["memory"].copy())
+
+        def localize(views: Rows, k: int) -> Ranking:
+            heights = self._heights(views)
+            if heights.shape[1:] != (rings, sectors):
+                raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
+            with loop.reproducible(self.threads):
+                found = self.look(net, heights)
+                likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
+            likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
+            scores = found.logits.numpy().astype(np.float64)
+            probability, novelty = softmax(scores, axis=1), self.novelties(scores, softness, likeness)
+            places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
+            return Ranking(
+                places.astype(np.int64),
+                (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
+                self.positions(place_xy[places], model["memory_xy_m"][row]),
+                np.stack([*novelty.values()], axis=1).astype(np.float32),
+                softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
+                found.heading_deg.numpy(),
+                tuple(novelty),
+            )
+
+        return localize
+
+    def step(self, answer: Any, batch: Any) -> tuple[Tensor, Tensor, int]:
+        """The loss that is trained for."""
+        return loop.classify(answer, batch)
+
+    def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the answers (n, k, 2) lie: at the means of their places' views; the likest training view is at (n, 2)."""
+        return places_m
+
+    def embedded(self, net: Any, heights: Tensor) -> Tensor:
+        """What the last layer looks at of quantized heights (n, rings, sectors), at the precision of training."""
+        with loop.autocast(device(), self.precision):
+            seen: Tensor = net.embed(self.images(heights))
+            return seen.float()
+
+    def images(self, heights: Tensor) -> Tensor:
+        """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights (n, rings, sectors)."""
+        where = device()
+        table = torch.from_numpy(colours(self.colormap)).to(where).float() / 255
+        return table[heights.to(where).long()].permute(0, 3, 1, 2)
+
+    def _heights(self, views: Rows) -> Tensor:
+        return torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
+
+    @property
+    def channels(self) -> int:
+        """Of a coloured image."""
+        return len(colours(self.colormap)[0])
