@@ -1,34 +1,20 @@
 """conf/benchmark.yaml, the one list of names that the DAG expands to: studies proposed from what is on disk, and spelled out."""
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
-from pydoc import locate
 from typing import Any
 
 import yaml
 
+from pipeline.drives import Proposal, parsed, recorded, simulated
 from pipeline.errors import ConfigError
-from pipeline.readers.log import Reader
 from pipeline.studies import AS_DRIVEN, QUESTIONS, expand, turned
 
 HEAD = """\
 # The one list of names. `yearloc use campus town` writes it; change `studies` by hand, and `yearloc use` spells them out anew.
 """
 SPELLED_OUT = "  # What the studies come to: dvc.yaml expands to these.\n"
-SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 MOST_SEEDS = 100
-SAFE_NAME = re.compile(r"\w[\w.+-]*")
-"""Of a sequence: it becomes part of stage names and paths."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A study for conf/benchmark.yaml, and what a person should know about it."""
-
-    study: dict[str, Any]
-    notes: list[str]
 
 
 def text(studies: Mapping[str, Mapping[str, Any]]) -> str:
@@ -60,7 +46,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if not path.is_file():
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no data set {name}: expected one of {known}")
-    dataset = _parsed(path)
+    dataset = parsed(path)
     allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells"} | (
         {"world"} if dataset["simulated"] else {"root", "log", "train"}
     )
@@ -73,8 +59,8 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if question == "viewpoints":
         study = {**study, "parts": False}
     asked_of_all = conf / "question" / f"{question}.yaml"
-    study = {**study, **(_parsed(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
-    found = _simulated(conf, name, study, options) if dataset["simulated"] else _recorded(name, dataset["reader"], study, options)
+    study = {**study, **(parsed(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
+    found = simulated(conf, name, study, options) if dataset["simulated"] else recorded(name, dataset["reader"], study, options)
     places = found.study
     stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
@@ -132,8 +118,8 @@ def entry(conf: Path, method: str, view: str, seeds: int = 1, variants: Mapping[
     """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how often it is trained, and its
     variants."""
     path = conf / "view" / f"{view}.yaml"
-    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in _parsed(path) else {}
-    trained = {"seeds": seeds} if seeds > 1 and "seed" in _parsed(conf / "method" / f"{method}.yaml") else {}
+    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in parsed(path) else {}
+    trained = {"seeds": seeds} if seeds > 1 and "seed" in parsed(conf / "method" / f"{method}.yaml") else {}
     return {"name": method, "view": view, **drawn, **trained, **({"variants": dict(variants)} if variants else {})}
 
 
@@ -144,7 +130,7 @@ def _view(conf: Path, method: str) -> str:
         raise ConfigError(
             f"methods={method}: expected some of {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}"
         )
-    return str(_parsed(path)["view"])
+    return str(parsed(path)["view"])
 
 
 def check(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> None:
@@ -157,99 +143,3 @@ def check(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> None:
             if not (conf / group / f"{name}.yaml").is_file():
                 known = ", ".join(sorted(path.stem for path in (conf / group).glob("*.yaml")))
                 raise ConfigError(f"conf/benchmark.yaml: {dataset} names the {group} {name}; expected one of {known}")
-
-
-def _parsed(path: Path) -> Any:
-    try:
-        return yaml.safe_load(path.read_text())
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else "?"
-        raise ConfigError(f"{path}: line {line} is no yaml: {error.problem}") from None
-
-
-def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
-    kind: Any = locate(settings.get("_target_", ""))
-    if kind is None:
-        raise ConfigError(f"conf/dataset/{name}.yaml: reader._target_={settings.get('_target_')}: no such reader")
-    known = [field.name for field in fields(kind)]
-    if unknown := [key for key in settings if key not in (*known, "_target_")]:
-        raise ConfigError(f"conf/dataset/{name}.yaml: reader has no key {unknown[0]}: expected {', '.join(known)}")
-    reader: Reader = kind(**{key: value for key, value in settings.items() if key != "_target_"})
-    return reader
-
-
-def _simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
-    usual: Mapping[str, list[str]] = study["tests"]
-    world = options.get("world", "demo")
-    if world not in usual:
-        raise ConfigError(f"world={world}: expected one of {', '.join(usual)}")
-    driven = yaml.safe_load((conf / "world" / f"{name}_{world}.yaml").read_text())["sequences"]
-    tests = options["tests"].split(",") if "tests" in options else list(usual[world])
-    if study.get("parts"):
-        driven = [f"{log}-b" for log in driven]
-    if unknown := [test for test in tests if test not in driven]:
-        raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
-    places = {
-        "world": f"{name}_{world}",
-        "source": "world",
-        "heeds": "simulated",
-        "root": f"artifacts/logs/{name}",
-        "train": study["train"] if isinstance(study["train"], str) else study["train"][world],
-        "tests": tests,
-        "budget": world if world in ("tiny", "demo") else "full",
-    }
-    return Proposal(places, [])
-
-
-def _recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
-    """What can be read below the root, matched with the study of the data set's yaml or the one asked for."""
-    if "root" not in options:
-        raise ConfigError(f"where is {name}? Say root=FOLDER")
-    root = Path(options["root"]).expanduser()
-    if not root.is_dir():
-        raise ConfigError(f"root={options['root']}: no such folder")
-    root = root.resolve()
-    if not SAFE_PATH.fullmatch(str(root)):
-        raise ConfigError(
-            f"root={root}: a path of letters, digits, blanks and ./_-+@~ is needed; a link with such a name will do"
-        )
-    lacking = _reader(name, reader).sequences(root)
-    if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected {study['expected']}")
-    odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
-    lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
-    whole = [sequence for sequence, missing in lacking.items() if not missing]
-    notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
-    train, tests = study["train"], list(study["tests"])
-    if study.get("parts"):
-        log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
-        train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
-        notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
-    train = options.get("train", train or (whole or [""])[0]).replace(",", " ")
-    if len(train.split()) > 1:
-        notes += [f"{sequence}: not below {root}, not trained on" for sequence in train.split() if sequence not in whole]
-        train = " ".join(sequence for sequence in train.split() if sequence in whole)
-    tests = options["tests"].split(",") if "tests" in options else tests or [sequence for sequence in whole if sequence != train]
-    why = "".join(f"; {note}" for note in notes)
-    if not train or not set(train.split()) <= set(whole):
-        known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
-        raise ConfigError(f"the training sequence {train} cannot be read below {root}: {known}{why}")
-    if tests == [train]:
-        raise ConfigError(f"tests={train}: is the training sequence; give others")
-    absent = [sequence for sequence in tests if sequence not in whole]
-    notes += [f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking]
-    tests = [test for test in tests if test in whole and test not in train.split()]
-    if not tests:
-        others = ", ".join(sequence for sequence in whole if sequence != train)
-        known = f"give tests=, some of {others}" if others else "one more is needed"
-        raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
-    places = {
-        "world": "recorded",
-        "source": "readers",
-        "heeds": "reader",
-        "root": str(root),
-        "train": train,
-        "tests": tests,
-        "budget": "full",
-    }
-    return Proposal(places, notes)
