@@ -1,6 +1,5 @@
 """SCI on a few made-up places: it learns them, forward and reversed, and says what it does not know."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -167,20 +166,6 @@ def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
 def test_ways_that_do_not_divide_the_sectors_are_a_config_error(n_way: int) -> None:
     with pytest.raises(ConfigError, match=f"n_way={n_way}"):
         replace(SMALL, n_way=n_way).learn(rows(2), TRUTH, Watch())
-
-
-def minus_one(places: np.ndarray) -> np.ndarray:
-    return np.where(np.arange(len(places)) == 5, -1, places)
-
-
-def one_less(places: np.ndarray) -> np.ndarray:
-    return places[1:]
-
-
-@pytest.mark.parametrize("spoil", [minus_one, one_less])
-def test_every_training_view_needs_its_place(spoil: Callable[[np.ndarray], np.ndarray]) -> None:
-    with pytest.raises(InputError):
-        SMALL.learn(rows(2), spoil(TRUTH), Watch())
 
 
 def test_views_of_another_shape_are_refused(model: Model) -> None:

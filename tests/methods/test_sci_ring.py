@@ -1,6 +1,5 @@
 """SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -180,20 +179,6 @@ def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     assert learned["net/features.0.weight"].shape[1] == 1
 
 
-def minus_one(places: np.ndarray) -> np.ndarray:
-    return np.where(np.arange(len(places)) == 5, -1, places)
-
-
-def one_less(places: np.ndarray) -> np.ndarray:
-    return places[1:]
-
-
-@pytest.mark.parametrize("spoil", [minus_one, one_less])
-def test_every_training_view_needs_its_place(spoil: Callable[[np.ndarray], np.ndarray]) -> None:
-    with pytest.raises(InputError, match="known place"):
-        SMALL.learn(rows(2), spoil(TRUTH), Watch())
-
-
 def test_views_of_another_shape_are_refused(model: Model) -> None:
     other = rows(3)
     with pytest.raises(InputError, match="8 rings × 40 sectors"):
@@ -202,10 +187,9 @@ def test_views_of_another_shape_are_refused(model: Model) -> None:
         SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Watch())
 
 
-@pytest.mark.parametrize("wrong", [{"yaw_noise_deg": -1.0}, {"dropout": 1.5}, {"epochs": 0}, {"batch": 0}, {"h_max_m": 0.0}])
-def test_impossible_settings_are_a_config_error(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
-        replace(SMALL, **wrong)  # type: ignore[arg-type]
+def test_a_negative_noise_is_a_config_error() -> None:
+    with pytest.raises(ConfigError, match=r"yaw_noise_deg=-1\.0"):
+        replace(SMALL, yaw_noise_deg=-1.0)
 
 
 def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:

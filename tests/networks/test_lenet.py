@@ -5,6 +5,7 @@ import torch
 
 from pipeline.errors import InputError
 from pipeline.networks.lenet import LeNet, parameters
+from pipeline.networks.ring import Ring
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +47,10 @@ def test_layers_are_those_of_the_table(net: LeNet) -> None:
     assert [layer.p for layer in net.head if isinstance(layer, torch.nn.Dropout)] == [0.7, 0.7]
 
 
-def test_biases_start_at_zero_and_kernels_within_glorots_bound(net: LeNet) -> None:
-    for layer in net.modules():
+@pytest.mark.parametrize("kind", [LeNet, Ring])
+def test_biases_start_at_zero_and_kernels_within_glorots_bound(kind: type[torch.nn.Module]) -> None:
+    torch.manual_seed(0)
+    for layer in kind(579).modules():
         if isinstance(layer, torch.nn.Conv2d | torch.nn.Linear):
             assert layer.bias is not None
             assert not layer.bias.any()

@@ -1,0 +1,60 @@
+"""What SCI and its ring refuse alike, and how precisely they answer."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.matching.ranking import Rows
+from pipeline.methods.sci import Sci
+from pipeline.methods.sci_ring import SciRing
+from pipeline.networks.classifier import Classifier
+from pipeline.watch import Watch
+
+SETTINGS: dict[str, Any] = {"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3, "threads": 1}
+BOTH = pytest.mark.parametrize("method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"])
+TRUTH = np.repeat(np.arange(4), 12)
+
+
+def rows() -> Rows:
+    """Four scenes seen twelve times with noise, a metre apart along x."""
+    rng = np.random.default_rng(0)
+    images = np.repeat(rng.uniform(0, 15, (4, 8, 24)), 12, axis=0) + rng.normal(0, 0.5, (48, 8, 24))
+    poses = np.tile(np.eye(4), (48, 1, 1))
+    poses[:, 0, 3] = np.arange(48)
+    return Rows(images.astype(np.float32), np.arange(48), poses)
+
+
+def minus_one(places: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(len(places)) == 5, -1, places)
+
+
+def one_less(places: np.ndarray) -> np.ndarray:
+    return places[1:]
+
+
+@BOTH
+@pytest.mark.parametrize("spoil", [minus_one, one_less])
+def test_every_training_view_needs_its_place(method: Classifier, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+    with pytest.raises(InputError, match="known place"):
+        method.learn(rows(), spoil(TRUTH), Watch())
+
+
+@BOTH
+@pytest.mark.parametrize("wrong", [{"dropout": 1.5}, {"epochs": 0}, {"batch": 0}, {"h_max_m": 0.0}, {"learning_rate": 0.0}])
+def test_impossible_settings_are_a_config_error(method: Classifier, wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
+        replace(method, **wrong)  # type: ignore[arg-type]
+
+
+@BOTH
+def test_answers_are_as_precise_as_training(method: Classifier) -> None:
+    """Coarse numbers move a cost by less than a hundredth, and fine ones are not the same."""
+    model = method.learn(rows(), TRUTH, Watch())
+    fine, coarse = (replace(method, precision=precision).localizer(model)(rows(), 4) for precision in ("f32", "bf16"))
+    assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
+    difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))
+    assert 0 < difference.max() < 0.05
