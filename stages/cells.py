@@ -25,7 +25,7 @@ def main(cfg: DictConfig) -> str:
             {"budget": words.budget, "train": words.train, "tests": list(words.tests)},
         )
         section.write(folder)
-    return section.answer
+    return section.answer[0]
 
 
 if __name__ == "__main__":

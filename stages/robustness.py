@@ -44,7 +44,7 @@ def main(cfg: DictConfig) -> str:
     numbers = {model: {sequence: one.told() for sequence, one in found.items()} for model, found in judged.items()}
     with store.replace(cfg.metrics) as metrics:
         metrics.write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n")
-    return section.answer
+    return section.answer[0]
 
 
 def asked(cfg: DictConfig, methods: Any, folder: Path) -> dict[str, dict[str, Robustness]]:

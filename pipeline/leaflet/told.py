@@ -46,7 +46,7 @@ class Told:
         shown = [sortable(table, caption, where) for caption, table in section.tables]
         fold = disclosure(source, section.sources, section.parameters)
         simulated = [banner()] if section.simulated else []
-        parts = [tag("h3", section.title), *simulated, question, prose(section.answer), *drawn, *shown, fold]
+        parts = [tag("h3", section.title), *simulated, question, prose(section.prose()), *drawn, *shown, fold]
         return tag("section", *parts, id=anchor(section.name))
 
 

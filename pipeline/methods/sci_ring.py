@@ -33,8 +33,13 @@ class SciRing(Classifier):
     yaw_noise_deg: float = 0.0
     """Standard deviation of what is added to the yaw of each training view, to study how well it must be known."""
 
+    erased_deg: float = 0.0
+    """A wedge of up to this width is emptied in each training view, as if what stood there were gone."""
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not 0 <= self.erased_deg < 360:
+            raise ConfigError(f"method.erased_deg={self.erased_deg}: expected 0 or more, and less than 360")
         if self.yaw_noise_deg < 0:
             raise ConfigError(f"method.yaw_noise_deg={self.yaw_noise_deg}: expected a number of at least 0")
 
@@ -43,15 +48,20 @@ class SciRing(Classifier):
         return Ring(places, rings, sectors, self.channels, self.dropout, self.batch_norm_momentum)
 
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
-        """Every trained view once, in a new order, each turned by columns of its own."""
+        """Every trained view once, in a new order, each turned by columns of its own and with a wedge of its own gone."""
         sectors, columns = heights.shape[2], self._columns(views, heights.shape[2])
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
             for chosen in torch.split(trained[torch.randperm(len(trained), generator=order)], self.batch):
                 if len(chosen) > 1 or len(trained) == 1:  # a batch of one says nothing of the statistics
                     turns = torch.randint(sectors, (len(chosen),), generator=order)
+                    turned = rolled(heights[chosen], turns)
+                    if self.erased_deg:
+                        first, width = torch.rand(2, len(chosen), 1, 1, generator=order) * sectors
+                        behind = (torch.arange(sectors) - first) % sectors
+                        turned = turned * (behind >= width * (self.erased_deg / 360))
                     yield (
-                        self.images(rolled(heights[chosen], turns)),
+                        self.images(turned),
                         places[chosen].to(device()),
                         (columns[chosen] - turns).to(device()) * (Ring.count(sectors) / sectors),
                     )

@@ -50,7 +50,7 @@ def section(
         name,
         f"Ageing: {last} days after training",
         "Does a method know its places less well as the days since training go by, and when is it time to train again?",
-        " ".join([*(told(lines, measure, ageing) for measure in DRAWN[:2]), confounded(results), INTERVALS]),
+        (*(told(lines, measure, ageing) for measure in DRAWN[:2]), confounded(results), INTERVALS),
         simulated,
         (
             Shown(

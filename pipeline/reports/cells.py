@@ -71,7 +71,7 @@ def section(
         f"{dataset}-cells",
         f"Cells: {dataset} (Fig. 11)",
         QUESTION,
-        f"{asked}{budget}. {' '.join(trend(ordered, cell_m, *panel) for panel in (PANELS[0], PANELS[3]))} {CAVEAT}",
+        (*(trend(ordered, cell_m, *panel) for panel in (PANELS[0], PANELS[3])), CAVEAT, f"{asked}{budget}."),
         simulated,
         (Shown(path.name, "The side of a cell (Fig. 11)", READ, " ".join(best(ordered, cell_m, *panel) for panel in PANELS)),),
         tuple(tables),

@@ -58,7 +58,7 @@ def section(
         name,
         "Real changes: buildings that went up or came down",
         "Does a method fail near what has really changed since training?",
-        f"{answer(results, changes, bands)} {compared(nearby, methods, 'recall_at_1', bands)} {CHANCE}",
+        (compared(nearby, methods, "recall_at_1", bands), answer(results, changes, bands), CHANCE),
         simulated,
         (Shown("events.svg", "Recall and AUC by the distance to the nearest change", READ, says),),
         tuple(tables),

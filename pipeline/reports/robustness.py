@@ -40,12 +40,12 @@ def section(
     answers = Answers(judged)
     study = Study(folder, dataset, answers, simulated, parameters.get("stress", {}))
     told = TELL.get(alteration, at_a_glance)(study)
-    answer = " ".join(filter(None, (wording.setup(answers, dataset, grid, simulated, parameters), *told.answer)))
+    findings = (*told.answer, wording.setup(answers, dataset, grid, simulated, parameters))
     return Section(
         name,
         f"{told.title}: {dataset}, {grid} cells",
         told.question,
-        answer,
+        tuple(filter(None, findings)),
         simulated,
         tuple(told.figures),
         tuple(told.tables),

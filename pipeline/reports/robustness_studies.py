@@ -74,7 +74,7 @@ def stressed(study: Study) -> Told:
     return Told(
         "Stress",
         "How well are places known again on drives that are made to be hard?",
-        (findings.on_each(answers, named), wording.leaders(answers, Case(), RECALL), rivals, wording.CLEARLY),
+        (wording.leaders(answers, Case(), RECALL), findings.on_each(answers, named), rivals, wording.CLEARLY),
         [shown],
         (("Each sequence and model (± over seeds)", tables.stress(answers, named)),),
     )

@@ -33,8 +33,8 @@ class Section:
     """Such as campus-10m-turned: an anchor in the page."""
     title: str
     question: str
-    answer: str
-    """In sentences made of the numbers."""
+    answer: tuple[str, ...]
+    """Findings, in sentences made of the numbers; the first is what a reader in a hurry takes away."""
     simulated: bool
     figures: tuple[Shown, ...] = ()
     tables: tuple[tuple[str, Table], ...] = ()
@@ -57,9 +57,15 @@ class Section:
             told = json.loads(path.read_text())
             figures = tuple(Shown(**one) for one in told.pop("figures"))
             tables = tuple((caption, _table(one)) for caption, one in told.pop("tables"))
-            return cls(**{**told, "sources": tuple(told["sources"])}, figures=figures, tables=tables)
+            listed = {name: tuple(told[name]) for name in ("answer", "sources")}
+            return cls(**{**told, **listed}, figures=figures, tables=tables)
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise ArtifactError(f"{path}: no section of a report ({error}); `dvc repro` makes it") from None
+
+    def prose(self) -> str:
+        """The answer as markdown: the first finding, and a list of the others."""
+        first, *others = self.answer
+        return "\n".join([first, *([""] if others else []), *(f"- {finding}" for finding in others)])
 
     def markdown(self) -> str:
         """The section as a page of its own."""
@@ -67,7 +73,7 @@ class Section:
         tables = [f"### {caption}\n\n{table.markdown()}" for caption, table in self.tables]
         made = "Simulated data.\n" if self.simulated else ""
         return "\n".join(
-            part for part in (f"# {self.title}\n", made, f"{self.question}\n", f"{self.answer}\n", *shown, *tables) if part
+            part for part in (f"# {self.title}\n", made, f"{self.question}\n", f"{self.prose()}\n", *shown, *tables) if part
         )
 
 

@@ -67,7 +67,7 @@ def drawn_and_told(root: Path) -> None:
         name="campus-10m-turned",
         title="Turned",
         question="Does it *matter*?",
-        answer=EVIL,
+        answer=(EVIL, EVIL),
         simulated=True,
         figures=(Shown("turned.svg", "How turned", "Read it so.", "It says so."),),
         tables=(("AUC by `case`", table),),

@@ -172,6 +172,26 @@ def test_noise_on_the_training_yaw_is_seeded() -> None:
     assert not same(once, replace(noisy, yaw_noise_deg=0.0).learn(rows(2), TRUTH, Watch()))
 
 
+def test_a_wedge_of_up_to_its_width_is_emptied_in_each_training_view() -> None:
+    heights = torch.full((200, 8, SECTORS), 200, dtype=torch.uint8)
+    views = Rows(np.empty(0), np.arange(200), np.tile(np.eye(4), (200, 1, 1)))
+    plain, erased = (
+        replace(SMALL, colormap="grey", erased_deg=deg).batches(
+            heights, views, torch.zeros(200, dtype=torch.int64), torch.arange(200)
+        )[0]
+        for deg in (0.0, 90.0)
+    )
+    whole, gaps = (torch.cat([images for images, _, _ in epoch(torch.Generator().manual_seed(0))]) for epoch in (plain, erased))
+    assert (whole > 0).all()
+    empty = (gaps == 0).all(dim=(1, 2))
+    assert torch.equal(empty, (gaps == 0).any(dim=2).any(dim=1))  # whole columns
+    widths = empty.sum(1)
+    assert 0 <= int(widths.min()) < 3
+    assert 8 <= int(widths.max()) <= SECTORS // 4 + 1
+    assert (empty.int().diff(dim=1, prepend=empty[:, -1:].int()) == 1).sum(1).max() == 1  # one wedge, around the seam too
+    assert empty.any(0).all()  # anywhere
+
+
 def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     short = replace(SMALL, held_out_every_m=1000.0, colormap="grey")
     learned = short.learn(rows(2), TRUTH, Watch(budget=0.05))
@@ -187,9 +207,10 @@ def test_views_of_another_shape_are_refused(model: Model) -> None:
         SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Watch())
 
 
-def test_a_negative_noise_is_a_config_error() -> None:
-    with pytest.raises(ConfigError, match=r"yaw_noise_deg=-1\.0"):
-        replace(SMALL, yaw_noise_deg=-1.0)
+@pytest.mark.parametrize("wrong", [{"yaw_noise_deg": -1.0}, {"erased_deg": -1.0}, {"erased_deg": 360.0}])
+def test_what_training_views_cannot_suffer_is_a_config_error(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
+        replace(SMALL, **wrong)  # type: ignore[arg-type]
 
 
 def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:

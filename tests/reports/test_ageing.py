@@ -62,7 +62,7 @@ def test_what_falls_is_told_with_the_day_to_train_again_and_what_does_not_with_w
 ) -> None:
     # m2dp: slope −.005 per 100 days, residuals .03 −.065 .04 −.005, s² = .003375, so the interval reaches further down
     # by 4.3027 √(.003375 / 50,000) = .00112 a day: a loss of .117 in all
-    answer = made[0].answer
+    answer = made[0].prose()
     assert "`sci` −0.140 [−0.201, −0.079] per 100 days and has lost 10 % after 72 [54, 117] days: train again by then." in answer
     assert "For the others no ageing is shown within 300 days, so nothing says retrain;" in answer
     assert "a loss of up to 0.117 per 100 days (`m2dp`) cannot be ruled out" in answer

@@ -73,10 +73,9 @@ def test_the_section_puts_sizes_in_order_and_says_how_to_compare_them(tmp_path: 
     section = cells.section(tmp_path, "campus", EVALUATED, CELL_M, True, ("artifacts/evaluate",), {"budget": "tiny"})
     section.write(tmp_path)
     again = Section.read(tmp_path)
-    assert again.answer.startswith(
-        "Asked on simulated campus, cells of 5 to 20 m, 2 test sequences, budget `tiny`. From 5 to 20 m"
-    )
-    assert "by distance the queries are the same" in again.answer
+    assert again.answer[0].startswith("From 5 to 20 m")
+    assert again.answer[-1] == "Asked on simulated campus, cells of 5 to 20 m, 2 test sequences, budget `tiny`."
+    assert "by distance the queries are the same" in again.prose()
     assert (tmp_path / again.figures[0].path).is_file()
     assert [table.header[1:] for _, table in again.tables[:4]] == [("5 m", "10 m", "20 m")] * 4
 

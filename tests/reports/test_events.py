@@ -37,9 +37,9 @@ def test_a_section_counts_changes_and_the_queries_near_them(tmp_path: Path) -> N
     section.write(tmp_path)
     assert Section.read(tmp_path) == section
     assert (
-        "1 construction and 1 demolition show in the test sequences, and 8 seen queries lie within 25 m of one" in section.answer
+        "1 construction and 1 demolition show in the test sequences, and 8 seen queries lie within 25 m of one" in section.prose()
     )
-    assert "too few seen queries near changes" in section.answer  # no seen query is near one to come
+    assert "too few seen queries near changes" in section.prose()  # no seen query is near one to come
     caption, table = section.tables[0]
     assert caption == "recall@1, by cells"
     assert table.header == ("nearest change", "0–25 m", "over 25 m")
@@ -69,7 +69,7 @@ def test_of_too_few_queries_nothing_is_claimed() -> None:
 def test_where_nothing_changed_the_section_says_so(tmp_path: Path) -> None:
     nothing = dict.fromkeys(CHANGES, ())
     section = events.section(tmp_path, "campus-events", RESULTS, nothing, BANDS, BOOTSTRAP, False, [], {})
-    assert "0 constructions and 0 demolitions show in the test sequences, and 0 seen queries" in section.answer
+    assert "0 constructions and 0 demolitions show in the test sequences, and 0 seen queries" in section.prose()
 
 
 def test_the_figure_pales_what_is_of_few_and_is_the_same_each_time(tmp_path: Path) -> None:

@@ -257,8 +257,9 @@ def test_a_section_of_one_sequence_and_seed_is_written_and_read(
     again = Section.read(tmp_path)
     assert [shown.path for shown in again.figures] == figures
     text = json.dumps([again.answer, *(shown.says for shown in again.figures)])
-    assert again.answer.startswith("Asked on simulated campus, 10m cells, 1 test sequence, ")
-    assert "budget `tiny`" in again.answer
+    assert again.answer[-1].startswith("Asked on simulated campus, 10m cells, 1 test sequence, ")
+    assert "budget `tiny`" in again.answer[-1]
+    assert all(again.answer)
     assert "nan" not in text
     assert "(clear)" not in text
     assert ("all reversed" in text) == (alteration == "as_driven")

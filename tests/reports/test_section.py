@@ -12,7 +12,7 @@ SECTION = Section(
     "campus-10m-turned",
     "Headings",
     "What if the robot is turned?",
-    "It is lost.",
+    ("It is lost.", "For good."),
     True,
     (Shown("turned.svg", "Turned", "Read it so.", "It falls."),),
     (("Numbers", Table(("model", "AUC"), (("sci", "0.5"),), words=1)),),
@@ -29,7 +29,15 @@ def test_a_section_comes_back_as_it_was_written(tmp_path: Path) -> None:
 def test_its_page_says_question_answer_and_that_it_is_simulated(tmp_path: Path) -> None:
     SECTION.write(tmp_path)
     page = (tmp_path / "campus-10m-turned.md").read_text()
-    parts = ("# Headings", "Simulated data.", "What if", "It is lost.", "![Turned](turned.svg)", "Read it so. It falls.", "0.5")
+    parts = (
+        "# Headings",
+        "Simulated data.",
+        "What if",
+        "It is lost.\n\n- For good.",
+        "![Turned](turned.svg)",
+        "Read it so. It falls.",
+        "0.5",
+    )
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
 
