@@ -57,6 +57,8 @@ class Section:
             told = json.loads(path.read_text())
             figures = tuple(Shown(**one) for one in told.pop("figures"))
             tables = tuple((caption, _table(one)) for caption, one in told.pop("tables"))
+            if not isinstance(told["answer"], list):
+                raise ValueError("its answer is no list")
             listed = {name: tuple(told[name]) for name in ("answer", "sources")}
             return cls(**{**told, **listed}, figures=figures, tables=tables)
         except (OSError, ValueError, TypeError, KeyError) as error:

@@ -42,7 +42,7 @@ def test_its_page_says_question_answer_and_that_it_is_simulated(tmp_path: Path) 
     assert places == sorted(places)
 
 
-@pytest.mark.parametrize("text", [None, "{", '{"name": "x"}'])
+@pytest.mark.parametrize("text", [None, "{", '{"name": "x"}', '{"figures": [], "tables": [], "answer": "once a string"}'])
 def test_a_folder_without_one_is_named(tmp_path: Path, text: str | None) -> None:
     if text is not None:
         (tmp_path / "section.json").write_text(text)
