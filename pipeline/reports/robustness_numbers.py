@@ -87,7 +87,8 @@ class Margin:
     over_sequences: float
     number: int
     clear: bool
-    """Ahead, or behind, on every one of several sequences, and by more than the deviation over them and over either's seeds."""
+    """Ahead, or behind, on every one of several sequences, and by more than the deviation over them and over either's seeds,
+    or, of one seed, than another might differ by."""
 
 
 def label(kind: Case) -> str:

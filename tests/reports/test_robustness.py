@@ -123,6 +123,12 @@ def test_models_that_differ_by_seeds_more_than_by_their_mean_are_not_clearly_apa
     assert not Answers({"a": apart, "b": JUDGED["scan_context"]}).ahead("a", "b", TURNED, AUC).clear
 
 
+@pytest.mark.parametrize(("seeds", "clear"), [(1, False), (2, True)])
+def test_one_seed_may_owe_a_hundredth_to_chance(seeds: int, clear: bool) -> None:
+    both = {name: one(TURNS, *[(0.5, level, level)] * 2) * seeds for name, level in (("a", 0.8), ("b", 0.79))}
+    assert Answers(both).ahead("a", "b", TURNED, AUC).clear == clear
+
+
 def test_kinds_put_repeats_together_and_have_names() -> None:
     assert ANSWERS.kinds == [Case(), TURNED]
     assert [label(kind) for kind in BUILT.kinds] == ["as driven", "1 wall", "2 walls", "1 wall, shadow", "2 walls, shadow"]
