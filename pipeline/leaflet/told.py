@@ -43,10 +43,11 @@ class Told:
             except ArtifactError as error:
                 missing.append(str(error))
         question = tag("div", prose(section.question), class_="question")
-        shown = [sortable(table, caption, where) for caption, table in section.tables]
+        first, *further = [sortable(table, caption, where) for caption, table in section.tables] or [Html("")]
+        folded = [tag("details", tag("summary", "Further tables"), *further)] if further else []
         fold = disclosure(source, section.sources, section.parameters)
         simulated = [banner()] if section.simulated else []
-        parts = [tag("h3", section.title), *simulated, question, prose(section.prose()), *drawn, *shown, fold]
+        parts = [tag("h3", section.title), *simulated, question, prose(section.prose()), *drawn, first, *folded, fold]
         return tag("section", *parts, id=anchor(section.name))
 
 

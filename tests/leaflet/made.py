@@ -70,7 +70,7 @@ def drawn_and_told(root: Path) -> None:
         answer=(EVIL, EVIL),
         simulated=True,
         figures=(Shown("turned.svg", "How turned", "Read it so.", "It says so."),),
-        tables=(("AUC by `case`", table),),
+        tables=(("AUC by `case`", table), ("AUROC by `case`", table)),
         sources=("artifacts/robustness/campus/10m/turned/sci/2012-02-04.zarr",),
         parameters={"seed": 0},
     ).write(folder)

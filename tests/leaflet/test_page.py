@@ -98,6 +98,15 @@ def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
     assert "a &lt;/script&gt;&lt;script&gt;" in page
 
 
+def test_a_section_shows_its_first_table_and_folds_the_others(page: str) -> None:
+    section = page.partition('id="campus-10m-turned"')[2].partition("</section>")[0]
+    first, fold, others = section.partition("Further tables")
+    assert fold
+    assert "AUC by <code>case</code>" in first
+    assert "AUROC by <code>case</code>" in others
+    assert first.count("<li>") == 1  # the second finding
+
+
 def test_what_is_not_there_is_said(artifacts: Path, page: str, tmp_path: Path) -> None:
     missing = page.partition("What is not in this page")[2]
     assert "no section on how methods age; <code>make studies</code> builds it" in missing
