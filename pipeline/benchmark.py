@@ -65,7 +65,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
     views, instead = {method: _view(conf, method) for method in wanted}, study.get("views", {})
-    seeds, variants = _seeds(options, study), _variants(options, study)
+    seeds, variants = _seeds(options, study), _variants(options, study, wanted)
     methods = [entry(conf, method, instead.get(view, view), seeds, variants.get(method)) for method, view in views.items()]
     if question == "viewpoints" and len(turned(methods)) < len(methods):
         raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
@@ -75,7 +75,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     words = {"submap": study["submap"], "grids": study["grids"], "methods": methods, "budget": budget, "question": question}
     alterable = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
     altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
-    grids = [path.stem for path in sorted((conf / "grid").glob("*.yaml"))]
+    grids = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in study["grids"]]
     besides: dict[str, Any] = {
         "cells": _some(options, "cells", grids) if "cells" in options else study.get("cells"),
         "stress": stress,
@@ -99,18 +99,20 @@ def _seeds(options: Mapping[str, str], study: Mapping[str, Any]) -> int:
     return int(seeds)
 
 
-def _variants(options: Mapping[str, str], study: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Of each method the variants that are wanted: name to the words that make it."""
-    known: Mapping[str, Mapping[str, str]] = study.get("variants", {})
+def _variants(options: Mapping[str, str], study: Mapping[str, Any], methods: list[str]) -> dict[str, dict[str, str]]:
+    """Of each of the methods the variants that are wanted: name to the words that make it."""
+    known: dict[str, Mapping[str, str]] = {name: own for name, own in study.get("variants", {}).items() if name in methods}
     wanted = _some(options, "variants", sorted({name for own in known.values() for name in own}))
     return {method: {name: own[name] for name in own if name in wanted} for method, own in known.items()}
 
 
 def _some(options: Mapping[str, str], option: str, known: list[str]) -> list[str]:
     """Those of the known names that an option wants: all, if it is not there, and none, if it is empty."""
-    wanted = [name for name in options[option].split(",") if name] if option in options else known
+    wanted = [name for name in dict.fromkeys(options[option].split(",")) if name] if option in options else known
     if unknown := [name for name in wanted if name not in known]:
-        raise ConfigError(f"{option}={unknown[0]}: expected some of {', '.join(known) or 'none, for this question'}")
+        raise ConfigError(
+            f"{option}={unknown[0]}: expected some of {', '.join(known) or 'what question=robustness and the methods bring'}"
+        )
     return wanted
 
 

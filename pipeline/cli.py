@@ -166,7 +166,9 @@ def _results(given: argparse.Namespace) -> None:
                 print(f"  {timed}\n")
         for path in sorted(Path("artifacts").glob(f"*/{dataset}/**/{FILE}")):
             section = Section.read(path.parent)
-            print(fill(f"{section.title}{', simulated' * section.simulated}. {section.answer[0]}", WIDEST - 20))
+            print(f"{section.title}{', simulated' * section.simulated}")
+            for finding in section.answer:
+                print(fill(finding, WIDEST - 20, initial_indent="  - ", subsequent_indent="    "))
             print(f"  {path.parent}/{section.name}.md\n")
     print("a page to read: make report; dashboard: make dashboard")
 
