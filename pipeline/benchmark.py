@@ -110,9 +110,8 @@ def _some(options: Mapping[str, str], option: str, known: list[str]) -> list[str
     """Those of the known names that an option wants: all, if it is not there, and none, if it is empty."""
     wanted = [name for name in dict.fromkeys(options[option].split(",")) if name] if option in options else known
     if unknown := [name for name in wanted if name not in known]:
-        raise ConfigError(
-            f"{option}={unknown[0]}: expected some of {', '.join(known) or 'what question=robustness and the methods bring'}"
-        )
+        expected = f"expected some of {', '.join(known)}" if known else "this question and these methods have none"
+        raise ConfigError(f"{option}={unknown[0]}: {expected}")
     return wanted
 
 

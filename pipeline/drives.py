@@ -26,6 +26,7 @@ class Proposal:
 
 
 def simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
+    """What the world's table drives; raises ConfigError for a preset or a test sequence that it lacks."""
     usual: Mapping[str, list[str]] = study["tests"]
     world = options.get("world", "demo")
     if world not in usual:
@@ -49,7 +50,10 @@ def simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[
 
 
 def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
-    """What can be read below the root, matched with the study of the data set's yaml or the one asked for."""
+    """What can be read below the root, matched with the study of the data set's yaml or the one asked for.
+
+    Raises ConfigError where that leaves no training or no test sequence.
+    """
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
     root = Path(options["root"]).expanduser()

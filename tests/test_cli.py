@@ -149,6 +149,12 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         (["use", "suburb", "question=train"], "expected year or robustness or viewpoints"),
         (["use", "campus", "seeds=0"], "expected a number from 1 to 100"),
         (
+            ["use", "campus", "question=robustness", "methods=sci", "variants=engaged"],
+            "variants=engaged: expected some of 1way, 24way, 4way, 8way",
+        ),
+        (["use", "campus", "question=robustness", "cells=10m"], "cells=10m: expected some of 20m, 5m"),
+        (["use", "campus", "variants=4way"], "variants=4way: this question and these methods have none"),
+        (
             ["use", "campus", "question=robustness", "variants=5way"],
             "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged",
         ),

@@ -52,7 +52,7 @@ def test_impossible_settings_are_a_config_error(method: Classifier, wrong: dict[
 
 @BOTH
 def test_answers_are_as_precise_as_training(method: Classifier) -> None:
-    """Coarse numbers move a cost by less than a hundredth, and fine ones are not the same."""
+    """Coarse numbers move a cost by less than a twentieth, and fine ones are not the same."""
     model = method.learn(rows(), TRUTH, Watch())
     fine, coarse = (replace(method, precision=precision).localizer(model)(rows(), 4) for precision in ("f32", "bf16"))
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
