@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.alterations import Case
-from pipeline.reports.robustness_answers import Answers
+from pipeline.reports.robustness_answers import ONE_SEED, Answers
 from pipeline.reports.robustness_numbers import AUC, FAR, KEPT, OFF, Found, Measure, label
 from pipeline.reports.table import spread
 
@@ -15,7 +15,7 @@ WHOLE = 0.95
 """Who keeps this share of its AUC has kept it, and who is right at this share of the queries is nearly always right."""
 CLEARLY = (
     "± is the standard deviation over the sequences. Clear means on every one of several sequences, by more than the differences"
-    " vary from one to the next and by more than either model's seeds do, which count as 0.02 where there is one."
+    f" vary from one to the next and by more than either model's seeds do, which count as {ONE_SEED:g} where there is one."
 )
 
 
