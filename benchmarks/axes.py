@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
-from pipeline.latency import clouds
+from pipeline.evaluation.timing import clouds
 from pipeline.views import m2dp_kernel as kernel
 from pipeline.views.m2dp import principal_axes
 

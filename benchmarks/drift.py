@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from pipeline import schemas, store
 from pipeline.mapping.gathering import Gathering, Layout
 from pipeline.mapping.submaps import Accumulated
+from pipeline.running.progress import Watch
 from pipeline.views.scan_context import ScanContext
-from pipeline.watch import Watch
 
 EVERY = 10
 """One in so many submaps is drawn twice."""

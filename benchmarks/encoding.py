@@ -3,8 +3,8 @@
 import torch
 
 from benchmarks.race import Race, race
+from pipeline.methods.pfl.bigan import SIDE, Encoder, folded
 from pipeline.networks import loop
-from pipeline.networks.bigan import SIDE, Encoder, folded
 
 IMAGES = 8
 

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from benchmarks.race import Race, race
+from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.networks import loop
-from pipeline.networks.netvlad import Describer, folded
 
 CLOUDS, POINTS = 8, 4096
 

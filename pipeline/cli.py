@@ -11,7 +11,7 @@ import psutil
 import yaml
 
 from pipeline.errors import ConfigError, YearlocError
-from pipeline.watch import Item, Watch
+from pipeline.running.progress import Item, Watch
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.benchmark import check, propose, text
+    from pipeline.studies.names import check, propose, text
 
     conf = _conf()
     path = conf / "benchmark.yaml"
@@ -90,7 +90,7 @@ def _use(given: argparse.Namespace) -> None:
 
 
 def _fetch(given: argparse.Namespace) -> None:
-    from pipeline.fetch import Publisher
+    from pipeline.fetching.archives import Publisher
 
     path = _conf() / "fetch" / f"{given.dataset}.yaml"
     if not path.is_file():
@@ -116,7 +116,7 @@ class _Bytes(Watch):
         from rich.console import Console
         from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
-        from pipeline.download import CHUNK
+        from pipeline.fetching.download import CHUNK
 
         console = Console(stderr=True)
         columns = (TextColumn(what), BarColumn(24), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
@@ -150,7 +150,7 @@ def _results(given: argparse.Namespace) -> None:
 
     from pipeline.reports.section import FILE, Section
     from pipeline.reports.table import WIDEST
-    from pipeline.studies import asks_about_the_year, turned
+    from pipeline.studies.expansion import asks_about_the_year, turned
 
     for dataset, study in _studies(_conf() / "benchmark.yaml").items():
         reports = [("report", "results.txt", "report.md")] * asks_about_the_year(study)
@@ -174,7 +174,7 @@ def _results(given: argparse.Namespace) -> None:
 
 
 def _methods(given: argparse.Namespace) -> None:
-    from pipeline.catalogue import entries, table
+    from pipeline.studies.catalogue import entries, table
 
     print(table(entries(_conf())), end="")
 

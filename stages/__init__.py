@@ -19,8 +19,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from pipeline.errors import YearlocError
-from pipeline.telemetry import Telemetry
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
+from pipeline.running.telemetry import Telemetry
 
 Item = TypeVar("Item")
 ROOT = Path(__file__).parents[1]

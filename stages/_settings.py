@@ -9,9 +9,9 @@ import yaml
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.benchmark import entry
 from pipeline.errors import ConfigError
-from pipeline.studies import asks_about_the_year, expand
+from pipeline.studies.expansion import asks_about_the_year, expand
+from pipeline.studies.names import entry
 from pipeline.sweeps.chain import Step
 from pipeline.sweeps.job import Settings
 from stages import ROOT

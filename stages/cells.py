@@ -4,7 +4,7 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.reports import cells
-from pipeline.studies import spelled_out
+from pipeline.studies.expansion import spelled_out
 from stages import stage
 from stages.report import gather
 

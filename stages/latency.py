@@ -10,9 +10,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
-from pipeline.latency import Contender, Latency
+from pipeline.evaluation.timing import Contender, Latency
 from pipeline.reports import latency
-from pipeline.studies import spelled_out
+from pipeline.studies.expansion import spelled_out
 from stages import ROOT, made, stage
 
 

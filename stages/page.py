@@ -6,7 +6,7 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.leaflet.page import Leaflet
-from pipeline.studies import spelled_out
+from pipeline.studies.expansion import spelled_out
 from stages import stage
 
 

@@ -5,12 +5,14 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pipeline import dashboard, schemas, store, tracking
+from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import NUMBERS, Judged
 from pipeline.reports.style import colour
-from pipeline.served import Served
-from pipeline.studies import asks_about_the_year, turned
-from pipeline.telemetry import Trace, costs
+from pipeline.running.telemetry import Trace, costs
+from pipeline.studies.expansion import asks_about_the_year, turned
+from pipeline.tracking import page
+from pipeline.tracking import runs as tracking
+from pipeline.tracking.served import Served
 from stages import stage
 from stages.report import gather
 
@@ -27,7 +29,7 @@ def main(cfg: DictConfig) -> str:
         runs += [turned_too(cfg, grid, with_model(cfg, grid, run)) for run in study.runs(figures, colours)]
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
-    where = dashboard.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
+    where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
 
 

@@ -13,7 +13,7 @@ from pipeline.reports import ageing, events
 from pipeline.reports.ageing_lines import held_out
 from pipeline.reports.section import Section
 from pipeline.reports.study import Study, folders
-from pipeline.studies import spelled_out
+from pipeline.studies.expansion import spelled_out
 from stages import stage
 
 

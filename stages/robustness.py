@@ -14,7 +14,7 @@ from pipeline.evaluation.robustness import Robustness, judge
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Rows
 from pipeline.reports import robustness
-from pipeline.studies import families, models, spelled_out
+from pipeline.studies.expansion import families, models, spelled_out
 from pipeline.views.altered import altered
 from stages import ROOT, Bars, made, stage
 

@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 from stages import Bars, stage
 
 

@@ -116,7 +116,7 @@ def _tell(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> 
     from pipeline.reports import trials
     from pipeline.reports.sweep import Job as Line
     from pipeline.reports.sweep import Sweep
-    from pipeline.tracking import experiment_of, publish
+    from pipeline.tracking.runs import experiment_of, publish
 
     lines = []
     for one in records:

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.matching.ranking import Rows
-from pipeline.provenance import fingerprint
+from pipeline.running.provenance import fingerprint
 from stages import Bars, stage
 
 

@@ -12,10 +12,10 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import MEAN, Judged
 from pipeline.matching.ranking import Rows
-from pipeline.networks.features import REFERENCE, FeatureMethod
+from pipeline.methods.pfl.features import REFERENCE, FeatureMethod
 from pipeline.reports import mapping, viewpoints
 from pipeline.reports.learned import Learned
-from pipeline.studies import seeded, spelled_out, turned
+from pipeline.studies.expansion import seeded, spelled_out, turned
 from pipeline.views.mapped import Mapped
 from stages import Bars, made, stage
 

@@ -6,10 +6,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.compute import Compute
 from pipeline.errors import ArtifactError
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.views.draw import BLOCK, Drawing
-from pipeline.watch import Watch
 from stages import Bars, stage
 
 SEEN = 0.01

@@ -11,8 +11,8 @@ from contextlib import closing
 import pytest
 import yaml
 
-from pipeline.benchmark import text
-from pipeline.studies import LISTS
+from pipeline.studies.expansion import LISTS
+from pipeline.studies.names import text
 from tests.clone import BIN, Clone
 
 

@@ -10,12 +10,12 @@ from dvc.repo import Repo
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.benchmark import text
-from pipeline.studies import spelled_out
+from pipeline.studies.expansion import spelled_out
+from pipeline.studies.names import text
 
 ROOT = Path(__file__).parents[1]
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
-UNTRACKED_MODULES = {"pipeline.telemetry"}  # nor can what a stage costs
+UNTRACKED_MODULES = {"pipeline.running.telemetry"}  # nor can what a stage costs
 ALSO = {"robustness": {"conf/localize.yaml", "conf/evaluate.yaml"}}  # it asks and judges as these stages do
 STAGES = list(Repo(ROOT).index.stages)
 GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.compute import Compute
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.world.simulation import Simulation
 from tests.clone import ROOT, Clone
 

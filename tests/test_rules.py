@@ -15,11 +15,11 @@ import yaml
 
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
-METHODS = sorted(path.stem for path in (ROOT / "pipeline/methods").glob("[a-z]*.py"))
+METHODS = sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
 
 
 def names(paths: list[Path]) -> list[str]:
@@ -86,9 +86,12 @@ def own_class(module: ModuleType) -> type:
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_method_is_one_file_and_one_yaml_with_its_fields(name):
-    method = own_class(import_module(f"pipeline.methods.{name}"))
     conf = yaml.safe_load((ROOT / f"conf/method/{name}.yaml").read_text())
-    assert conf.pop("_target_") == f"pipeline.methods.{name}.{method.__name__}"
+    module, _, kind = conf.pop("_target_").rpartition(".")
+    method = own_class(import_module(module))
+    assert module.startswith("pipeline.methods.")
+    assert module.endswith(f".{name}")
+    assert method.__name__ == kind
     assert conf.keys() == {field.name for field in fields(method)}
     assert (ROOT / f"conf/view/{conf['view']}.yaml").is_file()
     assert conf == {field.name: field.default for field in fields(method)}

@@ -6,7 +6,7 @@ import pytest
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.errors import InputError
-from pipeline.telemetry import Trace
+from pipeline.running.telemetry import Trace
 from stages import stage
 
 

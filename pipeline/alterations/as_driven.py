@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import Case
-from pipeline.settings import check
+from pipeline.running.settings import check
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.errors import ConfigError
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 CONSTRUCTION = "construction"
 OWN_M = 1e-6

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.errors import ConfigError
-from pipeline.settings import check
+from pipeline.running.settings import check
 
 DEMOLITION = "demolition"
 

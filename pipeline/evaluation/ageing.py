@@ -13,7 +13,7 @@ from scipy import stats
 
 from pipeline.errors import ConfigError
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.settings import check
+from pipeline.running.settings import check
 
 
 @dataclass(frozen=True)

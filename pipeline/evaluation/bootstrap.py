@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import settings
+from pipeline.running import settings
 
 BOUNDS = (2.5, 97.5)
 CHUNK = 1 << 17

@@ -10,7 +10,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import settings
 from pipeline.errors import ConfigError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import right
@@ -18,6 +17,7 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.evaluation.protocols import Truth
 from pipeline.formats.changes import Change
+from pipeline.running import settings
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
 APART_M = 1e6

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import settings
 from pipeline.errors import ConfigError
+from pipeline.running import settings
 
 PROTOCOLS = ("cells", "distance")
 

@@ -10,7 +10,6 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import settings
 from pipeline.errors import InputError
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.curves import Curve, auc, auroc, precision_recall, recall_at_precision
@@ -18,6 +17,7 @@ from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.protocols import Truth
 from pipeline.frames import pose
 from pipeline.matching.ranking import Method, Model, Rows
+from pipeline.running import settings
 from pipeline.store import Artifact
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")

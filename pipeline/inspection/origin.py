@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from pipeline import provenance
 from pipeline.inspection.inspection import Section, nbytes
+from pipeline.running import provenance
 
 
 def origin(path: Path, lock: Path) -> Section:

@@ -12,7 +12,7 @@ from pipeline.leaflet.sources import definitions, place
 from pipeline.leaflet.told import banner
 from pipeline.reports.result import dates
 from pipeline.reports.study import Study
-from pipeline.studies import models
+from pipeline.studies.expansion import models
 
 
 @dataclass(frozen=True)

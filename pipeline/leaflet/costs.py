@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.reports.table import Table, number
-from pipeline.telemetry import Trace
+from pipeline.running.telemetry import Trace
 
 HEADER = ("model", "CPU [s] to train", "wall [s]", "peak memory [MB]", "model [MB]", "view [ms]", "ranking [ms]", "query [ms]")
 

@@ -18,7 +18,7 @@ from pipeline.leaflet.told import Told, banner, told
 from pipeline.leaflet.wording import MAP, QUESTION
 from pipeline.reports.study import Study, folders
 from pipeline.reports.wording import DEFINITIONS
-from pipeline.studies import asks_about_the_year
+from pipeline.studies.expansion import asks_about_the_year
 
 PARTS = ("markup.html", "page.css", "tables.js", "map.js")
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping import octree_kernels as kernels
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 LEAST = 1e-3
 """A leaf whose log-odds decayed below this is unknown again."""

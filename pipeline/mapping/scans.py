@@ -6,11 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError, LogError
 from pipeline.mapping.submaps import sample_path
 from pipeline.readers.log import Log
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 
 BLOCK = 32
 LARGEST = 32_767

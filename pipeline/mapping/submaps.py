@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pipeline.errors import ConfigError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import Gathering, Layout
-from pipeline.settings import check, positive
+from pipeline.running.progress import Watch
+from pipeline.running.settings import check, positive
 from pipeline.store import Artifact
-from pipeline.watch import Watch
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, search
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 QUERIES = 256
 """Searched at once, so that no cost of every row with every query is kept."""

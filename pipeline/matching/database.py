@@ -14,8 +14,8 @@ from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
+from pipeline.running.settings import check, positive
 from pipeline.schemas import RANKINGS
-from pipeline.settings import check, positive
 
 PREFIX = "database/"
 QUERIES = 256

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas, store
 from pipeline.frames import Poses, Stamps
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 Model = Mapping[str, NDArray[Any]]
 """What a method learned: named arrays, among them the evidence of its held-out blocks (matching.rejection)."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking
-from pipeline.settings import check
+from pipeline.running.settings import check
 
 ACCEPT_NOTHING = float(np.finfo(np.float32).min)
 """The threshold that rejects every query; a novelty is a float32."""

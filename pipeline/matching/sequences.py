@@ -17,7 +17,7 @@ from pipeline.matching.database import Database, joined
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.sequence import cheapest
-from pipeline.settings import positive
+from pipeline.running.settings import positive
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 """How training rows (n,) differ from other training rows (m,) that ask: (n, m)."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
 from pipeline.matching.sequences import SequenceMethod
-from pipeline.settings import positive
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
+from pipeline.running.settings import positive
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.nearest import nearest
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.shifts import Spectra
-from pipeline.settings import positive
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
+from pipeline.running.settings import positive
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.shifts import Spectra
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 
 @dataclass(frozen=True)

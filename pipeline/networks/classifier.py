@@ -18,9 +18,9 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.settings import check, positive
+from pipeline.running.progress import Watch
+from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
-from pipeline.watch import Watch
 
 Kinds = dict[str, NDArray[np.float64]]
 

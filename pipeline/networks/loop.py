@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")

@@ -22,7 +22,7 @@ from pipeline.readers.bag_poses import KINDS, track
 from pipeline.readers.bag_track import Track
 from pipeline.readers.bag_tree import Tree
 from pipeline.readers.log import Log
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline import settings
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats import folder as files
 from pipeline.formats import kitti
 from pipeline.frames import Poses, Stamps, Trajectory, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
+from pipeline.running import settings
 
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""

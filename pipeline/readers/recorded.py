@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.compute import Compute
 from pipeline.errors import LogError
 from pipeline.formats.changes import Change, read_changes, visible
 from pipeline.frames import days_between
 from pipeline.readers.log import Reader
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 
 
 @dataclass(frozen=True)

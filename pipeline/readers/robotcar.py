@@ -20,7 +20,7 @@ from pipeline.readers import log
 from pipeline.readers.columns import utimes_ns
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 NEAREST_M, FARTHEST_M = 0.01, 1000.0
 """The lasers reach 50 m: what is nearer is no return, what is farther is damage."""

@@ -7,7 +7,7 @@ from textwrap import fill
 
 import numpy as np
 
-from pipeline.latency import WARM_UP, Latency
+from pipeline.evaluation.timing import WARM_UP, Latency
 from pipeline.reports.table import Table
 
 WIDTH = 110

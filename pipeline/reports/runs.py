@@ -11,7 +11,7 @@ from pipeline.reports import ageing_lines, gallery
 from pipeline.reports.rejection import of
 from pipeline.reports.result import Result
 from pipeline.reports.table import present
-from pipeline.tracking import RunRecord
+from pipeline.tracking.runs import RunRecord
 
 if TYPE_CHECKING:
     from pipeline.reports.study import Study

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
-from pipeline import catalogue
 from pipeline.reports.table import MISSING, Table
+from pipeline.studies import catalogue
 
 if TYPE_CHECKING:
     from pipeline.reports.learned import Learned

@@ -19,7 +19,7 @@ from pipeline.reports import gallery, page, runs, series
 from pipeline.reports.comparison import Against, against_first
 from pipeline.reports.learned import Learned
 from pipeline.reports.result import Result, by_method
-from pipeline.tracking import RunRecord
+from pipeline.tracking.runs import RunRecord
 
 
 class Find(Protocol):

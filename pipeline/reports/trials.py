@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipeline.reports.sweep import Job, Sweep
 from pipeline.reports.table import mean, present
-from pipeline.tracking import RunRecord
+from pipeline.tracking.runs import RunRecord
 
 CHARTED = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"))
 """What the parent charts of each job: protocol and number, as the mean over the test sequences."""

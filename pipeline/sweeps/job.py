@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pipeline.provenance import fingerprint
+from pipeline.running.provenance import fingerprint
 from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.ledger import Ledger, digest
 from pipeline.sweeps.shelf import Shelf

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from pipeline.provenance import fingerprint
+from pipeline.running.provenance import fingerprint
 
 
 @dataclass(frozen=True)

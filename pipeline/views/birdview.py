@@ -16,7 +16,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 
 NEAR_M, STEEPEST_DEG, PLANES, POINTS = 0.2, 20.0, 200, 4096
 """Of the ground's plane: points so near lie on it, it is no steeper, so many are tried, on so many points of a scan at most."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 from pipeline.views import kernels
 
 

@@ -8,8 +8,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compute import Compute
 from pipeline.mapping.gathering import Gathering
+from pipeline.running.compute import Compute
 from pipeline.schemas import Schema
 from pipeline.store import Artifact
 

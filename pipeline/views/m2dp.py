@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas
 from pipeline.errors import InputError
-from pipeline.settings import check, positive
+from pipeline.running.settings import check, positive
 from pipeline.views import m2dp_kernel as kernel
 
 LAST_EDGE_M = 0.001

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
+from pipeline.running.settings import check, positive
 from pipeline.schemas import Schema
-from pipeline.settings import check, positive
 from pipeline.views import kernels
 
 

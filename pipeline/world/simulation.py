@@ -7,22 +7,22 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
-from pipeline.settings import check
-from pipeline.watch import Watch
-from pipeline.world.campus import Campus, build_campus
-from pipeline.world.changes import changes_by
-from pipeline.world.day import dawn
-from pipeline.world.drive import drive
-from pipeline.world.entry import Entry
-from pipeline.world.events import Event, pass_a_year
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
+from pipeline.running.settings import check
+from pipeline.world.driving.day import dawn
+from pipeline.world.driving.drive import drive
+from pipeline.world.driving.entry import Entry
+from pipeline.world.driving.recorder import Recorder, Recording
+from pipeline.world.driving.robots import ROBOTS, Robot
+from pipeline.world.layout.campus import Campus, build_campus
+from pipeline.world.layout.changes import changes_by
+from pipeline.world.layout.events import Event, pass_a_year
+from pipeline.world.layout.plan import Plan
+from pipeline.world.layout.routes import Routes, loop_routes, training_routes
 from pipeline.world.names import kitti_log
-from pipeline.world.plan import Plan
-from pipeline.world.recorder import Recorder, Recording
-from pipeline.world.robots import ROBOTS, Robot
-from pipeline.world.routes import Routes, loop_routes, training_routes
 from pipeline.world.seeds import generator
 from pipeline.world.writers import Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter

@@ -13,7 +13,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.evaluation.viewpoints import Judged, Viewpoints, turned
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 from tests.reports.viewed import judged
 
 STEP_M = 3.0

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pipeline import store
-from pipeline.compute import Compute
 from pipeline.frames import pose
 from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated, Submaps
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.draw import Drawing
-from pipeline.watch import Watch
 
 GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)

@@ -10,7 +10,6 @@ from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
 from pipeline import store
-from pipeline.compute import Compute
 from pipeline.errors import ArtifactError
 from pipeline.formats.bag import BagWriter
 from pipeline.mapping.gathering import Gathering
@@ -19,9 +18,10 @@ from pipeline.mapping.submaps import Accumulated
 from pipeline.readers.bag import Bag
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.scan_context import ScanContext
-from pipeline.watch import Watch
 from stages.views import main
 
 ROOT = Path(__file__).parents[2]
@@ -85,7 +85,7 @@ def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest
     scans = taken(tmp_path / "scans/monday.zarr", level)
     stage = {"sequences": "monday", "scans": "scans", "submaps": "submaps"}
     view = {"_target_": "pipeline.views.scan_context.ScanContext", "rings": 40, "sectors": 120}
-    drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.compute.Compute"}}
+    drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.running.compute.Compute"}}
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Watch())
         with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError, LogError
 from pipeline.mapping.scans import Intake
 from pipeline.readers.log import Log
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 
 
 def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) -> Log:

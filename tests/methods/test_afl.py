@@ -5,9 +5,9 @@ from dataclasses import fields
 import numpy as np
 
 from pipeline.matching.ranking import Rows
-from pipeline.methods.afl import Afl
-from pipeline.methods.pfl import Pfl
-from pipeline.watch import Watch
+from pipeline.methods.pfl.afl import Afl
+from pipeline.methods.pfl.pfl import Pfl
+from pipeline.running.progress import Watch
 
 HEALTH = ("held_out_accuracy", "held_out_error", "code_variance", "code_distance")
 

@@ -10,8 +10,8 @@ from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.m2dp import M2dp
 from pipeline.readers.kitti import read_velodyne
+from pipeline.running.progress import Watch
 from pipeline.views import m2dp as views
-from pipeline.watch import Watch
 
 
 def rows(signatures: np.ndarray, step_m: float = 1.0) -> Rows:

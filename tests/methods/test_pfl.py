@@ -11,10 +11,10 @@ from scipy.ndimage import gaussian_filter
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.methods.pfl import Pfl
-from pipeline.networks import features
-from pipeline.networks.game import OBJECTIVES
-from pipeline.watch import Watch
+from pipeline.methods.pfl import features
+from pipeline.methods.pfl.game import OBJECTIVES
+from pipeline.methods.pfl.pfl import Pfl
+from pipeline.running.progress import Watch
 
 ROWS, HEADINGS = 24, 16
 PLACES = np.repeat(np.arange(6), 4)

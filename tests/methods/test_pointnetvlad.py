@@ -13,9 +13,9 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.methods import pointnetvlad
-from pipeline.methods.pointnetvlad import PointNetVlad
-from pipeline.watch import Watch
+from pipeline.methods.pointnetvlad import pointnetvlad
+from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
+from pipeline.running.progress import Watch
 
 PLACES, EACH, POINTS = 6, 6, 64
 TRUTH = np.repeat(np.arange(PLACES), EACH)

@@ -12,7 +12,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sad import Sad
 from pipeline.readers.kitti import read_velodyne
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 N = 240
 

@@ -17,8 +17,8 @@ from pipeline.methods.scan_context import ScanContext50, ring_keys
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.readers.kitti import read_poses, read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
+from pipeline.running.progress import Watch
 from pipeline.views.scan_context import ScanContext
-from pipeline.watch import Watch
 
 FIFTY, ALL = ScanContext50(), ScanContextAll()
 BOTH = pytest.mark.parametrize("method", [FIFTY, ALL], ids=["fifty", "all"])

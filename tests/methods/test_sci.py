@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci import Sci
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, RINGS, SECTORS = 4, 12, 8, 24

@@ -11,9 +11,9 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.frames import pose
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
-from pipeline.methods.sci_ring import SciRing
+from pipeline.methods.sci_ring.sci_ring import SciRing
+from pipeline.running.progress import Watch
 from pipeline.views.scan_context import ScanContext
-from pipeline.watch import Watch
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, SECTORS = 4, 10, 40

@@ -10,9 +10,9 @@ import pytest
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
-from pipeline.methods.sci_ring import SciRing
+from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks.classifier import Classifier
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 SETTINGS: dict[str, Any] = {"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3, "threads": 1}
 BOTH = pytest.mark.parametrize("method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"])

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from pipeline.errors import InputError
+from pipeline.methods.sci_ring.ring import Ring
 from pipeline.networks.lenet import LeNet, parameters
-from pipeline.networks.ring import Ring
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.networks.loop import Fit, fit, one_cycle, reproducible
-from pipeline.watch import Watch
+from pipeline.running.progress import Watch
 
 IMAGES = torch.randn(24, 6, generator=torch.Generator().manual_seed(1))
 CLASSES = (IMAGES[:, 0] > 0).long()

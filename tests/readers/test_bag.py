@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from rosbags import rosbag1, rosbag2
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
@@ -16,6 +15,7 @@ from pipeline.frames import transform, yaw
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_track import increasing
 from pipeline.readers.bag_tree import Tree
+from pipeline.running.compute import Compute
 from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
 

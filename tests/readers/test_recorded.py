@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.compute import Compute
 from pipeline.errors import LogError
 from pipeline.formats.changes import Change
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.readers.recorded import Recorded
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 
 
 def test_what_is_on_disk_is_listed(tmp_path: Path, kitti: Callable[..., Path]) -> None:

@@ -7,7 +7,7 @@ import yaml
 from dvc.repo import Repo
 
 from pipeline.errors import ConfigError
-from pipeline.studies import expand as spelled_out
+from pipeline.studies.expansion import expand as spelled_out
 from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]

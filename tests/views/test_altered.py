@@ -14,11 +14,11 @@ from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
 from pipeline.alterations.turned import Turned, turned
-from pipeline.compute import Compute
 from pipeline.frames import pose
 from pipeline.mapping import gathering
 from pipeline.mapping.octree import Octree
 from pipeline.matching.ranking import Rows
+from pipeline.running.compute import Compute
 from pipeline.views.altered import altered
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing

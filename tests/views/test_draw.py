@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline import store
-from pipeline.compute import Compute
+from pipeline.running.compute import Compute
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views import draw
 from pipeline.views.draw import Drawing

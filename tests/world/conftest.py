@@ -2,8 +2,8 @@
 
 import pytest
 
-from pipeline.world.campus import Campus, build_campus
-from pipeline.world.plan import Plan
+from pipeline.world.layout.campus import Campus, build_campus
+from pipeline.world.layout.plan import Plan
 from pipeline.world.simulation import Simulation
 
 SEQUENCES = {

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pipeline.world.scene import Scene
-from pipeline.world.shapes import Kind
+from pipeline.world.driving.scene import Scene
+from pipeline.world.layout.shapes import Kind
 
 GROUND_STEP_M = 0.05
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.compute import Compute
 from pipeline.readers.bag import Bag
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.world.simulation import Simulation
 
 SEQUENCE = "2012-06-15"

@@ -7,12 +7,12 @@ import pytest
 
 from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
-from pipeline.world.campus import Campus, shapes_on
-from pipeline.world.changes import changes_by
-from pipeline.world.entry import Entry
-from pipeline.world.events import Event
-from pipeline.world.greenery import Plant
-from pipeline.world.shapes import Species
+from pipeline.world.driving.entry import Entry
+from pipeline.world.layout.campus import Campus, shapes_on
+from pipeline.world.layout.changes import changes_by
+from pipeline.world.layout.events import Event
+from pipeline.world.layout.greenery import Plant
+from pipeline.world.layout.shapes import Species
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
 

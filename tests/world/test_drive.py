@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.frames import Trajectory, rpy
-from pipeline.world.drive import Drive, drive
-from pipeline.world.ground import Ground
-from pipeline.world.motion import CAR
+from pipeline.world.driving.drive import Drive, drive
+from pipeline.world.driving.motion import CAR
+from pipeline.world.layout.ground import Ground
 
 FLAT = Ground(np.zeros((200, 40)), -100.0, -100.0)
 STRAIGHT_M = np.array([[0.0, 0.0], [1300.0, 0.0]])

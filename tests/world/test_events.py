@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from pipeline.world.campus import Campus, shapes_on
-from pipeline.world.events import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, Event, pass_a_year
-from pipeline.world.plan import Plan
-from pipeline.world.shapes import Kind
-from pipeline.world.streets import distance_to_segments_m
+from pipeline.world.layout.campus import Campus, shapes_on
+from pipeline.world.layout.events import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, Event, pass_a_year
+from pipeline.world.layout.plan import Plan
+from pipeline.world.layout.shapes import Kind
+from pipeline.world.layout.streets import distance_to_segments_m
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pipeline.world.hits import MISS, hash_u, hit_box, hit_crown, hit_cylinder
-from pipeline.world.shapes import BOX, CROWN, CYLINDER, records
+from pipeline.world.driving.hits import MISS, hash_u, hit_box, hit_crown, hit_cylinder
+from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, records
 
 WALL = records(BOX, x_m=10.0, y_m=0.0, half_length_m=2.0, half_width_m=3.0, cos_yaw=1.0, sin_yaw=0.0, bottom_m=0.0, top_m=4.0)[0]
 POLE = records(CYLINDER, x_m=0.0, y_m=5.0, radius_m=0.5, bottom_m=0.0, top_m=2.0)[0]

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pipeline.world.ground import Ground
-from pipeline.world.lidar import hdl32, hdl64, lms151, measure, return_probability
-from pipeline.world.scene import build_scene
-from pipeline.world.shapes import BOX, CROWN, CYLINDER, Kind, records
+from pipeline.world.driving.lidar import hdl32, hdl64, lms151, measure, return_probability
+from pipeline.world.driving.scene import build_scene
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
 
 SEED = np.uint64(9)
 RAYS = 20_000

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pipeline.frames import Poses
-from pipeline.world.drive import drive
-from pipeline.world.ground import Ground
-from pipeline.world.ins import inertial
-from pipeline.world.motion import CAR
-from pipeline.world.odometry import integrate, visual
+from pipeline.world.driving.drive import drive
+from pipeline.world.driving.ins import inertial
+from pipeline.world.driving.motion import CAR
+from pipeline.world.driving.odometry import integrate, visual
+from pipeline.world.layout.ground import Ground
 
 FLAT = Ground(np.zeros((600, 40)), -100.0, -100.0)
 WINDOW = 160

@@ -3,11 +3,11 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.world.drive import drive
-from pipeline.world.ground import rolling_ground
-from pipeline.world.plan import plan_loops, plan_test, plan_training
+from pipeline.world.driving.drive import drive
+from pipeline.world.layout.ground import rolling_ground
+from pipeline.world.layout.plan import plan_loops, plan_test, plan_training
+from pipeline.world.layout.streets import lay_streets
 from pipeline.world.seeds import Stream, generator
-from pipeline.world.streets import lay_streets
 
 ROUTE_M = 1200.0
 STREETS = lay_streets(generator(0, Stream.STREETS), 8)

@@ -3,14 +3,14 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.world.campus import Campus
-from pipeline.world.day import dawn
-from pipeline.world.ground import Ground
-from pipeline.world.lidar import hdl32
-from pipeline.world.plan import Plan
-from pipeline.world.raycast import cast
-from pipeline.world.scene import build_scene
-from pipeline.world.shapes import BOX, CROWN, CYLINDER, Kind, records
+from pipeline.world.driving.day import dawn
+from pipeline.world.driving.lidar import hdl32
+from pipeline.world.driving.raycast import cast
+from pipeline.world.driving.scene import build_scene
+from pipeline.world.layout.campus import Campus
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.plan import Plan
+from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
 from tests.world import reference
 
 NOTHING = np.zeros(0, CYLINDER)

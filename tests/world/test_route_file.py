@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ConfigError
-from pipeline.world.drive import drive
-from pipeline.world.ground import Ground
-from pipeline.world.route_file import read_route
+from pipeline.world.driving.drive import drive
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.route_file import read_route
+from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
-from pipeline.world.streets import distance_to_segments_m
 from tests.world.conftest import SEQUENCES
 
 

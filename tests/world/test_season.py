@@ -3,8 +3,8 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.world.season import extinction_per_m, foliage
-from pipeline.world.shapes import Species
+from pipeline.world.driving.season import extinction_per_m, foliage
+from pipeline.world.layout.shapes import Species
 
 
 @pytest.mark.parametrize(

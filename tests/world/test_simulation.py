@@ -8,13 +8,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError
 from pipeline.formats.nclt import pose_rows
-from pipeline.watch import Watch
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
 from pipeline.world import simulation
-from pipeline.world.recorder import Recording
-from pipeline.world.shapes import Kind
+from pipeline.world.driving.recorder import Recording
+from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from tests.world.walls import off_walls_m
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.compute import Compute
-from pipeline.watch import Watch
-from pipeline.world.campus import Campus, shapes_on
-from pipeline.world.drive import drive
-from pipeline.world.entry import Entry
-from pipeline.world.events import FENCE_BEFORE_DAYS, Event
-from pipeline.world.ground import Ground
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
+from pipeline.world.driving.drive import drive
+from pipeline.world.driving.entry import Entry
+from pipeline.world.layout.campus import Campus, shapes_on
+from pipeline.world.layout.events import FENCE_BEFORE_DAYS, Event
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
-from pipeline.world.streets import distance_to_segments_m
 
 CONF = Path(__file__).parents[2] / "conf" / "world"
 TRAINING, TEST = "2012-01-15", "2012-02-04"

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError
 from pipeline.readers.kitti import Kitti, read_poses
-from pipeline.watch import Watch
-from pipeline.world.campus import build_campus
-from pipeline.world.drive import drive
-from pipeline.world.motion import CAR
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
+from pipeline.world.driving.drive import drive
+from pipeline.world.driving.motion import CAR
+from pipeline.world.driving.recorder import Recording
+from pipeline.world.layout.campus import build_campus
+from pipeline.world.layout.shapes import Kind
 from pipeline.world.names import KITTI_DATE
-from pipeline.world.recorder import Recording
-from pipeline.world.shapes import Kind
 from pipeline.world.simulation import Simulation
 from tests.world.walls import off_walls_m
 

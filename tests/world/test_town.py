@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.compute import Compute
 from pipeline.errors import ConfigError
 from pipeline.formats.robotcar import decode_sweep
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar import RobotCar
-from pipeline.watch import Watch
-from pipeline.world.shapes import Kind
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
+from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
 from tests.world.walls import off_walls_m

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.world.campus import shapes_on
-from pipeline.world.entry import Entry
-from pipeline.world.routes import Routes
-from pipeline.world.shapes import Kind
+from pipeline.world.driving.entry import Entry
+from pipeline.world.layout.campus import shapes_on
+from pipeline.world.layout.routes import Routes
+from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Poses
-from pipeline.world.drive import Drive
-from pipeline.world.lidar import Lidar, Returns
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.lidar import Lidar, Returns
 from pipeline.world.seeds import Noise
 from pipeline.world.writers.kitti import KittiWriter
 from pipeline.world.writers.nclt import NcltWriter

@@ -7,9 +7,9 @@ import numpy as np
 
 from pipeline.formats.bag import BagWriter
 from pipeline.frames import Poses
-from pipeline.world.drive import Drive
-from pipeline.world.lidar import Returns
-from pipeline.world.odometry import integrate
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.lidar import Returns
+from pipeline.world.driving.odometry import integrate
 from pipeline.world.seeds import Noise, Stream
 
 CLOUDS, TRUTH, ODOMETRY = "/points", "/ground_truth", "/odom"

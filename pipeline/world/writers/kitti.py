@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.formats import kitti
-from pipeline.world.drive import Drive
-from pipeline.world.lidar import Returns
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.lidar import Returns
 from pipeline.world.names import kitti_log
 from pipeline.world.seeds import Noise
 from pipeline.world.writers.files import FilesWriter

@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.formats.nclt import ODOMETRY, SCANS, TRUTH, encode, write_pose_rows
 from pipeline.frames import flip_ned
-from pipeline.world.drive import Drive
-from pipeline.world.lidar import Returns
-from pipeline.world.odometry import integrate
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.lidar import Returns
+from pipeline.world.driving.odometry import integrate
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.files import FilesWriter
 from pipeline.world.writers.rows import xyzrpy

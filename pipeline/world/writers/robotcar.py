@@ -7,10 +7,10 @@ import numpy as np
 
 from pipeline.formats import robotcar
 from pipeline.frames import flip_ned, pose
-from pipeline.world.drive import Drive
-from pipeline.world.ins import inertial
-from pipeline.world.lidar import CAMERA_HEIGHT_M, Returns
-from pipeline.world.odometry import visual
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.ins import inertial
+from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns
+from pipeline.world.driving.odometry import visual
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.files import FilesWriter
 from pipeline.world.writers.rows import xyzrpy

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.world.events import Event
-from pipeline.world.lidar import Returns
+from pipeline.world.driving.lidar import Returns
+from pipeline.world.layout.events import Event
 
 
 @dataclass(frozen=True)

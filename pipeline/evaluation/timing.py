@@ -1,0 +1,156 @@
+"""How long one query takes on this machine, from a submap's points to places: Table III of the SCI paper (METHODS 2.7).
+
+A clock is no function of its inputs: what is measured here differs each time, and nothing may depend on it.
+"""
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.mapping.gathering import Gathering
+from pipeline.matching.ranking import Localizer, Rows
+from pipeline.running.settings import positive
+from pipeline.store import Artifact
+
+Samples = Mapping[str, NDArray[np.float64]]
+"""Milliseconds of wall time (query,) by name."""
+Laps = dict[tuple[str, str], tuple[float, float]]
+"""Milliseconds of wall and of CPU time of each view and each method."""
+WARM_UP = 3
+"""Calls before the first that counts: they compile, allocate and fill caches."""
+PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A method, ready to be asked."""
+
+    view: str
+    """Name of what it looks at; methods that look at the same share the time of drawing it."""
+    draw: Callable[[NDArray[np.float64]], NDArray[Any]]
+    localize: Localizer
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What it was measured on."""
+
+    processor: str
+    cores: int
+    gpu: str
+    """The one that torch has used; empty for none."""
+    load: float
+    """Processes that ran or wanted to, over the last minute of measuring."""
+    busy: float
+    """CPU time over wall time of what was measured: above 1 if threads ran side by side, below if others had the processor."""
+    versions: Mapping[str, str]
+
+    @classmethod
+    def here(cls, busy: float) -> Self:
+        """This one, now."""
+        cuda = getattr(sys.modules.get("torch"), "cuda", None)
+        gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
+        versions = {"Python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+        return cls(processor(), os.cpu_count() or 1, gpu, round(os.getloadavg()[0], 2), round(busy, 2), versions)
+
+
+@dataclass(frozen=True)
+class Latency:
+    """What each of some queries took, each asked alone."""
+
+    generation: Samples
+    """By view: from points to the view."""
+    retrieval: Samples
+    """By method: from the view to its ranking."""
+    views: Mapping[str, str]
+    """What each method looks at."""
+    points: NDArray[np.int64]
+    """(query,) of its submap."""
+    k: int
+    """Places ranked."""
+    machine: Machine
+
+    @classmethod
+    def measure(cls, contenders: Mapping[str, Contender], scans: Artifact, submaps: Artifact, queries: int, k: int) -> Self:
+        """Ask all contenders about one submap before the next; submaps are spread over the sequence.
+
+        Raises InputError where it has none, ConfigError for no queries.
+        """
+        positive("latency", queries=queries, k=k)
+        number = int(submaps["scans"].shape[0])
+        if not number:
+            raise InputError(f"{submaps.path}: no submap to measure with")
+        rows = np.unique(np.linspace(0, number - 1, queries).round().astype(np.int64))
+        stamps_ns, world_T_anchor = submaps.load("stamps_ns")[rows, None], submaps.load("world_T_anchor")[rows, None]
+        points: list[int] = []
+        laps: list[Laps] = []
+        for cloud, stamp_ns, pose in zip(clouds(scans, submaps, rows), stamps_ns, world_T_anchor, strict=True):
+            for _ in range(0 if laps else WARM_UP):
+                _ask(contenders, cloud, stamp_ns, pose, k)
+            laps.append(_ask(contenders, cloud, stamp_ns, pose, k))
+            points.append(len(cloud))
+        wall, cpu = ({key: np.array([lap[key][clock] for lap in laps]) for key in laps[0]} for clock in (0, 1))
+        busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
+        views = {name: contender.view for name, contender in contenders.items()}
+        generation = {view: wall["view", view] for view in views.values()}
+        retrieval = {name: wall["method", name] for name in views}
+        return cls(generation, retrieval, views, np.array(points), k, Machine.here(float(busy)))
+
+    @property
+    def total(self) -> Samples:
+        """By method: both, query by query."""
+        return {method: self.generation[view] + self.retrieval[method] for method, view in self.views.items()}
+
+
+def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
+    """Points (n, 3) in metres of some submaps, rows in rising order, as a view is drawn from them."""
+    first, last = submaps.load("first"), submaps.load("scans")
+    if (first != last).any():
+        ground_m, used = submaps.load("ground_m")[rows], submaps.load("used")
+        yield from Gathering(scans, submaps.attrs["layout"], first[rows], last[rows], ground_m, used)
+        return
+    for row in last[rows]:
+        start, stop = scans["offsets"][row : row + 2]
+        yield scans["points"][start:stop] * float(scans.attrs["grain_m"])
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells it."""
+    listed = Path("/proc/cpuinfo")
+    lines = listed.read_text().splitlines() if listed.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _ask(contenders: Mapping[str, Contender], cloud: NDArray[np.float64], stamp_ns: Any, pose: Any, k: int) -> Laps:
+    """Draw each view of a cloud once, and ask each method with its view alone."""
+    laps: Laps = {}
+    images = {}
+    for view, draw in {one.view: one.draw for one in contenders.values()}.items():
+        images[view], laps["view", view] = _lap(draw, cloud)
+    for name, one in contenders.items():
+        _, laps["method", name] = _lap(one.localize, Rows(images[one.view][None], stamp_ns, pose), k)
+    return laps
+
+
+def _lap(call: Callable[..., Any], *given: Any) -> tuple[Any, tuple[float, float]]:
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = call(*given)
+    return result, (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""

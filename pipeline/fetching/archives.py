@@ -1,0 +1,166 @@
+"""Fetching a data set's official archives: resumed where they broke off, checked, unpacked and laid as its reader expects.
+
+Below the root, archives/ holds what is on its way (.part, and .part.json on whose bytes they are) and, of each file that came
+whole, its sha256. An archive is removed once unpacked.
+"""
+
+import hashlib
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urljoin, urlsplit
+
+from filelock import FileLock, Timeout
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.fetching.download import Downloader, Part
+from pipeline.fetching.unpacking import unpack
+from pipeline.running import settings
+from pipeline.running.progress import Watch
+
+
+@dataclass(frozen=True)
+class Archive:
+    """One file of a sequence at the publisher's."""
+
+    path: str
+    """Below the base address."""
+    holds: str
+    """The file or folder that stands in the sequence's folder once the archive is there, unpacked if it is a .tar.gz."""
+    swells: float = 1.0
+    """Unpacked bytes per byte, an estimate."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "archives")
+        settings.positive("archives", swells=self.swells)
+        if not self.path or self.path[0] == "/" or ".." in self.path or not re.fullmatch(r"[\w{}.-]+", self.holds):
+            raise ConfigError(f"archives.path={self.path}, holds={self.holds}: expected a path below the base and a name")
+
+    def of(self, sequence: str) -> "Archive":
+        return Archive(self.path.replace("{sequence}", sequence), self.holds.replace("{sequence}", sequence), self.swells)
+
+    @property
+    def name(self) -> str:
+        return Path(self.path).name
+
+    @property
+    def packed(self) -> bool:
+        return self.name.endswith(".tar.gz")
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """Where a data set's files lie and how to ask for them: the keys of conf/fetch/NAME.yaml."""
+
+    base: str
+    archives: Sequence[Archive]
+    sequence: str = r"\w[\w.+-]*"
+    """A regular expression of the sequences' names; {sequence} stands for one in the archives' paths."""
+    sha256: Mapping[str, str] = field(default_factory=dict)
+    """Path to digest, where the publisher gives one."""
+    tries: int = 20
+    timeout_s: float = 60.0
+    wait_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        settings.check(self, "fetch")
+        settings.positive("fetch", tries=self.tries, timeout_s=self.timeout_s, wait_s=self.wait_s)
+        if urlsplit(self.base).scheme not in ("http", "https") or not self.base.endswith("/"):
+            raise ConfigError(f"fetch.base={self.base}: expected an address http(s)://…/")
+        try:
+            re.compile(self.sequence)
+        except re.error as error:
+            raise ConfigError(f"fetch.sequence={self.sequence}: expected a regular expression ({error})") from None
+        if bad := [path for path, digest in self.sha256.items() if not re.fullmatch("[0-9a-f]{64}", str(digest))]:
+            raise ConfigError(f"fetch.sha256.{bad[0]}: expected 64 hexadecimal digits")
+
+    @staticmethod
+    def of(conf: Mapping[str, Any]) -> "Publisher":
+        """From a yaml's content; raises ConfigError for a key that is none of ours."""
+        try:
+            return Publisher(**{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]})
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ConfigError(
+                f"conf/fetch: {error}; expected base, archives (path, holds, swells) and what else it may set"
+            ) from None
+
+    def fetch(self, root: Path, sequences: Sequence[str], watch: Watch) -> Iterator[str]:
+        """Bring what `root` lacks of `sequences`, yielding a line for each file; a second call brings nothing.
+
+        Raises ConfigError for a sequence that cannot be one, and LogError for what the server (once the tries are used up), the
+        disk or an archive has against it; what has arrived stays for the next call.
+        """
+        for sequence in sequences:
+            if not re.fullmatch(self.sequence, sequence):
+                raise ConfigError(f"sequence {sequence}: expected a name like {self.sequence}")
+        store = root / "archives"
+        try:
+            store.mkdir(parents=True, exist_ok=True)
+            with FileLock(store / ".lock", timeout=0):
+                yield from self._fetch(root, store, list(dict.fromkeys(sequences)), watch)
+        except Timeout:
+            raise LogError(f"{store}: another fetch is at work there; wait for it") from None
+        except OSError as error:
+            raise LogError(f"{store}: cannot be written ({error})") from None
+
+    def _fetch(self, root: Path, store: Path, sequences: Sequence[str], watch: Watch) -> Iterator[str]:
+        downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
+        lacking: list[tuple[Path, Archive]] = []
+        for sequence in sequences:
+            for archive in (archive.of(sequence) for archive in self.archives):
+                if (root / sequence / archive.holds).exists():
+                    yield f"{archive.name}: here already"
+                else:
+                    lacking.append((root / sequence, archive))
+        self._check_disk(downloader, store, [archive for _, archive in lacking], watch)
+        for folder, archive in lacking:
+            path = store / archive.name
+            if not path.is_file():
+                downloader.fetch(urljoin(self.base, archive.path), path, watch)
+            nbytes, digest = path.stat().st_size, self._verified(path, archive)
+            folder.mkdir(exist_ok=True)
+            files = unpack(path, folder, archive.holds) if archive.packed else 1
+            record(path).write_text(f"{digest}  {archive.name}\n")
+            path.unlink() if archive.packed else path.replace(folder / archive.holds)
+            yield f"{archive.name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
+
+    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Watch) -> None:
+        """Before a byte is fetched: room for all of it unpacked, and for the largest archive beside it."""
+        unpacked, packed = 0.0, 0
+        for archive in archives:
+            path = store / archive.name
+            part = Part.of(path)
+            here = path.stat().st_size if path.is_file() else part.arrived
+            whole = here if path.is_file() else part.total or downloader.length(urljoin(self.base, archive.path), watch)
+            unpacked += whole * archive.swells
+            packed = max(packed, whole - here if archive.packed else 0)
+        free = shutil.disk_usage(store).free
+        if unpacked + packed > free:
+            raise LogError(
+                f"{store}: the {len(archives)} files and what they unpack to need about {(unpacked + packed) / 1e9:.1f} GB, "
+                f"{free / 1e9:.1f} GB are free; make room, or fetch fewer sequences at a time"
+            )
+
+    def _verified(self, path: Path, archive: Archive) -> str:
+        """The file's sha256, checked against the publisher's, or else against an earlier fetch's."""
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        recorded = record(path).read_text().split()[:1] if record(path).is_file() else []
+        expected, source = (recorded or [digest])[0], str(record(path))
+        if archive.path in self.sha256:
+            expected, source = self.sha256[archive.path], "fetch.sha256"
+        if digest != expected:
+            path.unlink()
+            raise LogError(
+                f"{path}: its sha256 is {digest}, {source} says {expected}; damaged, or changed by its publisher: it is removed, "
+                "fetch it anew"
+            )
+        return digest
+
+
+def record(path: Path) -> Path:
+    """Where an archive's sha256 is kept, as `sha256sum -c` reads it."""
+    return path.with_name(path.name + ".sha256")

@@ -1,0 +1,234 @@
+"""PointNetVLAD: places told apart by a learned descriptor of the cloud around the sensor (Uy and Lee, CVPR 2018; METHODS 3.2)."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+from torch import Tensor
+
+from pipeline import store
+from pipeline.errors import ArtifactError, ConfigError, InputError
+from pipeline.matching import holdout
+from pipeline.matching.database import Database, DescriptorMethod, euclidean
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.methods.pointnetvlad.netvlad import Describer, folded
+from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
+from pipeline.networks import loop
+from pipeline.networks.lenet import device
+from pipeline.running.progress import Watch
+from pipeline.running.settings import positive
+
+ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
+"""A training has so many rounds, each of at least and at most so many steps; the authors' have 700. Between rounds the
+descriptors are computed anew, to judge the network by the held-out blocks and to find the hardest negatives."""
+WARM_UP = 0.25
+"""Share of the training with random negatives alone: the authors' first 5 of 20 epochs."""
+NET = "net/"
+AT_ONCE = 16_384
+"""Points described at a time: few enough for a processor's cache."""
+
+
+@dataclass(frozen=True)
+class PointNetVlad(DescriptorMethod):
+    """The authors' network, loss and mining, learned from the training sequence: not their pretrained network."""
+
+    view: str = "cloud"
+    weights: str = ""
+    """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method, or tensors under its names,
+    with or without net/. Of a TensorFlow checkpoint, every kernel but the centres is transposed to (outputs, inputs)."""
+    epochs: int = 20
+    batch: int = 2
+    """Queries a step; each brings its positives, its negatives and one cloud more."""
+    positives: int = 2
+    negatives: int = 18
+    hard_negatives: int = 10
+    positive_m: float = 10.0
+    """Clouds no further apart show the same place."""
+    negative_m: float = 50.0
+    """Clouds further apart show different ones."""
+    margin: float = 0.5
+    margin_star: float = 0.2
+    train_points: int = 4096
+    """Random points of each cloud while training."""
+    points: int = 4096
+    """Of each cloud that make its descriptor, the first ones: a cloud comes in random order. The model keeps this number."""
+    turn_deg: float = 0.0
+    """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an option of theirs."""
+    learning_rate: float = 0.00005
+    schedule: Literal["one_cycle", "stepped", "constant"] = "one_cycle"
+    """The authors' is stepped."""
+    batch_norm_momentum: float = 0.1
+    """Weight of a new batch in the running statistics; the authors' .001 would not forget the first ones in a short training."""
+    precision: Literal["auto", "bf16", "f32"] = "auto"
+    threads: int = 2
+    """Fixed, since the order of sums follows from it and the weights from that."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("method", batch=self.batch, positives=self.positives, negatives=self.negatives, positive_m=self.positive_m)
+        positive(
+            "method", train_points=self.train_points, points=self.points, learning_rate=self.learning_rate, threads=self.threads
+        )
+        positive("method", batch_norm_momentum=self.batch_norm_momentum)
+        if self.epochs < 0 or (self.epochs == 0 and not self.weights):
+            raise ConfigError(
+                f"method.epochs={self.epochs}: expected 1 or more, or 0 with method.weights to use them as they are"
+            )
+        if not self.positive_m < self.negative_m:
+            raise ConfigError(f"method.negative_m={self.negative_m}: expected more than positive_m={self.positive_m}")
+
+    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+        """Train on the training sequence's clouds (n, point, xyz) but those of its held-out blocks; the database has all."""
+        clouds, database = _clouds(views), Database.learned(views, places)
+        held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+        with loop.reproducible(self.threads):
+            torch.manual_seed(self.seed)
+            net = Describer(momentum=self.batch_norm_momentum).to(device())
+            if self.weights:
+                self._load(net)
+            curves = self._train(net, clouds, database, held, watch) if self.epochs else {}
+            descriptors = self._describer(net)(clouds[:, : self.points])
+        evidence = database.evidence(euclidean(descriptors), views, self)
+        return {
+            **{f"{NET}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()},
+            "descriptors": descriptors,
+            "points": np.array(self.points),
+            **database.arrays(),
+            **evidence.arrays(),
+            **curves,
+        }
+
+    def localizer(self, model: Model) -> Localizer:
+        """The nearest training clouds by Euclidean distance between descriptors."""
+        weights = {name.removeprefix(NET): torch.from_numpy(model[name].copy()) for name in model if name.startswith(NET)}
+        with torch.device("meta"):
+            net = Describer()
+        net.load_state_dict(weights, assign=True)
+        describe = self._describer(net.to(device()))
+        database, descriptors, points = Database.of(model), model["descriptors"], int(model["points"])
+
+        def rank(views: Rows, k: int) -> Ranking:
+            with loop.reproducible(self.threads):
+                queries = describe(_clouds(views)[:, :points])
+            return database.nearest(descriptors, queries, k, self.distinct_places)
+
+        return rank
+
+    def _train(
+        self, net: Describer, clouds: NDArray[np.float16], database: Database, held: NDArray[np.bool_], watch: Watch
+    ) -> dict[str, NDArray[Any]]:
+        """Leave the weights of the best round in the network; returns its number and the curves."""
+        rows = np.flatnonzero(~held)
+        asked = np.flatnonzero(held) if held.any() else rows  # a path too short for blocks is judged on what it trained
+        tuples = Tuples(
+            database.xy_m[rows], self.positive_m, self.negative_m, self.positives, self.negatives, self.hard_negatives
+        )
+        queries = tuples.queries()
+        total = max(1, round(self.epochs * watch.budget * len(queries) / self.batch))
+        steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
+        rounds = round(total / steps)
+        gap_m = cdist(database.xy_m[asked], database.xy_m[rows])
+        part = clouds[:, : self.train_points]
+        known: list[NDArray[np.float32]] = []
+
+        def batches(order: torch.Generator) -> Iterator[Tensor]:
+            """A round's batches of clouds (query · tuple, point, xyz)."""
+            rng = np.random.default_rng(order.initial_seed())
+            done = net.steps()
+            descriptors = None
+            if done >= WARM_UP * rounds * steps:
+                descriptors = (known[-1] if known else self._describer(net)(part))[rows]
+            chosen = np.concatenate([rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))])
+            for few in chosen[: steps * self.batch].reshape(steps, self.batch):
+                drawn = rows[np.concatenate([tuples.draw(query, rng, descriptors) for query in few])]
+                yield self._points(clouds, drawn, rng)
+
+        def step(answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
+            descriptors = answer(batch).view(self.batch, 2 + self.positives + self.negatives, -1)
+            return *lazy_quadruplet(descriptors, self.positives, self.margin, self.margin_star), self.batch
+
+        def judge(net: Describer) -> tuple[float, float]:
+            """How held-out rows fare against all the trained ones: the loss's first term, and the place of the nearest."""
+            known[:] = [self._describer(net)(part)]
+            distances = cdist(known[0][asked], known[0][rows], "sqeuclidean")
+            distances[asked[:, None] == rows] = np.inf
+            best = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
+            apart = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
+            losses = np.clip(self.margin + best - apart, 0, self.margin + 4)
+            return float(losses.mean()), float((database.places[rows[distances.argmin(axis=1)]] == database.places[asked]).mean())
+
+        result = loop.fit(
+            net,
+            batches,
+            judge,
+            epochs=rounds,
+            steps=steps,
+            learning_rate=self.learning_rate,
+            schedule=self.schedule,
+            precision=self.precision,
+            seed=self.seed,
+            watch=watch,
+            step=step,
+            fused=True,
+        )
+        net.load_state_dict(result.weights)
+        curves = {f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)}
+        return {"best_epoch": np.array(result.best_epoch), **curves}
+
+    def _points(self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
+        """Training's clouds (row, train_points, xyz), each turned as `turn_deg` allows."""
+        points = rng.choice(clouds.shape[1], min(self.train_points, clouds.shape[1]), replace=False)
+        batch = torch.from_numpy(clouds[rows[:, None], points]).float()
+        if self.turn_deg:
+            turn = torch.from_numpy(np.deg2rad(rng.uniform(-self.turn_deg, self.turn_deg, (len(rows), 1)))).float()
+            x, y = batch[..., 0].clone(), batch[..., 1].clone()
+            batch[..., 0], batch[..., 1] = turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y
+        return batch.to(device())
+
+    def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
+        """What makes descriptors (n, 256) of clouds (n, point, xyz)."""
+        where = next(net.parameters()).device
+        with loop.autocast(where, self.precision):
+            fast = folded(net, torch.get_autocast_dtype(where.type) if torch.is_autocast_enabled(where.type) else torch.float32)
+
+        @torch.inference_mode()
+        def describe(clouds: NDArray[np.float16]) -> NDArray[np.float32]:
+            at_once = max(1, AT_ONCE // clouds.shape[1])
+            with loop.autocast(where, self.precision):
+                parts = [
+                    fast(torch.from_numpy(clouds[i : i + at_once]).to(where).float()) for i in range(0, len(clouds), at_once)
+                ]
+            return torch.cat(parts).cpu().numpy()
+
+        return describe
+
+    def _load(self, net: Describer) -> None:
+        """Raises ConfigError naming the file and the first tensor that is missing, unknown or of another shape."""
+        try:
+            tensors = store.read_model(Path(self.weights))
+        except ArtifactError as error:
+            raise ConfigError(f"method.weights: {str(error).partition(';')[0]}") from None
+        own = net.state_dict()
+        if any(name.startswith(NET) for name in tensors):
+            tensors = {name: value for name, value in tensors.items() if name.startswith(NET)}
+        found = {name.removeprefix(NET): torch.from_numpy(value.copy()) for name, value in tensors.items()}
+        found = {name: value for name, value in own.items() if name.endswith("num_batches_tracked")} | found
+        for name in [*own, *found]:
+            if name not in own or name not in found or found[name].shape != own[name].shape:
+                has, wants = (tuple(part[name].shape) if name in part else "none" for part in (found, own))
+                raise ConfigError(f"method.weights: {self.weights}: tensor {name} is {has}, expected {wants}")
+        net.load_state_dict(found)
+
+
+def _clouds(views: Rows) -> NDArray[np.float16]:
+    """All clouds (n, point, xyz) of a view."""
+    clouds = np.asarray(views.images[:])
+    if clouds.ndim != 3 or clouds.shape[1] < 1 or clouds.shape[2] != 3:
+        raise InputError(f"views of shape {clouds.shape[1:]}: expected clouds, points × 3")
+    return clouds.astype(np.float16, copy=False)

@@ -1,0 +1,65 @@
+"""Everything parallel goes through here: blocks of rows, computed by Dask, delivered in order."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+from pipeline.errors import ConfigError
+from pipeline.running.settings import check
+
+Result = TypeVar("Result")
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Compute:
+    """How blocks of rows are computed; results and their order are the same in every mode."""
+
+    scheduler: Literal["threads", "processes", "cluster"] = "threads"
+    """`cluster` takes its address from DASK_SCHEDULER_ADDRESS; its workers need this package and absolute data paths."""
+    workers: int = 0
+    """How many blocks at a time; 0 means one for each core."""
+
+    def __post_init__(self) -> None:
+        check(self, "compute")
+
+    def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
+        """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
+
+        At most two blocks a worker are in memory at a time. Raises ConfigError for an unknown scheduler.
+        """
+        import dask
+        from dask.system import CPU_COUNT
+
+        spans = [(start, min(start + block, n)) for start in range(0, n, block)]
+        workers = self.workers or CPU_COUNT
+        options = {"scheduler": self._get(), "num_workers": workers}
+        for first in range(0, len(spans), 2 * workers):
+            group = spans[first : first + 2 * workers]
+            yield from dask.compute(*[dask.delayed(fn, pure=False)(*span) for span in group], **options)
+
+    def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """Yield fn(item) of each item, in order."""
+        return self.rows(lambda start, _: fn(items[start]), len(items), 1)
+
+    def _get(self) -> Callable[..., object]:
+        """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""
+        if self.scheduler == "threads":
+            from dask.threaded import get
+        elif self.scheduler == "processes":
+            from dask.multiprocessing import get
+        else:
+            get = _cluster()
+        return get  # type: ignore[no-any-return]
+
+
+def _cluster() -> Callable[..., object]:
+    """The `get` of a client of the scheduler that DASK_SCHEDULER_ADDRESS names."""
+    address = os.environ.get("DASK_SCHEDULER_ADDRESS")
+    if not address:
+        raise ConfigError("compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as tcp://host:8786")
+    from distributed import Client
+
+    get: Callable[..., object] = Client(address, set_as_default=False).get
+    return get

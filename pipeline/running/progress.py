@@ -1,0 +1,33 @@
+"""What a stage hands to long work: how much of it to do, where to keep what is done, how to show it."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from pipeline.running.settings import positive
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Watch:
+    """The null object: the library calls it everywhere and knows no terminal."""
+
+    budget: float = 1.0
+    """Share of a method's own full training to run."""
+    checkpoint: Path | None = None
+    """Where interrupted training is kept, so that the next run goes on from its last whole epoch."""
+
+    def __post_init__(self) -> None:
+        positive("budget", share=self.budget)
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        """Yield `items`, of which there are `total`, while showing how far `what` is."""
+        yield from items
+
+    def note(self, **numbers: float) -> None:
+        """Show the latest numbers, such as a loss, beside the bar."""
+
+    def tell(self, line: str) -> None:
+        """Show a line that a person should read now, such as what work waits for."""

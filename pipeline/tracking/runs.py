@@ -1,0 +1,215 @@
+"""What MLflow shows: runs made of plain data, published as often as you like, each held once.
+
+The database is a view that can be thrown away: publishing again rebuilds it from the artifacts. A run carries the tag
+`yearloc.key`, a digest of all that it holds, written last; so a run that stands whole is recognised and left alone, and one
+that changed, or was cut off, is replaced. Runs without that tag are somebody else's and are never touched.
+"""
+
+import hashlib
+import json
+import logging
+import math
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filelock import FileLock
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.tracking import page, served
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+    from mlflow.entities import LoggedModel, Run
+
+KEY = "yearloc.key"
+UNFINISHED = "unfinished"
+PARENT = "mlflow.parentRunId"
+BATCH = 1_000
+"""Metric points that MLflow takes at once."""
+SYSTEM = "system/"
+"""Metrics of this group are on the page's tab of system metrics, which shows them over their time: their steps are seconds."""
+NO_CLOCK_MS = 946_684_800_000
+"""2000-01-01: the time, in ms since 1970, that a point of step 0 bears. MLflow's page takes small numbers for years."""
+
+Models = Mapping[str, Sequence["LoggedModel"]]
+"""Run id to the models that the run logged."""
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """All that one MLflow run shows."""
+
+    name: str
+    tags: Mapping[str, str]
+    params: Mapping[str, object]
+    series: Mapping[str, Sequence[tuple[int, float]]]
+    """Metric name, such as `cells/auc_top1`, to its points (step, value); steps are days since training, or epochs."""
+    figures: Sequence[Path] = ()
+    children: Sequence["RunRecord"] = ()
+    """One level deep: the page nests no further."""
+    model: served.Served | None = None
+
+    def __post_init__(self) -> None:
+        for metric, points in self.series.items():
+            if not all(math.isfinite(value) for _, value in points):
+                raise InputError(f"run {self.name}: metric {metric} has a value that is no finite number; leave its point out")
+        if missing := [path for path in self.figures if not path.is_file()]:
+            raise InputError(f"run {self.name}: no figure {missing[0]}")
+        if len({path.name for path in self.figures}) != len(self.figures):
+            raise InputError(f"run {self.name}: two figures have one file name")
+        if any(child.children for child in self.children):
+            raise InputError(f"run {self.name}: a child run cannot have children")
+
+    def key(self) -> str:
+        """A digest of the whole content, figures and children included."""
+        content = {
+            "name": self.name,
+            "tags": dict(self.tags),
+            "params": {name: str(value) for name, value in self.params.items()},
+            "series": {name: [[step, float(value).hex()] for step, value in points] for name, points in self.series.items()},
+            "figures": [[path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures],
+            "children": [child.key() for child in self.children],
+        }
+        if self.model is not None:
+            content["model"] = self.model.content()
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def experiment_of(dataset: str, simulated: bool) -> str:
+    """The name of a data set's experiment, which heads every page of it."""
+    return f"yearloc {dataset}" + (" (simulated)" if simulated else "")
+
+
+@dataclass(frozen=True)
+class Published:
+    """What a call of `publish` did; runs include children."""
+
+    experiment_id: str
+    written: int
+    kept: int
+
+
+def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Published:
+    """Make `experiment` in the sqlite file `database` hold these runs; figures go to `mlruns` beside it.
+
+    A run of the same name whose content differs is marked deleted, with its children; names not given are left alone.
+    """
+    if len({run.name for run in runs}) != len(runs):
+        raise InputError(f"two runs of experiment {experiment} have one name")
+    database = database.absolute()
+    with _lock(database), _quiet_client(database) as client:
+        experiment_id = _experiment(client, experiment, database.parent / "mlruns")
+        for tag, value in page.tags().items():
+            client.set_experiment_tag(experiment_id, tag, value)
+        ours = [run for run in _active(client, experiment_id) if KEY in run.data.tags]
+        models = served.owners(client, experiment_id)
+        written, kept, now_ms = 0, 0, time.time_ns() // 1_000_000
+        for place, record in enumerate(runs):
+            standing = [run for run in ours if run.info.run_name == record.name and PARENT not in run.data.tags]
+            whole = [run for run in standing if _stands(run, record, ours, models)]
+            if whole:
+                kept += 1 + len(record.children)
+            else:
+                _write(client, experiment_id, record, {page.COLOUR: page.GREY}, now_ms - place)
+                written += 1 + len(record.children)
+            for run in standing:
+                if run not in whole[:1]:
+                    _delete(client, run.info.run_id, ours, models)
+    return Published(experiment_id, written, kept)
+
+
+def _lock(database: Path) -> FileLock:
+    """One process at a time: two would each make the experiment, and each write the runs that they both find missing."""
+    database.parent.mkdir(parents=True, exist_ok=True)
+    return FileLock(f"{database}.lock")
+
+
+@contextmanager
+def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
+    """A client of this database, created and migrated if need be, without telemetry and without log lines about it."""
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
+    os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
+    import mlflow
+
+    loggers = [logging.getLogger(name) for name in ("alembic", "mlflow")]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.WARNING)
+        yield mlflow.MlflowClient(tracking_uri=f"sqlite:///{database}", registry_uri=f"sqlite:///{database}")
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _experiment(client: "MlflowClient", name: str, artifacts: Path) -> str:
+    """The id of the experiment of this name, created or brought back from MLflow's bin if need be."""
+    known = client.get_experiment_by_name(name)
+    if known is None:
+        return str(client.create_experiment(name, artifact_location=artifacts.as_uri()))
+    if known.artifact_location != artifacts.as_uri():
+        raise ConfigError(f"experiment {name} keeps its figures in {known.artifact_location}: delete the database, publish again")
+    if known.lifecycle_stage == "deleted":
+        client.restore_experiment(known.experiment_id)
+    return str(known.experiment_id)
+
+
+def _active(client: "MlflowClient", experiment_id: str) -> list["Run"]:
+    """All runs of an experiment that are not deleted."""
+    runs, token = [], None
+    while True:
+        found = client.search_runs([experiment_id], max_results=1_000, page_token=token)
+        runs += found
+        token = found.token
+        if not token:
+            return runs
+
+
+def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
+    """Whether a run holds this record already, children, model and all."""
+    if len(models.get(run.info.run_id, ())) != (record.model is not None):
+        return False
+    children = sorted(r.data.tags[KEY] for r in ours if r.data.tags.get(PARENT) == run.info.run_id)
+    return run.data.tags[KEY] == record.key() and children == sorted(child.key() for child in record.children)
+
+
+def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"], models: Models) -> None:
+    family = [run.info.run_id for run in ours if run.data.tags.get(PARENT) == run_id]
+    for member in [*family, run_id]:
+        for model in models.get(member, ()):
+            served.delete(client, model)
+        client.delete_run(member)
+
+
+def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family: Mapping[str, str], start_ms: int) -> None:
+    """One run and its children; its key last, when it is whole. A point's time is its step in seconds, so no clock enters.
+
+    The page loads the newest 100 runs first, and nests them only if they are sorted by start: children start in 2000, in the
+    order given, so that no sweep's jobs push a method off the page. A run lasts as long as its system metrics.
+    """
+    from mlflow.entities import Metric, Param
+
+    run_id = client.create_run(experiment_id, start_ms, {**family, **record.tags, KEY: UNFINISHED}, record.name).info.run_id
+    client.log_batch(run_id, params=[Param(name, str(value)) for name, value in record.params.items()])
+    points = [
+        Metric(name, float(value), NO_CLOCK_MS + 1_000 * step, step)
+        for name, series in record.series.items()
+        for step, value in series
+    ]
+    for start in range(0, len(points), BATCH):
+        client.log_batch(run_id, metrics=points[start : start + BATCH])
+    for path in record.figures:
+        client.log_artifact(run_id, str(path), "figures")
+    if record.model is not None:
+        served.log(client, experiment_id, run_id, record.name, record.model)
+    for place, child in enumerate(record.children):
+        tags = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
+        _write(client, experiment_id, child, tags, NO_CLOCK_MS - place)
+    lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
+    client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
+    client.set_tag(run_id, KEY, record.key())

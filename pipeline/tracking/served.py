@@ -1,0 +1,163 @@
+"""A method's model as MLflow serves it: its arrays, the code that reads them, and a signature; no pickle.
+
+`mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights (query, ring, sector) in metres.
+"""
+
+import ast
+import hashlib
+import shutil
+import warnings
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Self
+from urllib.parse import urlparse
+from urllib.request import url2pathname
+
+import numpy as np
+
+from pipeline import store
+from pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+LIBRARY = Path(__file__).parents[1]
+REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
+"""What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
+OURS = "yearloc.model"
+"""The tag of a model that was logged here; others are somebody else's."""
+Dims = tuple[str | int, ...]
+OUTPUTS: Mapping[str, tuple[type, Dims]] = {
+    "places": (np.int64, ("query", "rank")),
+    "costs": (np.float32, ("query", "rank")),
+    "xy_m": (np.float64, ("query", "rank", 2)),
+    "novelty": (np.float32, ("query", "kind")),
+    "confidence": (np.float32, ("query",)),
+}
+"""The columns of `pipeline.matching.ranking.Ranking` that are served."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """What it takes to let a model answer again."""
+
+    arrays: Path
+    """The .safetensors file that `stages.train` wrote."""
+    method: str
+    """Module and class, as `pipeline.methods.sci:Sci`."""
+    parameters: Mapping[str, bool | int | float | str]
+    """Of the class's constructor; those that it has no field for are left out there."""
+    image_shape: tuple[int, ...]
+    """Of one view, such as rings and sectors."""
+    k: int = 25
+    """Places ranked unless `predict(views, params={"k": …})` asks for another number."""
+
+    def __post_init__(self) -> None:
+        if self.arrays.suffix != ".safetensors" or not self.arrays.is_file():
+            raise InputError(f"{self.arrays}: no .safetensors file")
+        if ":" not in self.method:
+            raise InputError(f"method {self.method}: expected module:class")
+
+    @classmethod
+    def read(cls, arrays: Path, k: int = 25) -> Self | None:
+        """The model in a file of `stages.train`; None for one whose recipe does not name its class as `_target_`."""
+        recipe, model = store.read_recipe(arrays), store.read_model(arrays)
+        if "_target_" not in recipe or "image_shape" not in model:
+            return None
+        module, _, name = recipe["_target_"].rpartition(".")
+        parameters = {key: _plain(value) for key, value in recipe.items() if key != "_target_"}
+        return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])), k)
+
+    def content(self) -> dict[str, object]:
+        """All that the model depends on, for a digest."""
+        digest = hashlib.sha256(self.arrays.read_bytes()).hexdigest()
+        return asdict(self) | {"arrays": digest, "parameters": dict(self.parameters)}
+
+    def note(self, model_id: str) -> str:
+        """What the model's page says of it: how to use it, and its signature, which MLflow shows in a file only."""
+        rows = [("in", name, _words(kind, dims)) for name, (kind, dims) in self.inputs.items()]
+        rows += [("in", "k", f"int, {self.k} unless given")]
+        rows += [("out", name, _words(kind, dims)) for name, (kind, dims) in OUTPUTS.items()]
+        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(views, params={{"k": {self.k}}})'
+        return "\n".join(["```", call, "", *(f"{way:<5}{name:<12}{words}" for way, name, words in rows), "```"])
+
+    @property
+    def inputs(self) -> dict[str, tuple[type, Dims]]:
+        """What `predict` takes: views, as the method looks at them."""
+        return {"views": (np.float32, ("query", *self.image_shape))}
+
+    def save(self, folder: Path, **about: Any) -> None:
+        """Write an MLflow model into a new folder; `about` goes into its MLmodel file."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # MLflow's, of type hints of its own and of no example beside the signature
+            from mlflow.models import Model, ModelSignature
+            from mlflow.pyfunc import save_model
+            from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
+
+            def schema(tensors: Mapping[str, tuple[type, Dims]]) -> Any:
+                shapes = {name: tuple(-1 if isinstance(dim, str) else dim for dim in dims) for name, (_, dims) in tensors.items()}
+                return Schema([TensorSpec(np.dtype(kind), shapes[name], name) for name, (kind, _) in tensors.items()])
+
+            save_model(
+                folder,
+                python_model=str(LIBRARY / "tracking/pyfunc.py"),
+                artifacts={"arrays": str(self.arrays)},
+                code_paths=[str(LIBRARY)],
+                model_config={"method": self.method, "parameters": dict(self.parameters), "outputs": list(OUTPUTS)},
+                signature=ModelSignature(schema(self.inputs), schema(OUTPUTS), ParamSchema([ParamSpec("k", "long", self.k)])),
+                pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS],
+                mlflow_model=Model(**about),
+            )
+
+
+def _words(kind: type, dims: Dims) -> str:
+    return f"{np.dtype(kind).name} ({', '.join(map(str, dims))})"
+
+
+def _plain(value: object) -> Any:
+    """A recipe's value, which may be told as a word: `0.002` a number, `True` a switch, `jet` a word."""
+    with suppress(ValueError, SyntaxError):
+        return ast.literal_eval(str(value))
+    return value
+
+
+def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, served: Served) -> None:
+    """Add the model to a run."""
+    from mlflow.entities import LoggedModelOutput
+
+    params = {"method": served.method, **{key: str(value) for key, value in served.parameters.items()}}
+    model = client.create_logged_model(experiment_id, name, run_id, params=params)
+    client.set_logged_model_tags(model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)})
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch, "model")
+        about = {"artifact_path": model.artifact_location, "model_uuid": model.model_id, "model_id": model.model_id}
+        served.save(folder, run_id=run_id, **about)
+        client.log_model_artifacts(model.model_id, str(folder))
+    client.finalize_logged_model(model.model_id, "READY")
+    client.log_outputs(run_id, [LoggedModelOutput(model.model_id, 0)])
+
+
+def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
+    """Id of each run that has models of ours, with its models."""
+    found: dict[str, list[Any]] = {}
+    token = None
+    while True:
+        page = client.search_logged_models([experiment_id], page_token=token)
+        for model in page:
+            if OURS in model.tags:
+                found.setdefault(str(model.source_run_id), []).append(model)
+        token = page.token
+        if not token:
+            return found
+
+
+def delete(client: "MlflowClient", model: Any) -> None:
+    """Take a model off the page and its files, which are copies, off the disk."""
+    client.delete_logged_model(model.model_id)
+    folder = Path(url2pathname(urlparse(model.artifact_location).path)).parent
+    if folder.name == model.model_id:
+        shutil.rmtree(folder, ignore_errors=True)

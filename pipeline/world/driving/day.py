@@ -1,0 +1,142 @@
+"""The campus on one day: its season, its parked cars, and who and what moves."""
+
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.world.driving.scene import Scene, build_scene
+from pipeline.world.driving.season import extinction_per_m
+from pipeline.world.layout.campus import Campus, shapes_on
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, records
+from pipeline.world.seeds import Stream, generator
+
+OCCUPANCIES = (0.15, 0.9)
+OCCUPANCY_WAVE, OCCUPANCY_WAVE_LENGTH_M = 0.4, 60.0
+CAR_SIZES_M = ((2.2, 0.9, 1.45), (2.35, 0.95, 1.75), (2.6, 1.0, 2.1))
+"""Half length, half width and height."""
+CAR_SHARES, CAR_SCALES = (0.55, 0.33, 0.12), (0.95, 1.05)
+CAR_REFLECTANCE, CABIN_REFLECTANCE = 0.35, 0.3
+PARKING_SD_M, PARKING_YAW_SD_RAD = (0.15, 0.25), 0.03
+
+WALKERS_PER_STREET, STREETS_PER_DRIVER = 0.6, 20
+WALKING_SPEEDS_MPS, DRIVING_SPEEDS_MPS = (0.8, 1.7), (5.0, 11.0)
+WALKER_RADIUS_M, WALKER_HEIGHTS_M, PERSON_REFLECTANCE = 0.28, (1.55, 1.9), 0.3
+DRIVER_LANE_M, DRIVER_RADIUS_M, DRIVER_PARTS_M = 1.9, 0.95, (-1.4, 0.0, 1.4)
+MOVERS_WITHIN_M = 80.0
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Things that go up and down a street each; when one reaches the end it starts anew."""
+
+    starts_m: NDArray[np.float64]
+    """(n, 2) where each one's street starts, on its own line along it."""
+    spans_m: NDArray[np.float64]
+    """(n, 2) from there to the street's end."""
+    phases: NDArray[np.float64]
+    speeds_mps: NDArray[np.float64]
+    """(n,) negative towards the street's start."""
+
+    def at(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places (n, 2) and the unit vectors (n, 2) along their streets."""
+        lengths_m = np.hypot(*self.spans_m.T)
+        share = (self.phases + self.speeds_mps * time_s / lengths_m) % 1.0
+        return self.starts_m + share[:, None] * self.spans_m, self.spans_m / lengths_m[:, None]
+
+
+@dataclass(frozen=True)
+class Day:
+    """What a scan of this day can see."""
+
+    scene: Scene
+    ground: Ground
+    walkers: Traffic
+    walker_heights_m: NDArray[np.float64]
+    drivers: Traffic
+
+    def movers(self, time_s: float, robot_m: NDArray[np.float64], keep_off_m: float) -> Records:
+        """People and moving cars, as cylinders, `time_s` into the drive and within sight of `robot_m` (2,), which they avoid."""
+        walkers_m = self.walkers.at(time_s)[0]
+        cars_m, along = self.drivers.at(time_s)
+        parts_m = (cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]).reshape(-1, 2)
+        people = people_at(walkers_m, self.walker_heights_m, self.ground)
+        base_m = self.ground.at(parts_m)
+        low_high = {"bottom_m": base_m + 0.2, "top_m": base_m + 1.5, "radius_m": DRIVER_RADIUS_M}
+        cars = records(CYLINDER, x_m=parts_m[:, 0], y_m=parts_m[:, 1], reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **low_high)
+        movers: Records = np.concatenate([people, cars])
+        gap_m = np.hypot(movers["x_m"] - robot_m[0], movers["y_m"] - robot_m[1])
+        near: Records = movers[(gap_m < MOVERS_WITHIN_M) & (gap_m - movers["radius_m"] > keep_off_m)]
+        return near
+
+
+def people_at(xy_m: NDArray[np.float64], heights_m: NDArray[np.float64], ground: Ground) -> Records:
+    """People of `heights_m` (n,) standing at `xy_m` (n, 2)."""
+    base_m = ground.at(xy_m)
+    size = {"radius_m": WALKER_RADIUS_M, "bottom_m": base_m, "top_m": base_m + heights_m}
+    return records(CYLINDER, x_m=xy_m[:, 0], y_m=xy_m[:, 1], reflectance=PERSON_REFLECTANCE, kind=Kind.PERSON, **size)
+
+
+def dawn(seed: int, campus: Campus, when: date, day: int) -> Day:
+    """The campus on the date `when`, `day` days after the training sequence."""
+    rng = generator(seed, Stream.DAY, when)
+    boxes, cylinders, crowns = shapes_on(campus, day)
+    boxes = np.concatenate([boxes, _parked_cars(rng, campus, day)])
+    for porous in (boxes, crowns):
+        porous["extinction_per_m"] = extinction_per_m(porous["species"], when)
+    scene = build_scene(boxes, cylinders, crowns, campus.ground)
+    streets = campus.streets
+    walkers = int(WALKERS_PER_STREET * len(streets.edges))
+    walking = _traffic(rng, campus, np.arange(len(streets.edges)), walkers, WALKING_SPEEDS_MPS)
+    aside_m = rng.uniform(-1, 1, walkers)[:, None] * (streets.half_widths_m[walking[0]] + 0.5)[:, None]
+    heights_m = rng.uniform(*WALKER_HEIGHTS_M, walkers)
+    roads = np.flatnonzero(~streets.is_path)
+    drivers = max(3, len(streets.edges) // STREETS_PER_DRIVER) if len(roads) else 0
+    driving = _traffic(rng, campus, roads, drivers, DRIVING_SPEEDS_MPS)
+    keep_right_m = -DRIVER_LANE_M * np.sign(driving[1].speeds_mps)[:, None]
+    walkers_aside, drivers_aside = _aside(campus, walking, aside_m), _aside(campus, driving, keep_right_m)
+    return Day(scene, campus.ground, walkers_aside, heights_m, drivers_aside)
+
+
+def _traffic(
+    rng: np.random.Generator, campus: Campus, choice: NDArray[np.int64], count: int, speeds_mps: tuple[float, float]
+) -> tuple[NDArray[np.int64], Traffic]:
+    """The streets of `count` movers, drawn from `choice`, and their traffic along the streets' middle."""
+    rows = choice[rng.integers(0, max(len(choice), 1), count)]
+    starts_m, ends_m = campus.streets.starts_m[rows], campus.streets.ends_m[rows]
+    phases, signs = rng.random(count), rng.choice([-1, 1], count)
+    return rows, Traffic(starts_m, ends_m - starts_m, phases, signs * rng.uniform(*speeds_mps, count))
+
+
+def _aside(campus: Campus, traffic: tuple[NDArray[np.int64], Traffic], left_m: NDArray[np.float64]) -> Traffic:
+    """The same traffic, `left_m` (n, 1) left of the streets' middle."""
+    rows, middle = traffic
+    left = campus.streets.directions()[1][rows]
+    return Traffic(middle.starts_m + left_m * left, middle.spans_m, middle.phases, middle.speeds_mps)
+
+
+def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
+    """Cars in a share of the open slots that differs from day to day and, smoothly, from place to place."""
+    slots = np.array([(slot.x_m, slot.y_m, slot.yaw_rad, slot.dead_day) for slot in campus.slots]).reshape(-1, 4)
+    phase_x, phase_y = rng.uniform(0, 2 * np.pi, 2)
+    occupancy = rng.uniform(*OCCUPANCIES)
+    waves = np.sin(slots[:, 0] / OCCUPANCY_WAVE_LENGTH_M + phase_x) * np.sin(slots[:, 1] / OCCUPANCY_WAVE_LENGTH_M + phase_y)
+    chance = (occupancy + OCCUPANCY_WAVE * 0.5 * waves).clip(0.02, 0.97)
+    taken = rng.random(len(slots)) < chance
+    models = rng.choice(len(CAR_SIZES_M), len(slots), p=CAR_SHARES)
+    sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALES, (len(slots), 1))
+    places = slots[:, :3] + rng.normal(0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (len(slots), 3))
+    taken &= slots[:, 3] > day
+    if not taken.any():
+        return np.zeros(0, BOX)
+    (x_m, y_m, yaw), (half_length_m, half_width_m, height_m) = places[taken].T, sizes[taken].T
+    base_m, c, s = campus.ground.at(np.stack([x_m, y_m], 1)), np.cos(yaw), np.sin(yaw)
+    turn = {"cos_yaw": c, "sin_yaw": s, "kind": Kind.CAR}
+    hull = {"half_length_m": half_length_m, "half_width_m": half_width_m, "reflectance": CAR_REFLECTANCE}
+    cabin = {"half_length_m": 0.55 * half_length_m, "half_width_m": 0.88 * half_width_m, "reflectance": CABIN_REFLECTANCE}
+    hulls = records(BOX, x_m=x_m, y_m=y_m, bottom_m=base_m + 0.2, top_m=base_m + 0.6 * height_m, **turn, **hull)
+    back_x, back_y = x_m - 0.2 * c, y_m - 0.2 * s
+    cabins = records(BOX, x_m=back_x, y_m=back_y, bottom_m=base_m + 0.55 * height_m, top_m=base_m + height_m, **turn, **cabin)
+    return np.concatenate([hulls, cabins])

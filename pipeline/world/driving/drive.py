@@ -1,0 +1,158 @@
+"""One drive along a plan: a robot that keeps to the right, never twice on the same line, and rocks as it goes."""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.world.driving.motion import SEGWAY, Motion
+from pipeline.world.driving.noise import smooth, wander
+from pipeline.world.layout.ground import Ground
+from pipeline.world.seeds import Stream, generator
+
+LEAD_S = 2.0
+"""How long the truth runs before the first scan and after the last."""
+DEPARTURE = time(14, tzinfo=UTC)
+"""Of a drive whose name tells only its date."""
+
+LINE_STEP_M = 0.25
+OFFSET_CORRELATION_M, OFFSET_CLIP_M = 25.0, 3.0
+OFFSET_SMOOTHING_M, OFFSET_RESTORED = 20.0, 1.25
+"""The offset is smoothed, so that the robot weaves and does not jitter; the factor gives back the spread that this costs."""
+
+TILT_CORRELATION_M, TILT_CLIP_DEG = 3.0, 5.0
+HEADING_CORRELATION_M, HEADING_CLIP_DEG = 6.0, 11.5
+
+PILOT_BEHIND_M, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M = 1.7, 0.3, 10.0, 0.6
+PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG = 17.0, 15.0, 69.0
+PILOT_SIDE_SD_DEG = 20.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """True poses at KNOTS_HZ and at every scan's stamp, so that interpolation between rows meets the scans exactly."""
+
+    utimes: Stamps
+    """(k,) microseconds since 1970, increasing."""
+    world_T_body: Poses
+    """(k, 4, 4) z up, origin on the ground under the robot."""
+    scan_rows: NDArray[np.int64]
+    """(n,) the rows at which the lidar scans."""
+    pilot_m: NDArray[np.float64] | None = None
+    """(n, 2) where the pilot walks, in the world, at each scan; None: nobody does."""
+
+    @property
+    def scan_utimes(self) -> Stamps:
+        """(n,) the stamps of the scans."""
+        return self.utimes[self.scan_rows]
+
+    def at(self, utimes: Stamps) -> Poses:
+        """True poses (m, 4, 4) at any stamps of the drive."""
+        return Trajectory(self.utimes * 1000, self.world_T_body, LEAD_S).at(utimes * 1000)[0]
+
+    def time_s(self, scan: int) -> float:
+        """Seconds into the drive at which a scan is taken."""
+        return float(self.utimes[self.scan_rows[scan]] - self.utimes[0]) / 1e6
+
+    @property
+    def metres(self) -> float:
+        """Path length from the first scan to the last."""
+        places = self.world_T_body[self.scan_rows[0] : self.scan_rows[-1] + 1, :2, 3]
+        return float(np.hypot(*np.diff(places, axis=0).T).sum())
+
+
+def drive(
+    seed: int,
+    when: date,
+    line_m: NDArray[np.float64],
+    ground: Ground,
+    route_m: float,
+    step_m: float,
+    motion: Motion = SEGWAY,
+    lateral_m: float = 0.0,
+) -> Drive:
+    """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every `step_m`.
+
+    It departs at `when`, or on that date at DEPARTURE, and keeps `lateral_m` left of its usual line, but on the street.
+    """
+    rng = generator(seed, Stream.DRIVE, when)
+    path_m, heading = _path(rng, line_m, motion, lateral_m)
+    length_m = LINE_STEP_M * (len(path_m) - 1)
+    lead_m = motion.speed_mps * LEAD_S
+    scans = max(1, int(np.floor((min(route_m, length_m - 2 * lead_m) + 1e-6) / step_m)))
+    end_m = min(2 * lead_m + scans * step_m, length_m)
+
+    grid_m = np.arange(0, end_m, motion.knot_m)
+    rocking = _rocking(rng, len(grid_m), motion)
+    scan_us = np.rint(1e6 * (lead_m + np.arange(scans) * step_m) / motion.speed_mps).astype(np.int64)
+    knots_us = np.union1d(np.rint(1e6 * grid_m / motion.speed_mps).astype(np.int64), scan_us)
+    knots_m = knots_us * 1e-6 * motion.speed_mps
+
+    stations_m = LINE_STEP_M * np.arange(len(path_m))
+    xy_m = np.stack([np.interp(knots_m, stations_m, path_m[:, axis]) for axis in (0, 1)], 1)
+    tilt = np.stack([np.interp(knots_m, grid_m, rocking[:, axis]) for axis in range(3)], 1)
+    tilt[:, 2] += np.interp(knots_m, stations_m, heading)
+    if motion.wheelbase_m:
+        tilt[:, :2] += _slope(ground, xy_m, tilt[:, 2], motion.wheelbase_m)
+    poses = pose(np.column_stack([xy_m, ground.at(xy_m)]), tilt)
+
+    rows = np.searchsorted(knots_us, scan_us)
+    departure = when if isinstance(when, datetime) else datetime.combine(when, DEPARTURE)
+    utimes = int(departure.timestamp()) * 1_000_000 + knots_us
+    if not motion.pilot:
+        return Drive(utimes, poses, rows)
+    pilot_m = _pilot(generator(seed, Stream.PILOT, when), xy_m[rows], np.interp(knots_m[rows], stations_m, heading), step_m)
+    return Drive(utimes, poses, rows, pilot_m)
+
+
+def _path(
+    rng: np.random.Generator, line_m: NDArray[np.float64], motion: Motion, lateral_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (n, 2) every LINE_STEP_M of the path really driven along `line_m`, and the heading (n,) there, unwrapped."""
+    middle_m = _resample(line_m)
+    middle_m = np.stack([smooth(middle_m[:, axis], round(motion.corner_m / LINE_STEP_M)) for axis in (0, 1)], 1)
+    along = np.gradient(middle_m, axis=0)
+    along /= np.hypot(*along.T)[:, None] + 1e-9
+    weave_m = wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
+    weave_m = OFFSET_RESTORED * smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
+    usual_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
+    left_m = (usual_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
+    path_m = _resample(middle_m + left_m[:, None] * np.stack([-along[:, 1], along[:, 0]], 1))
+    tangent = np.gradient(path_m, axis=0)
+    return path_m, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+
+
+def _resample(line_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) every LINE_STEP_M along a polyline."""
+    driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m, axis=0).T))])
+    stations_m = np.arange(0, driven_m[-1], LINE_STEP_M)
+    return np.stack([np.interp(stations_m, driven_m, line_m[:, axis]) for axis in (0, 1)], 1)
+
+
+def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> NDArray[np.float64]:
+    """Roll, pitch and heading noise (knots, 3) in radians, at knots `motion.knot_m` apart."""
+    sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
+    tilts = [wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg]
+    heading = wander(rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG)
+    return np.deg2rad(np.stack([*tilts, heading], 1))
+
+
+def _slope(ground: Ground, xy_m: NDArray[np.float64], heading: NDArray[np.float64], over_m: float) -> NDArray[np.float64]:
+    """Roll and pitch (n, 2) in radians of what stands on the ground at `xy_m` (n, 2); going uphill is a pitch below 0."""
+    ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
+    left = ahead[:, ::-1] * (-1, 1)
+    rises_m = [ground.at(xy_m + way) - ground.at(xy_m - way) for way in (left, ahead)]
+    return np.arctan2(np.stack(rises_m, 1) * (1, -1), over_m)
+
+
+def _pilot(
+    rng: np.random.Generator, xy_m: NDArray[np.float64], heading: NDArray[np.float64], step_m: float
+) -> NDArray[np.float64]:
+    """Where the pilot walks (n, 2): behind, a little to one side, never quite there."""
+    side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
+    bearing_deg = wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
+    range_m = PILOT_BEHIND_M + wander(rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M)
+    towards = heading + np.deg2rad(180.0 + side_deg + bearing_deg)
+    return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(towards), np.sin(towards)], 1))

@@ -1,0 +1,124 @@
+"""The scanners: which rays they fire from where on a robot, and what of that comes back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline.formats.robotcar import EXTRINSICS
+from pipeline.frames import NED_FLIP, Poses, pose
+from pipeline.world.driving.hits import hash_u
+from pipeline.world.driving.raycast import cast
+from pipeline.world.driving.scene import Scene
+from pipeline.world.layout.shapes import Records
+
+HDL32_DEG, HDL32_HEIGHT_M = np.linspace(-30.67, 10.67, 32), 1.3
+HDL64_DEG, HDL64_HEIGHT_M = np.concatenate([np.linspace(-24.8, -8.87, 32), np.linspace(-8.33, 2.0, 32)]), 1.73
+"""An HDL-64E's lower half is spaced by half a degree, its upper half by a third."""
+LMS_DEG, LMS_HEIGHT_M = (-135.0, 135.0), 0.9
+CAMERA_HEIGHT_M = LMS_HEIGHT_M + EXTRINSICS["lms_front"][2]
+"""RobotCar's vehicle frame is that of its stereo camera, this high above the ground."""
+_DROP, _FADE, _NOISE_RADIUS, _NOISE_ANGLE = 900_001, 900_002, 900_003, 900_004
+"""Draws beyond every shape's number, so that they share no random number with foliage."""
+
+
+@dataclass(frozen=True)
+class Returns:
+    """One scan, or one sweep."""
+
+    points_m: NDArray[np.float64]
+    """(n, 3) in the sensor's frame."""
+    intensity: NDArray[np.uint8]
+    laser: NDArray[np.uint8]
+    """(n,) 0 is the lowest beam."""
+    kind: NDArray[np.uint8]
+    """(n,) what each point lies on, a `shapes.Kind`."""
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A scanner on a robot."""
+
+    directions: NDArray[np.float64]
+    """(ray, 3) unit vectors in the sensor's frame, in the order that they are fired: all beams of one azimuth at once."""
+    beams: int
+    body_T_sensor: Poses
+    """(4, 4) the body's origin lies on the ground under the robot."""
+    min_range_m: float = 0.9
+    max_range_m: float = 90.0
+    range_sd_m: float = 0.02
+    drop_out: float = 0.03
+    reach_m: float = 100.0
+    """How far a surface of reflectance × cosine 0.1 is still likely to return; 100 m makes ground rings end near 30 m."""
+
+    def scan(self, scene: Scene, movers: Records, world_T_body: Poses, seed: np.uint64) -> Returns:
+        """What the scanner records, in one instant, of a robot at `world_T_body` (4, 4)."""
+        origin = world_T_body[:3, 3] + world_T_body[:3, :3] @ self.body_T_sensor[:3, 3]
+        rotation = np.ascontiguousarray(world_T_body[:3, :3] @ self.body_T_sensor[:3, :3])
+        true_m, kinds, brightness = cast(scene, movers, origin, rotation, self.directions, self.max_range_m, seed)
+        ranges_m = measure(true_m, brightness, self.range_sd_m, self.drop_out, self.reach_m, seed)
+        back = np.flatnonzero(ranges_m > self.min_range_m)
+        intensity = np.rint(255 * brightness[back]).clip(0, 255).astype(np.uint8)
+        points_m = self.directions[back] * ranges_m[back, None]
+        return Returns(points_m, intensity, (back % self.beams).astype(np.uint8), kinds[back])
+
+
+def hdl32(azimuths: int) -> Lidar:
+    """A 32-beam spinning lidar on a pole."""
+    return Lidar(_turning(HDL32_DEG, azimuths), 32, _raised(HDL32_HEIGHT_M))
+
+
+def hdl64(azimuths: int) -> Lidar:
+    """A 64-beam spinning lidar on a car's roof."""
+    return Lidar(_turning(HDL64_DEG, azimuths), 64, _raised(HDL64_HEIGHT_M), min_range_m=2.5, reach_m=150.0)
+
+
+def lms151(rays: int) -> Lidar:
+    """A push-broom at a car's front, hung as RobotCar's lms_front: `rays` in its plane z = 0, about its x axis, which is down."""
+    angles = np.deg2rad(np.linspace(*LMS_DEG, rays))
+    fan = np.stack([np.cos(angles), np.sin(angles), np.zeros(rays)], 1)
+    xyzrpy = np.array([EXTRINSICS["lms_front"]])
+    body_T_sensor = _raised(CAMERA_HEIGHT_M) @ NED_FLIP @ pose(xyzrpy[:, :3], xyzrpy[:, 3:])[0]
+    return Lidar(fan, 1, body_T_sensor, min_range_m=0.5, max_range_m=50.0, range_sd_m=0.03, drop_out=0.02, reach_m=60.0)
+
+
+def _turning(elevations_deg: NDArray[np.float64], azimuths: int) -> NDArray[np.float64]:
+    """Rays (azimuths × beams, 3) of a sensor that turns about its z axis."""
+    elevation = np.deg2rad(elevations_deg)[None, :]
+    azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[:, None]
+    level = np.cos(elevation)
+    rays = np.stack(np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)), -1)
+    return np.ascontiguousarray(rays.reshape(-1, 3))
+
+
+def _raised(height_m: float) -> Poses:
+    return np.asarray(pose(np.array([[0.0, 0.0, height_m]]), np.zeros((1, 3)))[0])
+
+
+def return_probability(range_m: NDArray[np.float64], brightness: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
+    """exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1): the law that `measure` draws from."""
+    return np.asarray(np.exp(-((range_m / (reach_m * np.sqrt(np.maximum(brightness, 1e-5) / 0.1))) ** 4)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(
+    true_m: NDArray[np.float64],
+    brightness: NDArray[np.float64],
+    range_sd_m: float,
+    drop_out: float,
+    reach_m: float,
+    seed: np.uint64,
+) -> NDArray[np.float64]:
+    """Measured ranges (n,) for true ones (0: nothing there); 0 where nothing comes back."""
+    measured_m = np.zeros(true_m.shape[0])
+    for ray in range(true_m.shape[0]):
+        if true_m[ray] <= 0:
+            continue
+        share = true_m[ray] / (reach_m * np.sqrt(max(brightness[ray], 1e-5) / 0.1))
+        if hash_u(seed, ray, _DROP) < drop_out or hash_u(seed, ray, _FADE) > np.exp(-(share**4)):
+            continue
+        radius = np.sqrt(-2 * np.log(hash_u(seed, ray, _NOISE_RADIUS)))
+        noise = radius * np.cos(2 * np.pi * hash_u(seed, ray, _NOISE_ANGLE))
+        measured_m[ray] = true_m[ray] + range_sd_m * noise
+    return measured_m

@@ -1,0 +1,80 @@
+"""One sequence being recorded, a block of scans at a time."""
+
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from pipeline.world.driving.day import Day, people_at
+from pipeline.world.driving.drive import Drive
+from pipeline.world.driving.lidar import Lidar, Returns
+from pipeline.world.seeds import scan_seed
+from pipeline.world.writers import Writer
+from pipeline.world.writers.truth import TruthWriter
+
+PILOT_HEIGHT_M = 1.75
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a sequence came to."""
+
+    scans: int
+    points: int
+    metres: float
+    """Path length from the first scan to the last."""
+    unseen: float
+    """The share of the route on streets that the training sequence leaves out."""
+    reversed: float
+    """The share of the route on the training sequence's streets that is driven against its direction."""
+    sees: str = "scans"
+
+    def __str__(self) -> str:
+        driven = f"{self.scans} {self.sees}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
+        return f"{driven}; planned {self.unseen:.0%} unseen, {self.reversed:.0%} reversed"
+
+
+@dataclass(frozen=True)
+class Block:
+    """What became of a block of scans."""
+
+    points: int
+    unwritten: list[tuple[int, int, Returns]]
+    """Number, utime and returns of the scans that are still to be written, in order."""
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """Everything that a worker needs to record any block of a sequence's scans; it can be pickled."""
+
+    seed: int
+    when: date
+    day: Day
+    drive: Drive
+    keep_off_m: float
+    lidar: Lidar
+    logs: Writer | None
+    """None: the scans are handed back, for one process to write."""
+    truth: TruthWriter | None
+
+    def block(self, start: int, stop: int) -> Block:
+        """Record scans `start` to `stop`."""
+        points, unwritten = 0, []
+        for scan in range(start, stop):
+            utime, returns = int(self.drive.scan_utimes[scan]), self._scan(scan)
+            points += len(returns.points_m)
+            if self.truth:
+                self.truth.write_scan(utime, returns)
+            if self.logs:
+                self.logs.write_scan(scan, utime, returns)
+            else:
+                unwritten.append((scan, utime, returns))
+        return Block(points, unwritten)
+
+    def _scan(self, scan: int) -> Returns:
+        world_T_body = self.drive.world_T_body[self.drive.scan_rows[scan]]
+        movers = self.day.movers(self.drive.time_s(scan), world_T_body[:2, 3], self.keep_off_m)
+        if self.drive.pilot_m is not None:
+            pilot = people_at(self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground)
+            movers = np.concatenate([movers, pilot])
+        return self.lidar.scan(self.day.scene, movers, world_T_body, scan_seed(self.seed, self.when, scan))

@@ -1,0 +1,72 @@
+"""The few building templates that a campus repeats: that places look alike is physical, not an accident of the simulation."""
+
+import numpy as np
+
+from pipeline.world.layout.structures import Part
+
+Template = tuple[Part, ...]
+
+TEMPLATES = 7
+FLOOR_M = 3.8
+PLINTH_M = 0.6
+FLOORS = (2, 6)
+HALF_LENGTHS_M, HALF_WIDTHS_M = (13.0, 30.0), (6.5, 10.5)
+STAIR_PITCH_M = 18.0
+STAIR_HALF_LENGTH_M, STAIR_HALF_WIDTH_M = 1.6, 0.8
+PENTHOUSE_M = 3.0
+HOUSES_M = ((4.5, 5.5, 7.2), (5.2, 4.8, 6.6))
+"""Half length, half width and ridge height of the two types of house."""
+
+
+def templates(rng: np.random.Generator) -> list[Template]:
+    """The campus's TEMPLATES building recipes: L, U, H and tower shapes of a few floors."""
+    shapes = (_l_shape, _u_shape, _h_shape, _tower)
+    made = []
+    for number in range(TEMPLATES):
+        length_m, width_m = rng.uniform(*HALF_LENGTHS_M), rng.uniform(*HALF_WIDTHS_M)
+        floors = int(rng.integers(*FLOORS))
+        made.append(tuple(part for wing in shapes[number % len(shapes)](length_m, width_m, floors) for part in _dressed(wing)))
+    return made
+
+
+def houses() -> list[Template]:
+    """The two types of house: a body, and a narrower roof on it."""
+    return [
+        (Part(0, 0, length, width, 0, 0.72 * ridge), Part(0, 0, length, 0.45 * width, 0.7 * ridge, ridge))
+        for length, width, ridge in HOUSES_M
+    ]
+
+
+def _wing(ahead_m: float, left_m: float, half_length_m: float, half_width_m: float, floors: int) -> Part:
+    return Part(ahead_m, left_m, half_length_m, half_width_m, 0, floors * FLOOR_M + PLINTH_M)
+
+
+def _l_shape(a: float, b: float, floors: int) -> list[Part]:
+    return [_wing(0, 0, a, b, floors), _wing(a - b, 1.9 * b, b, 0.9 * b, floors)]
+
+
+def _u_shape(a: float, b: float, floors: int) -> list[Part]:
+    return [_wing(0, 0, a, b, floors), _wing(a - b, 1.8 * b, b, 0.8 * b, floors), _wing(b - a, 1.8 * b, b, 0.8 * b, floors)]
+
+
+def _h_shape(a: float, b: float, floors: int) -> list[Part]:
+    return [_wing(0, -1.6 * b, a, 0.7 * b, floors), _wing(0, 1.6 * b, a, 0.7 * b, floors), _wing(0, 0, b, 0.9 * b, floors)]
+
+
+def _tower(a: float, b: float, floors: int) -> list[Part]:
+    return [_wing(0, 0, 0.5 * a, 1.4 * b, floors + 1), _wing(0.9 * a, 0, 0.4 * a, b, max(floors - 1, 1))]
+
+
+def _dressed(wing: Part) -> list[Part]:
+    """A wing with its stair bays, one every STAIR_PITCH_M on alternating sides, and a penthouse if it is large."""
+    parts = [wing]
+    if wing.half_length_m * wing.half_width_m > 150 and wing.top_m > 2 * FLOOR_M:
+        ahead_m, half_length_m = wing.ahead_m + 0.3 * wing.half_length_m, 0.25 * wing.half_length_m
+        roof_m = wing.top_m
+        parts.append(Part(ahead_m, wing.left_m, half_length_m, 0.4 * wing.half_width_m, roof_m - 0.1, roof_m + PENTHOUSE_M))
+    starts_m = np.arange(6.0, 2 * wing.half_length_m - 2 * STAIR_HALF_LENGTH_M, STAIR_PITCH_M) - wing.half_length_m
+    for bay, start_m in enumerate(starts_m):
+        side, top_m = (-1, 0.6 * wing.top_m) if bay % 2 == 0 else (1, wing.top_m)
+        left_m = wing.left_m + side * (wing.half_width_m + 0.7)
+        parts.append(Part(wing.ahead_m + start_m, left_m, STAIR_HALF_LENGTH_M, STAIR_HALF_WIDTH_M, 0, top_m))
+    return parts

@@ -1,0 +1,69 @@
+"""The campus: everything that stands still, before and after a year has changed it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.world.layout.blocks import fill, parcel
+from pipeline.world.layout.buildings import Template, templates
+from pipeline.world.layout.draft import Draft, Pole, Slot
+from pipeline.world.layout.furniture import line_streets
+from pipeline.world.layout.greenery import Plant, crowns, trunks
+from pipeline.world.layout.ground import Ground, rolling_ground
+from pipeline.world.layout.shapes import CYLINDER, Kind, Records, records, standing
+from pipeline.world.layout.streets import Streets
+from pipeline.world.layout.structures import Structure, boxes
+from pipeline.world.seeds import Stream, generator
+
+POLE_REFLECTANCE = 0.3
+
+
+@dataclass(frozen=True)
+class Campus:
+    """Structures, plants and poles carry the days on which they stand; slots the day on which they close."""
+
+    streets: Streets
+    ground: Ground
+    recipes: tuple[Template, ...]
+    structures: tuple[Structure, ...]
+    plants: tuple[Plant, ...]
+    poles: tuple[Pole, ...]
+    slots: tuple[Slot, ...]
+    taken_m: NDArray[np.float64]
+    """(n, 3) discs of x, y, radius that buildings cover."""
+
+    def draft(self) -> Draft:
+        """A draft that goes on from this campus."""
+        return Draft(self.streets, list(self.structures), list(self.plants), list(self.poles), list(self.slots), self.taken_m)
+
+
+def build_campus(seed: int, blocks: int, streets: Streets) -> Campus:
+    """The campus around `streets`, as it stands on the training day."""
+    ground = rolling_ground(generator(seed, Stream.GROUND), streets.nodes_m.min(0), streets.nodes_m.max(0))
+    rng = generator(seed, Stream.BLOCKS)
+    recipes = templates(rng)
+    draft = Draft(streets)
+    for block in parcel(rng, streets, blocks):
+        fill(rng, block, draft, recipes)
+    line_streets(generator(seed, Stream.FURNITURE), draft)
+    lists = tuple(draft.structures), tuple(draft.plants), tuple(draft.poles), tuple(draft.slots)
+    return Campus(streets, ground, tuple(recipes), *lists, draft.taken_m)
+
+
+def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
+    """Boxes, cylinders and crowns of all that stands on `day`; porous ones have no extinction yet."""
+    on_day = [standing(shapes, day) for shapes in (trunks(campus.plants, campus.ground), crowns(campus.plants, campus.ground))]
+    cylinders = np.concatenate([on_day[0], standing(_poles(campus), day)])
+    return standing(boxes(campus.structures, campus.ground), day), cylinders, on_day[1]
+
+
+def _poles(campus: Campus) -> Records:
+    if not campus.poles:
+        return np.zeros(0, CYLINDER)
+    x_m, y_m, radius_m, height_m, dead_day = np.array(
+        [(pole.x_m, pole.y_m, pole.radius_m, pole.height_m, pole.dead_day) for pole in campus.poles]
+    ).T
+    base_m = campus.ground.at(np.stack([x_m, y_m], 1))
+    place = {"x_m": x_m, "y_m": y_m, "radius_m": radius_m, "dead_day": dead_day}
+    return records(CYLINDER, bottom_m=base_m - 1, top_m=base_m + height_m, reflectance=POLE_REFLECTANCE, kind=Kind.POLE, **place)

@@ -1,0 +1,65 @@
+"""What the sequences of a world drive: the training one's route, the tests' against it, or each log's own loops."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import ConfigError
+from pipeline.world.layout.plan import Plan, follow, half_edges_through, plan_loops, plan_test, plan_training
+from pipeline.world.layout.route_file import read_route
+from pipeline.world.layout.streets import Streets, add_route, lay_streets
+from pipeline.world.seeds import Stream, generator
+
+MIN_ROUTE_M = 30.0
+
+
+@dataclass(frozen=True)
+class Routes:
+    """The streets, and the training sequence's plan on them."""
+
+    seed: int
+    streets: Streets
+    training: Plan
+    route_m: float
+    """The metres that every sequence drives."""
+
+    def test(self, when: date, wanted: Mapping[str, float]) -> Plan:
+        """The walk nearest the wanted shares, unseen and reversed."""
+        rng = generator(self.seed, Stream.TEST_PLAN, when)
+        return plan_test(rng, self.streets, self.training, self.route_m, wanted["unseen"], wanted["reversed"])
+
+
+def training_routes(seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool) -> Routes:
+    """A route of `route_m` metres, or that of a trajectory file and at most its length; raises ConfigError for a bad file."""
+    streets = lay_streets(generator(seed, Stream.STREETS), blocks)
+    if route_file is None:
+        streets = _paved(streets, streets_only)
+        return Routes(seed, streets, plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m), route_m)
+    route = read_route(Path(route_file))
+    spans_m, world_m = np.ptp(route, axis=0), np.ptp(streets.nodes_m, axis=0)
+    if (spans_m > world_m).any():
+        raise ConfigError(
+            f"route_file={route_file}: spans {spans_m[0]:.0f} × {spans_m[1]:.0f} m, the world of blocks={blocks}"
+            f" only {world_m[0]:.0f} × {world_m[1]:.0f} m"
+        )
+    streets, corners = add_route(streets, route)
+    streets = _paved(streets, streets_only)
+    training = follow(streets, half_edges_through(streets, corners))
+    length_m = float(np.hypot(*np.diff(training.line_m, axis=0).T).sum())
+    if length_m < MIN_ROUTE_M:
+        raise ConfigError(f"route_file={route_file}: only {length_m:.0f} m long, needs at least {MIN_ROUTE_M:.0f} m")
+    return Routes(seed, streets, training, min(route_m, length_m))
+
+
+def loop_routes(seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]) -> Routes:
+    """A route of `route_m` metres whose second half has the wanted shares, unseen and reversed, against its first."""
+    streets = _paved(lay_streets(generator(seed, Stream.STREETS), blocks), streets_only)
+    plan = plan_loops(generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"])
+    return Routes(seed, streets, plan, route_m)
+
+
+def _paved(streets: Streets, streets_only: bool) -> Streets:
+    return replace(streets, is_path=np.zeros_like(streets.is_path)) if streets_only else streets

@@ -1,0 +1,98 @@
+"""Things built of boxes: buildings, houses, hedges, fences; each a recipe of parts, so that one can stand in many places."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.shapes import ALWAYS, BOX, Kind, Records, Species, records
+
+FOOTING_M = 1.5
+"""How far a part that stands on the ground reaches below it, so that slopes leave no gap."""
+REFLECTANCE = 0.4
+
+
+@dataclass(frozen=True)
+class Part:
+    """One box, in its structure's frame: x along its length, y to its left."""
+
+    ahead_m: float
+    left_m: float
+    half_length_m: float
+    half_width_m: float
+    bottom_m: float
+    top_m: float
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Parts set down at a point with a yaw, for the days from born_day to dead_day."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    parts: tuple[Part, ...]
+    kind: Kind = Kind.BUILDING
+    species: Species = Species.SOLID
+    born_day: float = ALWAYS[0]
+    dead_day: float = ALWAYS[1]
+
+    def to_world(self, ahead_left_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 2) of the structure's frame in the world."""
+        c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        return np.asarray(ahead_left_m @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m))
+
+    def outline_m(self) -> NDArray[np.float64]:
+        """Points (15 a part, 2) spread over its footprint, which is how it asks whether it fits somewhere."""
+        u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 3)))
+        spread = [
+            np.stack([part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], 1) for part in self.parts
+        ]
+        return self.to_world(np.concatenate(spread))
+
+    def discs_m(self) -> NDArray[np.float64]:
+        """Discs (5 a part, 3) of x, y, radius that cover its footprint, which is how it keeps others off."""
+        discs = []
+        for part in self.parts:
+            along_x = part.half_length_m >= part.half_width_m
+            short_m, long_m = sorted((part.half_length_m, part.half_width_m))
+            reach_m = np.linspace(-1, 1, 5) * (long_m - short_m)
+            centres = np.stack([part.ahead_m + reach_m * along_x, part.left_m + reach_m * (not along_x)], 1)
+            discs.append(np.column_stack([self.to_world(centres), np.full(5, 1.15 * short_m + 1.5)]))
+        return np.concatenate(discs)
+
+    def half_extent_m(self) -> tuple[float, float]:
+        """How far its parts reach ahead or back, and left or right, of where it stands."""
+        ahead = max(abs(part.ahead_m) + part.half_length_m for part in self.parts)
+        return ahead, max(abs(part.left_m) + part.half_width_m for part in self.parts)
+
+
+def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
+    """The boxes of all `structures`, each part standing at the ground's height below its centre."""
+    if not structures:
+        return np.zeros(0, BOX)
+    owners = [structure for structure in structures for _ in structure.parts]
+    parts = [part for structure in structures for part in structure.parts]
+    places = zip(owners, parts, strict=True)
+    centres = np.array([owner.to_world(np.array([part.ahead_m, part.left_m])) for owner, part in places])
+    base_m = ground.at(centres)
+    yaw = np.array([owner.yaw_rad for owner in owners])
+    bottom_m = np.array([part.bottom_m for part in parts])
+    return records(
+        BOX,
+        x_m=centres[:, 0],
+        y_m=centres[:, 1],
+        half_length_m=[part.half_length_m for part in parts],
+        half_width_m=[part.half_width_m for part in parts],
+        cos_yaw=np.cos(yaw),
+        sin_yaw=np.sin(yaw),
+        bottom_m=base_m + np.where(bottom_m == 0, -FOOTING_M, bottom_m),
+        top_m=base_m + [part.top_m for part in parts],
+        reflectance=REFLECTANCE,
+        born_day=[owner.born_day for owner in owners],
+        dead_day=[owner.dead_day for owner in owners],
+        kind=[owner.kind for owner in owners],
+        species=[owner.species for owner in owners],
+    )

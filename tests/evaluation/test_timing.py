@@ -1,0 +1,224 @@
+"""Latency: what is timed, on which submaps, how it is told, and the stage on artifacts at their smallest."""
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+from pipeline import schemas, store
+from pipeline.errors import ConfigError, InputError
+from pipeline.evaluation.timing import WARM_UP, Contender, Latency, Machine, clouds, processor
+from pipeline.matching.ranking import Ranking, Rows
+from pipeline.methods.m2dp import M2dp
+from pipeline.reports import latency as told
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Watch
+from pipeline.studies.expansion import expand
+from pipeline.views.draw import Drawing
+
+MACHINE = Machine("Abacus", 4, "", 0.5, 1.0, {"Python": "3", "torch": ""})
+BY_HAND = Latency(
+    generation={"wide": np.array([1.0, 2.0, 3.0]), "narrow": np.array([10.0, 10.0, 40.0])},
+    retrieval={"a": np.array([4.0, 1.0, 1.0]), "b": np.array([0.5, 0.5, 0.5]), "c": np.array([7.0, 8.0, 9.0])},
+    views={"a": "wide", "b": "narrow", "c": "wide"},
+    points=np.array([100, 300, 5_000]),
+    k=25,
+    machine=MACHINE,
+)
+
+
+def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1, points: int = 200) -> tuple[store.Artifact, store.Artifact]:
+    """Scans two metres apart along x, and submaps of one or more of them; scan i has points + i points."""
+    scans, lengths = submaps + sweeps - 1, points + np.arange(submaps + sweeps - 1)
+    rng = np.random.default_rng(len(sequence))
+    poses = np.tile(np.eye(4), (scans, 1, 1))
+    poses[:, 0, 3] = 2.0 * np.arange(scans)
+    last = np.arange(sweeps - 1, scans)
+    with store.write(folder / "scans/campus" / f"{sequence}.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+        draft.put("points", (rng.normal(0, (9, 5, 2), (lengths.sum(), 3)) / 0.005).clip(-32_000, 32_000).astype(np.int16))
+        draft.put("offsets", np.concatenate([[0], np.cumsum(lengths)]))
+        draft.put("stamps_ns", 10 * np.arange(scans))
+        for name in ("world_T_scan", "odom_T_scan"):
+            draft.put(name, poses)
+    with store.write(folder / "submaps/campus" / f"{sequence}.zarr", schemas.SUBMAPS, layout="odom_T_scan", left_out={}) as draft:
+        draft.put("first", last - (sweeps - 1))
+        draft.put("scans", last)
+        draft.put("ground_m", np.full(len(last), 0.25 if sweeps > 1 else 0.0))
+        draft.put("used", np.ones(scans, bool))
+        draft.put("stamps_ns", 10 * last)
+        draft.put("world_T_anchor", poses[last])
+    return (
+        store.read(folder / "scans/campus" / f"{sequence}.zarr", schemas.SCANS),
+        store.read(folder / "submaps/campus" / f"{sequence}.zarr", schemas.SUBMAPS),
+    )
+
+
+class Recorder:
+    """A view and a method that take their time and remember what they were given."""
+
+    def __init__(self) -> None:
+        self.drawn: list[int] = []
+        self.asked: list[Rows] = []
+
+    def draw(self, points: np.ndarray) -> np.ndarray:
+        self.drawn.append(len(points))
+        time.sleep(0.004)
+        return np.array([len(points)], np.float32)
+
+    def localize(self, wait_s: float) -> Callable[[Rows, int], Ranking]:
+        def localize(views: Rows, k: int) -> Ranking:
+            assert k == 7
+            self.asked.append(views)
+            time.sleep(wait_s)
+            return Ranking(*[np.zeros((1, k))] * 6, ("own",))  # type: ignore[arg-type]
+
+        return localize
+
+
+@pytest.fixture
+def recorder() -> Recorder:
+    return Recorder()
+
+
+@pytest.fixture
+def measured(recorder: Recorder, tmp_path: Path) -> Latency:
+    """Two methods of one view on five of nine submaps."""
+    one, two = (Contender("view", recorder.draw, recorder.localize(wait_s)) for wait_s in (0.002, 0.008))
+    return Latency.measure({"one": one, "two": two}, *drive(tmp_path, "a", 9), queries=5, k=7)
+
+
+def test_each_part_takes_its_own_time(measured: Latency) -> None:
+    assert (measured.generation["view"] >= 4).all()
+    assert (measured.retrieval["one"] >= 2).all()
+    assert (measured.retrieval["two"] >= 8).all()
+    assert np.median(measured.generation["view"]) < 8 > np.median(measured.retrieval["one"])
+    np.testing.assert_allclose(measured.total["two"], measured.generation["view"] + measured.retrieval["two"])
+    assert measured.machine.busy < 0.5  # it slept
+
+
+def test_queries_are_spread_over_the_sequence_and_the_first_calls_do_not_count(measured: Latency, recorder: Recorder) -> None:
+    # Rows 0, 2, 4, 6 and 8 of nine; submap i has 200 + i points. A view that two methods look at is drawn once.
+    assert measured.points.tolist() == [200, 202, 204, 206, 208]
+    assert recorder.drawn == [200] * WARM_UP + [200, 202, 204, 206, 208]
+    assert all(len(took) == 5 for took in (*measured.generation.values(), *measured.retrieval.values(), *measured.total.values()))
+
+
+def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(measured: Latency, recorder: Recorder) -> None:
+    assert len(recorder.asked) == 2 * (WARM_UP + 5)
+    last = recorder.asked[-1]
+    assert np.asarray(last.images).tolist() == [[208]]
+    assert last.stamps_ns.tolist() == [80]
+    assert last.world_T_anchor[:, 0, 3].tolist() == [16]
+
+
+def test_there_are_no_more_queries_than_submaps(recorder: Recorder, tmp_path: Path) -> None:
+    one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
+    assert len(Latency.measure(one, *drive(tmp_path, "a", 3), queries=50, k=7).points) == 3
+
+
+def test_nothing_to_measure_is_an_error(recorder: Recorder, tmp_path: Path) -> None:
+    one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
+    with pytest.raises(InputError, match="no submap"):
+        Latency.measure(one, *drive(tmp_path, "a", 0), queries=5, k=7)
+    with pytest.raises(ConfigError, match=r"latency\.queries=0"):
+        Latency.measure(one, *drive(tmp_path, "b", 2), queries=0, k=7)
+
+
+@pytest.mark.parametrize("sweeps", [1, 3])
+def test_points_are_those_that_views_are_drawn_from(sweeps: int, tmp_path: Path) -> None:
+    scans, submaps = drive(tmp_path, "a", 8, sweeps)
+    drawn = np.concatenate(list(Drawing(scans, submaps, lambda points: points.sum(axis=0)).blocks(Compute(workers=1))))
+    rows = np.array([1, 2, 6])
+    found = list(clouds(scans, submaps, rows))
+    np.testing.assert_allclose([points.sum(axis=0) for points in found], drawn[rows], atol=1e-9)
+    assert len(found[0]) == sum(200 + i for i in range(1, 1 + sweeps))
+
+
+def test_a_row_holds_medians_and_95th_percentiles_of_each_part() -> None:
+    # b: generation 10 10 40, retrieval 0.5, total 10.5 10.5 40.5; nine tenths of the way from the second to the third: 37.
+    # a: totals 5 3 4.
+    rows = told.table(BY_HAND).rows
+    assert rows[1] == ("b", "narrow", "10.00", "37.00", "0.50", "0.50", "10.50", "37.50")
+    assert rows[0][:3] == ("a", "wide", "2.00")
+    assert rows[0][6] == "4.00"
+    assert told.line(BY_HAND) == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
+
+
+def test_the_page_names_the_machine_the_database_and_whose_numbers_are_the_papers(tmp_path: Path) -> None:
+    told.write(BY_HAND, tmp_path / "out", "campus", "2012-02-04", 1_234, simulated=True)
+    page, plain = ((tmp_path / "out" / f"latency.{suffix}").read_text() for suffix in ("md", "txt"))
+    for text in (page, plain):
+        words = " ".join(text.split())
+        assert "3 queries spread over 2012-02-04 of simulated campus" in words
+        assert "(300 in the median)" in words
+        assert "25 places from 1,234 training submaps" in words
+        assert "Measured on Abacus, 4 cores; Python 3." in words
+        assert "on other hardware (Matlab, GTX 1080 Ti)" in words
+    assert told.table(BY_HAND).markdown() in page
+    assert told.table(BY_HAND).text() in plain
+    assert max(map(len, plain.splitlines())) <= 130
+    told.write(BY_HAND, tmp_path / "real", "nclt", "2012-02-04", 1_234, simulated=False)
+    assert "simulated" not in (tmp_path / "real" / "latency.md").read_text()
+
+
+def test_every_sample_is_kept(tmp_path: Path) -> None:
+    told.write(BY_HAND, tmp_path / "out", "campus", "2012-02-04", 1_234, simulated=True)
+    kept = json.loads((tmp_path / "out" / "latency.json").read_text())
+    assert kept["milliseconds"]["total"] == {"a": [5, 3, 4], "b": [10.5, 10.5, 40.5], "c": [8, 10, 12]}
+    assert kept["milliseconds"]["generation"]["narrow"] == [10, 10, 40]
+    assert (kept["machine"]["processor"], kept["training_submaps"], kept["simulated"]) == ("Abacus", 1_234, True)
+
+
+def test_this_machine_has_a_processor_with_a_name() -> None:
+    assert processor().strip()
+    here = Machine.here(busy=0.987)
+    assert (here.processor, here.busy) == (processor(), 0.99)
+    assert here.versions["numpy"] == np.__version__
+
+
+@pytest.fixture
+def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """The stage's module; it limits threads by the environment, which is put back."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    monkeypatch.chdir(tmp_path)
+    from stages import latency
+
+    return latency
+
+
+def test_methods_run_on_one_thread(stage: Any) -> None:
+    assert stage.alone("sci").threads == 1
+    assert stage.alone("m2dp") == M2dp()
+
+
+def test_the_stage_measures_each_method_of_a_study_with_its_model(stage: Any, tmp_path: Path) -> None:
+    for sequence, submaps in (("2012-01-15", 12), ("2012-02-04", 6)):
+        drive(tmp_path / "artifacts", sequence, submaps)
+    rng = np.random.default_rng(0)
+    views = Rows(rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1)))
+    model = M2dp().learn(views, np.arange(12), Watch())
+    store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
+    study = {
+        **dict.fromkeys(("world", "source", "heeds", "root", "submap", "budget"), "x"),
+        **{"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"], "methods": [{"name": "m2dp", "view": "m2dp"}]},
+        "question": "year",
+    }
+    cfg = {
+        "benchmark": {"studies": {"campus": study}, **expand({"campus": study})},
+        "dataset": {"simulated": True},
+        **{"study": "campus", "cells": "10m", "artifacts": "artifacts", "out": "artifacts/latency/campus/10m"},
+        **{"queries": 4, "k": 3},
+    }
+    line = stage.main.run(OmegaConf.create(cfg))
+    assert line.startswith("m2dp ")
+    assert line.endswith(" ms; medians of 4 queries, from points to places")
+    out = tmp_path / "artifacts/latency/campus/10m"
+    assert {path.name for path in out.iterdir()} == {"latency.md", "latency.txt", "latency.json"}
+    assert "3 places from 12 training submaps" in " ".join((out / "latency.md").read_text().split())
+    assert len(json.loads((out / "latency.json").read_text())["milliseconds"]["total"]["m2dp"]) == 4

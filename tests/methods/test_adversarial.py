@@ -1,0 +1,232 @@
+"""The game: each term worked out by hand, who moves when, and a training that can be cut anywhere."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, log, log1p
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pipeline.errors import ArtifactError, ConfigError
+from pipeline.methods.pfl.adversarial import best_round, health, pixels, play, settle
+from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
+from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
+from pipeline.networks.loop import reproducible
+from pipeline.running.progress import Watch
+
+
+class Fixed(nn.Module):
+    """A function in a network's place."""
+
+    def __init__(self, function: Callable[..., Tensor]) -> None:
+        super().__init__()
+        self.function = function
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        return self.function(*inputs)
+
+
+IMAGES, CODES = torch.tensor([[1.0], [3.0]]), torch.tensor([[2.0], [-2.0]])
+
+
+def toy(objective: Objective) -> dict[str, float]:
+    """All terms where En(x) = x/2, De(z) = z + 1, D_J(x, z) = x + z and D_X(x) = x."""
+    game = Game(
+        Fixed(lambda x: x / 2), Fixed(lambda z: z + 1), Fixed(lambda x, z: x + z),
+        Fixed(lambda x: x) if objective.image else None, objective,
+    )  # fmt: skip
+    return {name: float(term) for turn in game.turns() for name, term in turn.terms(IMAGES, CODES).items()}
+
+
+# En(x) = ½, 3/2; De(z) = 3, −1; De(En(x)) = 3/2, 5/2; En(De(z)) = 3/2, −½.
+# D_J: own pairs 3/2, 9/2; made ones 5, −3. Squares from 1: (¼ + 49/4)/2 = 25/4 and (16 + 16)/2 = 16; from 0: 45/4 and 17.
+JOINT = {"joint_discriminator": (25 / 4 + 17) / 2, "joint_generator": (45 / 4 + 16) / 2}
+# x − De(En(x)) = −½, ½: ¼. z − En(De(z)) = ½, −3/2: 5/4.
+CYCLES = {"image_cycle": 0.1 / 4, "code_cycle": 0.1 * 5 / 4}
+# D_X: seen 1, 3: from 1, 2. Made of random codes 3, −1: from 0, 5; from 1, 4. Of own codes 3/2, 5/2: from 0, 17/4; from 1, 5/4.
+PRIOR = {"image_discriminator": 0.1 * (2 + 5) / 2, "image_generator": 0.1 * 4}
+BOTH = {"image_discriminator": 0.1 * ((2 + 5) / 2 + (2 + 17 / 4) / 2) / 2, "image_generator": 0.1 * (4 + 5 / 4) / 2}
+
+
+def bce(ones: tuple[float, float] | None, zeros: tuple[float, float] | None) -> float:
+    """Mean logistic cost: log(1 + e^−s) of what should be 1, log(1 + e^s) of what should be 0."""
+    costs = [sum(log1p(exp(-score)) for score in ones) / 2] if ones else []
+    costs += [sum(log1p(exp(score)) for score in zeros) / 2] if zeros else []
+    return sum(costs) / len(costs)
+
+
+LOGISTIC = {"joint_discriminator": bce((1.5, 4.5), (5, -3)), "joint_generator": bce((5, -3), (1.5, 4.5))}
+EXPECTED = {
+    "least_squares": JOINT | PRIOR | CYCLES,
+    "bce": LOGISTIC | {"image_discriminator": 0.1 * bce((1, 3), (3, -1)), "image_generator": 0.1 * bce((3, -1), None)} | CYCLES,
+    "paper": LOGISTIC
+    | {"image_discriminator": bce((1, 3), (1.5, 2.5)), "image_generator": bce((1.5, 2.5), None)}
+    | {"image_cycle": 1 / 4, "code_cycle": 5 / 4},
+    "author_code": JOINT | PRIOR | {"image_cycle": CYCLES["image_cycle"]},
+    "both_fakes": JOINT | BOTH | CYCLES,
+    "afl": JOINT,
+}
+
+
+@pytest.mark.parametrize("name", OBJECTIVES)
+def test_each_objective_has_its_terms(name: str) -> None:
+    assert toy(OBJECTIVES[name]) == pytest.approx(EXPECTED[name], rel=1e-6)
+
+
+def test_the_authors_code_judges_whole_feature_vectors() -> None:
+    assert {name: objective.head for name, objective in OBJECTIVES.items() if objective.head != "scalar"} == {
+        "author_code": "vector"
+    }
+
+
+@pytest.mark.parametrize(("loss", "half", "whole"), [("least_squares", 0.5, 1.0), ("bce", log(2), log(2))])
+def test_scores_of_nothing_cost_what_is_known(loss: str, half: float, whole: float) -> None:
+    # BiGAN's losses all start at ln 2; least squares' joint ones at ½, and the decoder's against images alone has no half.
+    zero = Fixed(lambda *inputs: torch.zeros(2, 1))
+    game = Game(Fixed(lambda x: x), Fixed(lambda z: z), zero, zero, Objective(loss, image=1.0))  # type: ignore[arg-type]
+    terms = {name: float(term) for turn in game.turns() for name, term in turn.terms(IMAGES, CODES).items()}
+    assert terms["joint_discriminator"] == pytest.approx(half)
+    assert terms["joint_generator"] == pytest.approx(half)
+    assert terms["image_discriminator"] == pytest.approx(half)
+    assert terms["image_generator"] == pytest.approx(whole)
+
+
+def small(objective: Objective, seed: int = 0) -> Game:
+    torch.manual_seed(seed)
+    return Game(
+        Encoder(1, code=6), Decoder(1, code=6), JointDiscriminator(1, code=6),
+        ImageDiscriminator(1, head=objective.head) if objective.image else None, objective,
+    )  # fmt: skip
+
+
+def test_a_turn_gives_gradients_to_its_players_and_afl_has_two_turns() -> None:
+    game = small(OBJECTIVES["least_squares"])
+    turns = {turn.name: (set(turn.players), turn.repeated) for turn in game.turns()}
+    makers = {game.encoder, game.decoder}
+    assert turns == {
+        "joint_discriminator": ({game.joint}, False),
+        "image_discriminator": ({game.image}, False),
+        "cycle": (makers, False),
+        "image_generator": ({game.decoder}, True),
+        "joint_generator": (makers, True),
+    }
+    assert list(turns) == ["joint_discriminator", "image_discriminator", "cycle", "image_generator", "joint_generator"]
+    assert [turn.name for turn in small(OBJECTIVES["afl"]).turns()] == ["joint_discriminator", "joint_generator"]
+
+
+DATA = np.random.default_rng(0).integers(0, 256, (20, 64, 64)).astype(np.uint8)
+
+
+def looked_at(game: Game) -> dict[str, float]:
+    with torch.inference_mode():
+        return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
+
+
+def train(game: Game, watch: Watch | None = None, **settings: object) -> dict[str, np.ndarray]:
+    words: dict[str, object] = {
+        "code": 6, "rounds": 3, "iterations": 2, "batch": 4, "learning_rate": 0.001, "schedule": "one_cycle", "beta1": 0.5,
+        "generator_steps": 2, "precision": "f32", "seed": 3, "watch": watch or Watch(),
+        "judge": looked_at,
+    }  # fmt: skip
+    with reproducible(1):
+        return play(game, DATA, **(words | settings))  # type: ignore[arg-type]
+
+
+def same(one: nn.Module, other: nn.Module) -> bool:
+    return all(torch.equal(value, other.state_dict()[name]) for name, value in one.state_dict().items())
+
+
+@pytest.mark.parametrize("name", ["least_squares", "afl"])
+def test_every_term_of_every_round_is_told(name: str) -> None:
+    game = small(OBJECTIVES[name])
+    curves = train(game)
+    told = {term for turn in game.turns() for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))}
+    assert curves.keys() == told | {"held_out_error", "code_variance", "code_distance"}
+    assert all(column.shape == (3,) and np.isfinite(column).all() for column in curves.values())
+
+
+def test_all_players_learn_and_the_last_weights_stay() -> None:
+    game, before = small(OBJECTIVES["least_squares"]), small(OBJECTIVES["least_squares"])
+    curves = train(game)
+    assert not any(same(part, other) for part, other in zip(game.children(), before.children(), strict=True))
+    assert looked_at(game.eval())["held_out_error"] == curves["held_out_error"][-1]
+
+
+def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_path: Path) -> None:
+    right, seen = iter((0.25, 0.75, 0.75, 0.5)), list[dict[str, Tensor]]()
+
+    def judge(game: Game) -> dict[str, float]:
+        seen.append({name: value.clone() for name, value in game.encoder.state_dict().items()})
+        return {"held_out_accuracy": next(right)}
+
+    game, words = small(OBJECTIVES["least_squares"]), {"judge": judge, "rounds": 4}
+    with pytest.raises(KeyboardInterrupt):
+        train(game, PowerCut(checkpoint=tmp_path / "c", at=4), **words)
+    right = iter((0.5,))
+    resumed = small(OBJECTIVES["least_squares"])
+    curves = train(resumed, Watch(checkpoint=tmp_path / "c"), **words)
+    assert best_round(curves) == 2
+    assert all(torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items())
+    assert not same(resumed.encoder, game.encoder)
+
+
+@dataclass(frozen=True)
+class PowerCut(Watch):
+    """Stops the training when a round is about to be shown."""
+
+    at: int = 0
+
+    def note(self, **numbers: float) -> None:
+        if numbers["epoch"] == self.at:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("at", [1, 2, 3])
+def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(tmp_path: Path, at: int) -> None:
+    whole, half = small(OBJECTIVES["least_squares"]), small(OBJECTIVES["least_squares"])
+    curves = train(whole)
+    with pytest.raises(KeyboardInterrupt):
+        train(half, PowerCut(checkpoint=tmp_path / "half", at=at))
+    assert (tmp_path / "half").exists() == (at > 1)
+    rest = small(OBJECTIVES["least_squares"])
+    resumed = train(rest, Watch(checkpoint=tmp_path / "half"))
+    assert same(rest, whole)
+    assert all(np.array_equal(resumed[name], curves[name]) for name in curves | resumed)
+
+
+def test_another_trainings_checkpoint_is_refused(tmp_path: Path) -> None:
+    train(small(OBJECTIVES["afl"]), Watch(checkpoint=tmp_path / "c"), rounds=1)
+    with pytest.raises(ArtifactError, match="not a whole checkpoint"):
+        train(small(OBJECTIVES["least_squares"]), Watch(checkpoint=tmp_path / "c"))
+
+
+def test_a_term_that_is_no_number_stops_the_training() -> None:
+    game = small(OBJECTIVES["least_squares"])
+    game.encoder.dense.bias.data[:] = float("nan")  # type: ignore[union-attr, index, operator]
+    with pytest.raises(ConfigError, match="in round 1 is nan"):
+        train(game)
+
+
+def test_a_collapse_is_seen() -> None:
+    images = torch.tensor([[[[0.0]]], [[[1.0]]]])
+    # Codes (0, 0) and (3, 4): 5 apart, variances 9/2 and 16/2. The decoder answers 1: squares of 1 and 0.
+    seen = health(Fixed(lambda x: x.flatten(1) * torch.tensor([3.0, 4.0])), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images)
+    assert seen == pytest.approx({"held_out_error": 0.5, "code_variance": 6.25, "code_distance": 5.0})
+    collapsed = health(Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images)
+    assert collapsed["code_variance"] == collapsed["code_distance"] == 0
+
+
+def test_running_statistics_are_those_of_what_was_seen() -> None:
+    game = small(OBJECTIVES["afl"])
+    game.encoder(100 * torch.ones(4, 1, 64, 64))
+    images = pixels(DATA, torch.device("cpu"))
+    settle(game.encoder, game.decoder, images.split(10))
+    convolution, norm = game.encoder.halvings[0]  # type: ignore[index, operator, union-attr]
+    torch.testing.assert_close(norm.running_mean, convolution(images).mean((0, 2, 3)), atol=1e-5, rtol=1e-4)
+
+
+def test_pixels_run_from_minus_one_to_one() -> None:
+    assert pixels(np.array([[[0, 255]]], np.uint8), torch.device("cpu")).flatten().tolist() == [-1.0, 1.0]

@@ -1,0 +1,75 @@
+"""Blocks of rows: in order, complete, and the same in every mode."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.running.compute import Compute
+
+SCHEDULERS = ("threads", "processes")
+
+
+@pytest.fixture(scope="module")
+def delivered() -> dict[str, list[np.ndarray]]:
+    """np.arange as the function of a block, by each scheduler: block (start, stop) is its own rows."""
+    return {name: list(Compute(name, workers=2).rows(np.arange, 23, 4)) for name in SCHEDULERS}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scheduler", SCHEDULERS)
+def test_blocks_cover_every_row_in_order(delivered: dict[str, list[np.ndarray]], scheduler: str) -> None:
+    # 23 rows in blocks of 4: five whole ones and one of 3; with 2 workers that is more than one group of 4 blocks.
+    assert [len(block) for block in delivered[scheduler]] == [4, 4, 4, 4, 4, 3]
+    np.testing.assert_array_equal(np.concatenate(delivered[scheduler]), np.arange(23))
+
+
+def test_threads_and_processes_give_the_same_bytes(delivered: dict[str, list[np.ndarray]]) -> None:
+    assert [block.tobytes() for block in delivered["threads"]] == [block.tobytes() for block in delivered["processes"]]
+
+
+@pytest.mark.parametrize(("n", "block", "spans"), [(0, 4, []), (1, 4, [(0, 1)]), (4, 4, [(0, 4)]), (5, 4, [(0, 4), (4, 5)])])
+def test_a_block_is_never_empty(n: int, block: int, spans: list[tuple[int, int]]) -> None:
+    assert list(Compute(workers=1).rows(lambda start, stop: (start, stop), n, block)) == spans
+
+
+def test_later_blocks_wait_until_earlier_ones_are_taken() -> None:
+    # Two workers: at most four blocks are worked ahead, so that memory does not grow with the rows.
+    begun: list[int] = []
+
+    def note(start: int, stop: int) -> int:
+        begun.append(start)
+        return start
+
+    blocks: Iterator[int] = Compute(workers=2).rows(note, 100, 1)
+    assert next(blocks) == 0
+    assert len(begun) <= 4
+    assert list(blocks) == list(range(1, 100))
+
+
+def test_an_error_in_a_block_reaches_the_caller() -> None:
+    def broken(start: int, stop: int) -> int:
+        raise ValueError(f"rows {start} to {stop}")
+
+    with pytest.raises(ValueError, match="rows 0 to 2"):
+        list(Compute(workers=1).rows(broken, 2, 2))
+
+
+def test_an_unknown_scheduler_is_a_config_error() -> None:
+    with pytest.raises(ConfigError, match=r"compute\.scheduler=fibres: expected threads, processes or cluster"):
+        list(Compute("fibres").rows(np.arange, 3, 1))  # type: ignore[arg-type]
+
+
+def test_a_cluster_without_an_address_is_a_config_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
+    with pytest.raises(ConfigError, match="DASK_SCHEDULER_ADDRESS"):
+        list(Compute("cluster").rows(np.arange, 3, 1))
+
+
+def test_a_cluster_gives_the_same_blocks(monkeypatch: pytest.MonkeyPatch, delivered: dict[str, list[np.ndarray]]) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        blocks = list(Compute("cluster").rows(np.arange, 23, 4))
+    assert [block.tobytes() for block in blocks] == [block.tobytes() for block in delivered["threads"]]

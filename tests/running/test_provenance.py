@@ -1,0 +1,99 @@
+"""Keys of unfinished work, and what dvc.lock says of finished work."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.running.provenance import fingerprint, recipe
+
+ARRAY = np.arange(6, dtype=np.int32).reshape(2, 3)
+
+
+def test_the_same_parts_have_the_same_key() -> None:
+    assert fingerprint(ARRAY, "a", {"x": 1}) == fingerprint(ARRAY.copy(), "a", {"x": 1})
+
+
+@pytest.mark.parametrize(
+    "other", [ARRAY + 1, ARRAY.astype(np.int64), ARRAY.reshape(3, 2), ARRAY.view(np.float32), ARRAY.T.copy(), ARRAY[:1]]
+)
+def test_another_array_has_another_key(other: np.ndarray) -> None:
+    assert fingerprint(other, 1.0) != fingerprint(ARRAY, 1.0)
+
+
+def test_the_order_in_memory_does_not_matter() -> None:
+    assert fingerprint(np.asfortranarray(ARRAY)) == fingerprint(ARRAY)
+
+
+@pytest.mark.parametrize(("one", "other"), [((1.0,), (2.0,)), (("a",), ("b",)), ((1, 2), (2, 1)), ((1, 23), (12, 3))])
+def test_other_parameters_have_another_key(one: tuple[object, ...], other: tuple[object, ...]) -> None:
+    assert fingerprint(*one) != fingerprint(*other)
+
+
+def test_a_class_is_known_by_its_code_and_by_what_it_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Two modules of this project, one needed by the other; each edit gives another key, and undoing it the first one.
+    sources = {
+        "pipeline.probe_helper": "class Base: pass\n",
+        "pipeline.probe": "from pipeline.probe_helper import Base\nclass Method(Base): pass\n",
+    }
+    for name, text in sources.items():
+        (tmp_path / f"{name}.py").write_text(text)
+        spec = importlib.util.spec_from_file_location(name, tmp_path / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        monkeypatch.setitem(sys.modules, name, importlib.util.module_from_spec(spec))
+        spec.loader.exec_module(sys.modules[name])
+    method = vars(sys.modules["pipeline.probe"])["Method"]
+    keys = [fingerprint(method)]
+    for name, text in sources.items():
+        (tmp_path / f"{name}.py").write_text(text + "# edited\n")
+        keys.append(fingerprint(method))
+        (tmp_path / f"{name}.py").write_text(text)
+    assert len(set(keys)) == 3
+    assert fingerprint(method) == keys[0]
+
+
+LOCK = """
+schema: '2.0'
+stages:
+  labels@2012-01-15:
+    cmd: python -m stages.labels
+    deps:
+    - path: artifacts/submaps/2012-01-15.zarr
+      md5: abc.dir
+    outs:
+    - path: artifacts/labels/2012-01-15.zarr
+      md5: def.dir
+  train@sci:
+    cmd: python -m stages.train
+    params:
+      conf/method/sci.yaml:
+        epochs: 200
+    outs:
+    - path: artifacts/models/sci.safetensors
+      md5: 123
+  nothing:
+    cmd: 'true'
+"""
+
+
+def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
+    lock = tmp_path / "dvc.lock"
+    lock.write_text(LOCK)
+    found = recipe(Path("artifacts/models/sci.safetensors"), lock)
+    assert found is not None
+    assert found["stage"] == "train@sci"
+    assert found["params"] == {"conf/method/sci.yaml": {"epochs": 200}}
+    labels = recipe(Path("artifacts/labels/2012-01-15.zarr/"), lock)
+    assert labels is not None
+    assert labels["deps"] == [{"path": "artifacts/submaps/2012-01-15.zarr", "md5": "abc.dir"}]
+
+
+@pytest.mark.parametrize("text", [LOCK, "", "stages: {", "schema: '2.0'\n", None])
+def test_an_unknown_file_has_no_recipe(tmp_path: Path, text: str | None) -> None:
+    lock = tmp_path / "dvc.lock"
+    if text is not None:
+        lock.write_text(text)
+    assert recipe(Path("artifacts/models/other.safetensors"), lock) is None

@@ -1,0 +1,63 @@
+"""What each method is, as the README and the report tell it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.studies import catalogue
+from pipeline.studies.catalogue import Entry, entries, table
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_method_with_a_yaml_is_told_once() -> None:
+    found = entries()
+    assert [one.name for one in found] == sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
+    assert all(one.what and "METHODS" not in one.what + one.source for one in found)
+    sci = next(one for one in found if one.name == "sci")
+    what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
+    assert sci == Entry("sci", what, "scan_context", "Kim, Park and Kim, RA-L 2019")
+
+
+def test_the_class_in_a_recipe_tells_what_its_method_is() -> None:
+    assert catalogue.what("pipeline.methods.sci.Sci").startswith("SCI localisation: ")
+    assert catalogue.what("pipeline.methods.none.Such") == catalogue.what("") == ""
+
+
+def test_a_table_for_the_readme() -> None:
+    assert table([Entry("a", "does this", "cloud", "ICRA 1999"), Entry("b", "does that", "m2dp", "")]) == (
+        "| method | what it is | looks at | source |\n"
+        "| :-- | :-- | :-- | :-- |\n"
+        "| `a` | does this | `cloud` | ICRA 1999 |\n"
+        "| `b` | does that | `m2dp` | – |\n"
+    )
+
+
+def test_the_readme_holds_what_yearloc_methods_prints() -> None:
+    told = (ROOT / "README.md").read_text()
+    assert f"<!-- methods -->\n{table(entries())}<!-- /methods -->" in told
+
+
+def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "PROJECT", tmp_path)
+    (tmp_path / "conf/method").mkdir(parents=True)
+    (tmp_path / "conf/method/one.yaml").write_text("_target_: own.one.One\nview: cloud\n")
+    (tmp_path / "own").mkdir()
+    module = tmp_path / "own/one.py"
+    module.write_text('"""One: it looks (IROS 2016; METHODS 3.1),\nthen answers.\n\nMore (of this).\n"""\n')
+    assert entries(tmp_path / "conf") == [Entry("one", "One: it looks, then answers", "cloud", "IROS 2016")]
+    module.write_text("x = 1\n")
+    with pytest.raises(ConfigError, match="first paragraph"):
+        entries(tmp_path / "conf")
+    module.unlink()
+    with pytest.raises(ConfigError, match=r"own.one.One: no .*one\.py"):
+        entries(tmp_path / "conf")
+
+
+def test_no_method_is_imported_to_be_told() -> None:
+    code = "import sys; from pipeline import catalogue; catalogue.entries(); print({'torch', 'numpy'} & sys.modules.keys())"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert told.stdout.strip() == "set()"

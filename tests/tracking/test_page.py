@@ -1,0 +1,89 @@
+"""The view that MLflow's page opens on, read back as the page reads it."""
+
+import base64
+import json
+import zlib
+from typing import Any
+
+import pytest
+
+from pipeline.tracking import page
+
+
+def state() -> Any:
+    """As js/build does: the envelope, then `deflate;` and base64 of zlib, then JSON."""
+    envelope = json.loads(page.tags()["mlflow.sharedViewState.yearloc"])
+    assert isinstance(envelope["name"], str)
+    assert isinstance(envelope["createdAt"], int)
+    head, _, packed = envelope["state"].partition(";")
+    assert head == "deflate"
+    return json.loads(zlib.decompress(base64.b64decode(packed)))
+
+
+def test_the_first_chart_is_auc_over_days() -> None:
+    view = state()
+    first = view["compareRunSections"][0]
+    assert first["name"] == "AUC over days since training"
+    assert first["display"]
+    chart = next(chart for chart in view["compareRunCharts"] if chart["metricSectionId"] == first["uuid"])
+    assert chart["type"] == "LINE"
+    assert chart["metricKey"] == "cells/auc_top1"
+    assert chart["xAxisKey"] == "step"
+    assert not chart["useGlobalXaxisKey"]
+
+
+def test_sections_keep_the_order_given() -> None:
+    view = state()
+    assert view["isAccordionReordered"]
+    assert [section["name"] for section in view["compareRunSections"] if section["display"]] == [
+        "AUC over days since training",
+        "Recall by distance over days",
+        "Rejection of unseen places over days",
+        "Ageing: how new the seen look over days, and change per 100 days",
+        "Heading of what is placed right over days",
+        "Calibration error over days",
+        "Training curves over epochs",
+    ]
+
+
+def test_charts_that_the_page_makes_itself_go_to_folded_sections() -> None:
+    """The page puts a metric that no chart names first into the section named like its prefix, in sight if it must make one."""
+    folded = {section["name"] for section in state()["compareRunSections"] if not section["display"]}
+    assert folded == {"cells", "distance", "rejection", "ageing", "train", "cost", "System metrics"}
+
+
+def test_every_chart_is_in_a_section_and_no_two_share_an_id() -> None:
+    view = state()
+    sections = {section["uuid"] for section in view["compareRunSections"]}
+    assert len(sections) == len(view["compareRunSections"])
+    assert {chart["metricSectionId"] for chart in view["compareRunCharts"]} <= sections
+    charts = [chart["uuid"] for chart in view["compareRunCharts"]]
+    assert len(set(charts)) == len(charts)
+
+
+def test_all_runs_are_shown_in_the_order_of_their_start() -> None:
+    """The page nests children under parents only if it sorts by start, its default."""
+    view = state()
+    assert view["runsHiddenMode"] == "SHOW_ALL"
+    assert "orderByKey" not in view
+
+
+def test_mlflow_keeps_tags_of_this_length() -> None:
+    assert all(len(value) <= page.LIMIT for value in page.tags().values())
+
+
+def test_the_address_opens_the_charts_of_the_view_and_not_the_assistant() -> None:
+    url = page.url("3", "yearloc.localhost", 5000)
+    assert url == (
+        "http://yearloc.localhost:5000/#/experiments/3/runs"
+        "?viewStateShareKey=yearloc&compareRunsMode=CHART&workflowType=machine_learning"
+    )
+
+
+@pytest.mark.parametrize(
+    ("place", "count", "colour"),
+    [(0, 1, "#440154"), (0, 5, "#440154"), (2, 5, "#21918c"), (4, 5, "#d8b000"), (1, 9, "#402a70")],
+)
+def test_children_are_shaded_from_first_to_last(place: int, count: int, colour: str) -> None:
+    # (1, 9): halfway from (68, 1, 84) to (59, 82, 139) = (63.5, 41.5, 111.5), each half rounded to even: 64, 42, 112
+    assert page.shade(place, count) == colour
