@@ -1,13 +1,11 @@
 """The `yearloc` command."""
 
 import argparse
-import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import psutil
 import yaml
 
 from pipeline.errors import ConfigError, YearlocError
@@ -35,7 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    use = commands.add_parser("use", help="choose data sets: check what is on disk and write conf/benchmark.yaml")
+    use = commands.add_parser(
+        "use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml"
+    )
     options = (
         "names of files in conf/dataset, and root, log, train, tests, methods, world, budget, question, seeds, variants;"
         " without any, the studies in use"
@@ -54,7 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     look.add_argument(
         "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
     )
-    commands.add_parser("results", help="print the results of the last report and where its figures are")
+    results = commands.add_parser("results", help="print the results: tables for a reader, or every number as csv or json")
+    results.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
+    results.add_argument("--json", action="store_true", help="the same as a list of objects")
+    results.add_argument(
+        "--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values"
+    )
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     given = parser.parse_args(arguments)
@@ -66,23 +71,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.studies.names import check, propose, text
+    from pipeline.studies.names import complete, lists_text, propose, studies_text
 
     conf = _conf()
-    path = conf / "benchmark.yaml"
     datasets = [word for word in given.words if "=" not in word]
     options = dict(word.split("=", 1) for word in given.words if "=" in word)
     if options and not datasets:
         raise ConfigError(f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`")
-    present = _studies(path) if given.add or given.keep or not datasets else {}
+    present = _studies(conf) if given.add or given.keep or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
-    studies = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
-    spelled_out = text(studies)
-    check(conf, studies)
-    if not path.is_file() or path.read_text() != spelled_out:
-        path.write_text(spelled_out)
+    chosen = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
+    studies = complete(conf, chosen)
+    for name, text in (("studies", studies_text(studies)), ("lists", lists_text(studies))):
+        path = conf / f"{name}.yaml"
+        if not path.is_file() or path.read_text() != text:
+            path.write_text(text)
     for note in (note for proposal in proposals.values() for note in proposal.notes):
         print(f"  {note}")
     for name, study in studies.items():
@@ -146,31 +151,21 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
-    from textwrap import fill
+    from pipeline.evaluation import results
+    from pipeline.evaluation.rows import COLUMNS
 
-    from pipeline.reports.section import FILE, Section
-    from pipeline.reports.table import WIDEST
-    from pipeline.studies.expansion import asks_about_the_year, turned
+    conditions = dict(word.partition("=")[::2] for word in given.where)
+    table = results.where(results.read(Path("artifacts"), list(_studies(_conf()))), conditions)
+    if given.csv:
+        print(table[[*COLUMNS]].to_csv(index=False), end="")
+    elif given.json:
+        print(table[[*COLUMNS]].to_json(orient="records", force_ascii=False))
+    elif conditions:
+        print(table[[*COLUMNS]].to_string(index=False, na_rep="–", float_format="{:.4g}".format))
+    else:
+        from pipeline.report.terminal import text
 
-    for dataset, study in _studies(_conf() / "benchmark.yaml").items():
-        reports = [("report", "results.txt", "report.md")] * asks_about_the_year(study)
-        reports += [("viewpoints", "viewpoints.txt", "viewpoints.md")] * bool(turned(study["methods"]))
-        for grid in study["grids"]:
-            for kind, table, page in reports:
-                folder = Path("artifacts", kind, dataset, grid)
-                if not (folder / table).is_file():
-                    raise ConfigError(f"{folder}: no report yet; run `dvc repro`")
-                print((folder / table).read_text())
-                print(f"  {folder}/{page}, with {len(list(folder.glob('*.svg')))} figures beside it\n")
-            if (timed := Path("artifacts/latency", dataset, grid, "latency.txt")).is_file():
-                print(f"  {timed}\n")
-        for path in sorted(Path("artifacts").glob(f"*/{dataset}/**/{FILE}")):
-            section = Section.read(path.parent)
-            print(f"{section.title}{', simulated' * section.simulated}")
-            for finding in section.answer:
-                print(fill(finding, WIDEST - 20, initial_indent="  - ", subsequent_indent="    "))
-            print(f"  {path.parent}/{section.name}.md\n")
-    print("a page to read: make report; dashboard: make dashboard")
+        print(text(Path("artifacts"), _studies(_conf())))
 
 
 def _methods(given: argparse.Namespace) -> None:
@@ -180,40 +175,10 @@ def _methods(given: argparse.Namespace) -> None:
 
 
 def _repair(given: argparse.Namespace) -> None:
-    """DVC writes two files in place, so a kill at the wrong moment leaves a torn one; both can be had again.
+    from pipeline.running.repair import repair
 
-    Without dvc.lock, DVC finds finished stages in its run cache. The table of locks is of no use once its holders are dead.
-    """
-    lock, table = Path("dvc.lock"), Path(".dvc/tmp/rwlock")
-    if lock.is_file() and not isinstance(_parsed(lock, yaml.safe_load), dict):
-        lock.unlink()
-        print("dvc.lock: was torn by a kill, removed; what is finished comes back from DVC's cache")
-    if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
-        table.unlink()
-
-
-def _parsed(path: Path, parse: Callable[[str], Any]) -> Any:
-    try:
-        return parse(path.read_text())
-    except (ValueError, yaml.YAMLError):
-        return None
-
-
-def _holders(node: Any) -> list[int]:
-    """Every pid in DVC's table of locks."""
-    if isinstance(node, list):
-        return [pid for item in node for pid in _holders(item)]
-    if isinstance(node, dict):
-        return [node["pid"]] if isinstance(node.get("pid"), int) else _holders(list(node.values()))
-    return []
-
-
-def _alive(pid: int) -> bool:
-    """Whether a process runs; a killed one that nobody has waited for yet does not."""
-    try:
-        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:
-        return False
+    for line in repair():
+        print(line)
 
 
 def _conf() -> Path:
@@ -224,17 +189,18 @@ def _conf() -> Path:
     return conf
 
 
-def _studies(path: Path) -> dict[str, dict[str, Any]]:
-    """The studies of a conf/benchmark.yaml, as they are written there; none where there is no such file."""
+def _studies(conf: Path) -> dict[str, dict[str, Any]]:
+    """The studies as conf/studies.yaml has them; none where there is no such file."""
+    path = conf / "studies.yaml"
     if not path.is_file():
         return {}
     try:
-        studies = yaml.safe_load(path.read_text())["benchmark"]["studies"]
+        studies = yaml.safe_load(path.read_text())["studies"]
         if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
             return studies
     except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
         pass
-    raise ConfigError(f"{path}: expected `benchmark:` with `studies:`; `yearloc use campus` writes it anew")
+    raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
 
 
 COMMANDS = {"use": _use, "fetch": _fetch, "inspect": _inspect, "results": _results, "methods": _methods, "repair": _repair}

@@ -64,13 +64,16 @@ SUBMAPS = Schema(
 )
 
 
+CASES = "what was done to the queries, such as turned: change, level, shadow, repeat; a row a submap in each, case after case"
+
+
 def _view(kind: str, column: Column) -> Schema:
     """One view of each submap: what a method looks at."""
     anchor = {
         "stamps_ns": Column("i8", ("submap",), "of the anchor, nanoseconds since 1970"),
-        "world_T_anchor": Column("f8", ("submap", "row", "col"), "ground truth of the anchor"),
+        "world_T_anchor": Column("f8", ("submap", "row", "col"), "true pose of the anchor, turned as the robot is in each case"),
     }
-    return Schema(kind, 1, {"images": column, **anchor})
+    return Schema(kind, 2, {"images": column, **anchor}, {"cases": CASES})
 
 
 VIEWS = _view("views", Column("f4", ("submap", "ring", "sector"), "Scan Context: highest z in metres, 0 where empty", 32, 2_048))
@@ -80,7 +83,7 @@ BIRDVIEWS = _view(
     "birdviews", Column("u1", ("submap", "heading", "row_px", "col_px"), "occupied share of 255, front up, left left", 16, 512)
 )
 LOOKED_AT = (VIEWS, CLOUDS, SIGNATURES, BIRDVIEWS)
-"""Artifacts of the views and birdviews stages."""
+"""Artifacts of the stages views, birdviews and altered."""
 LABELS = Schema(
     "labels",
     1,
@@ -100,7 +103,7 @@ LABELS = Schema(
 )
 RANKINGS = Schema(
     "rankings",
-    2,
+    3,
     {
         "places": Column("i8", ("query", "rank"), "places, cheapest first"),
         "costs": Column("f4", ("query", "rank"), "cost of each, smaller is better"),
@@ -108,8 +111,10 @@ RANKINGS = Schema(
         "novelty": Column("f4", ("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
         "confidence": Column("f4", ("query",), "chance that the first place is right; NaN where the method gives none"),
         "heading_deg": Column("f4", ("query",), "the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell"),
+        "turned_deg": Column("f4", ("query",), "by how much the case turned the robot to the left, in (−180, 180]"),
     },
     {
+        "cases": CASES,
         "kinds": "name of each kind of novelty",
         "thresholds": "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the training sequence",
         "wanted_precision": "that they were chosen for",
@@ -118,15 +123,15 @@ RANKINGS = Schema(
 
 
 def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
-    """A column with a row a protocol, of which there are two."""
-    return Column(dtype, dims, doc, chunk=2, shard=2)
+    """A column of an evaluation: a row a case."""
+    return Column(dtype, ("case", *dims), doc, chunk=1, shard=64)
 
 
 EVALUATIONS = Schema(
     "evaluations",
-    3,
+    4,
     {
-        "thresholds": Column("f8", ("threshold",), "novelties from which a query is rejected"),
+        "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
         "misses": _judged("i8", ("protocol", "top_n", "threshold"), "rejected although seen"),
         "false_alarms": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and wrong or unseen"),
@@ -147,41 +152,44 @@ EVALUATIONS = Schema(
             "at the model's threshold: 0 hit, 1 miss, 2 false alarm, 3 correct rejection, 4 not judged",
         ),
         "oracle_right": _judged("?", ("protocol", "query"), "answering the nearest training anchor would be right"),
-        "interval": _judged(
-            "f8", ("protocol", "number", "bound"), "95 % interval, lowest and highest, of each number; NaN of none"
-        ),
+        "numbers": _judged("f8", ("protocol", "number", "bound3"), "value, lowest and highest of its 95 % interval; NaN of none"),
         "rejection": _judged("f8", ("protocol", "kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
-        "novelty": Column("f4", ("query", "kind"), "as ranked; the first kind is the one in use"),
-        "confidence": Column("f4", ("query",), "as ranked"),
-        "answer": Column("i8", ("query",), "the place ranked first"),
-        "cost": Column("f4", ("query",), "of that place"),
-        "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
-        "answer_xy_m": Column("f8", ("query", "xy"), "where the first answer lies"),
-        "error_m": Column("f8", ("query",), "distance from the one to the other"),
-        "heading_error_deg": Column("f8", ("query",), "told heading against the true one, 0 to 180; NaN where none was told"),
-        "nearest_m": Column("f8", ("query",), "distance to the nearest training anchor"),
-        "turn_deg": Column("f8", ("query",), "heading against the nearest training anchor's"),
+        "calibration": _judged(
+            "f8", ("confidence2",), "expected calibration error of 1 − cost and of the confidence"
+        ),
+        "novelty": _judged("f4", ("query", "kind"), "as ranked; the first kind is the one in use"),
+        "confidence": _judged("f4", ("query",), "as ranked"),
+        "answer": _judged("i8", ("query",), "the place ranked first"),
+        "cost": _judged("f4", ("query",), "of that place"),
+        "xy_m": _judged("f8", ("query", "xy"), "where the query was taken"),
+        "answer_xy_m": _judged("f8", ("query", "xy"), "where the first answer lies"),
+        "error_m": _judged("f8", ("query",), "distance from the one to the other"),
+        "heading_error_deg": _judged("f8", ("query",), "heading of the answer against the true one, 0 to 180; NaN of none"),
+        "nearest_m": _judged("f8", ("query",), "distance to the nearest training anchor"),
+        "turn_deg": _judged("f8", ("query",), "heading against the nearest training anchor's"),
     },
     {
+        "cases": "what was done to the queries: change, level, shadow and repeat of each; the first is as driven",
         "days": "whole days since the training sequence",
         "sequence": "the test sequence",
         "train": "the training sequence",
         "protocols": "name of each protocol",
-        "numbers": "name of each number that has an interval",
+        "numbers": "name of each number",
         "measures": "name of each measure of rejection",
         "kinds": "name of each kind of novelty",
         "reject_from": "novelty from which the model rejects, for each kind",
         "wanted_precision": "that it was chosen for",
         "distance": "the distances of the protocol by distance, in metres",
-        "bootstrap": "how the intervals were drawn",
+        "bootstrap": "how the intervals were computed",
     },
 )
 
 VIEWPOINTS = Schema(
     "viewpoints",
-    1,
+    2,
     {
         "headings_deg": Column("f8", ("heading",), "how far the queries are turned against the sequence's own heading", 8, 8),
+        "values": Column("f8", ("heading", "number"), "each number at each heading; NaN of none", 8, 8),
         "row": Column("i8", ("heading", "query"), "of the sequence itself, that the query was matched with", 8, 8),
         "answer_xy_m": Column("f8", ("heading", "query", "xy"), "where the match lies; NaN of none", 8, 8),
         "error_m": Column("f8", ("heading", "query"), "distance from the query to it; NaN of none", 8, 8),
@@ -189,8 +197,13 @@ VIEWPOINTS = Schema(
         "correct": Column("?", ("heading", "query"), "the match lies within correct_m", 8, 8),
         "valid": Column("?", ("query",), "far enough from the sequence's ends for a whole window of rows around it"),
         "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
+        "pictures": Column("u1", ("picture", "row_px", "col_px"), "views of the middle place at the reference's headings", 8, 64),
+        "reconstructed": Column(
+            "u1", ("reconstruction", "row_px", "col_px"), "what a network makes of them", 8, 64
+        ),
     },
     {
+        "numbers": "name of each number",
         "correct_m": "largest distance of a correct match, in metres",
         "length": "steps in a window of rows",
         "novelty": "name of the novelty in use",
@@ -198,28 +211,4 @@ VIEWPOINTS = Schema(
     },
 )
 
-ROBUSTNESS = Schema(
-    "robustness",
-    1,
-    {
-        "numbers": Column("f8", ("case", "protocol", "number"), "as an evaluation's, of the whole sequence; NaN of none", 8, 8),
-        "answer": Column("i8", ("case", "query"), "the place ranked first", 8, 8),
-        "right": Column("?", ("case", "protocol", "query"), "it is a right one; never, of a query that is not seen", 8, 8),
-        "novelty": Column("f4", ("case", "query"), "in use", 8, 8),
-        "turned_deg": Column("f4", ("case", "query"), "by how much the robot was turned to the left", 8, 8),
-        "heading_error_deg": Column("f8", ("case", "query"), "told heading against the true one; NaN where none was told", 8, 8),
-        "error_m": Column("f8", ("case", "query"), "distance from the query to the first answer", 8, 8),
-        "seen": _judged("?", ("protocol", "query"), "training went there"),
-        "unseen": _judged("?", ("protocol", "query"), "training never went there; a query that is neither is not judged"),
-        "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
-    },
-    {
-        "cases": "what was done to the queries: change, level, shadow and repeat of each; the first is as driven",
-        "numbers": "name of each number",
-        "protocols": "name of each protocol",
-        "days": "whole days since the training sequence",
-        "model": "whose answers they are",
-    },
-)
-
-ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS, ROBUSTNESS)
+ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS)

@@ -83,13 +83,13 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
     return decorate
 
 
-def made(group: str, name: str, **changed: Any) -> Any:
-    """What a file of conf/ stands for, with some of its fields changed."""
+def build(group: str, name: str, **changed: Any) -> Any:
+    """The object that a file of conf/ describes, with some of its fields changed."""
     return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed)
 
 
 @dataclass(frozen=True)
-class Bars(Watch):
+class ProgressBar(Watch):
     """A progress bar on a terminal; a line every tenth of the way where there is none."""
 
     numbers: dict[str, float] = field(default_factory=dict)

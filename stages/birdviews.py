@@ -1,14 +1,19 @@
 """Scans, in order → bird-views of the dynamic octree that they grow, one of each submap at each heading."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
+from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.views.mapped import Mapped
-from stages import Bars, stage
+from stages import ProgressBar, stage
+
+AS_DRIVEN = [asdict(Case())]
+"""The one case of views as they were driven."""
 
 
 @stage("birdviews")
@@ -17,7 +22,7 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         done = instantiate(cfg.compute).each(lambda sequence: draw(cfg, sequence, folder), sequences)
-        told = list(Bars().track(done, len(sequences), "draw"))
+        told = list(ProgressBar().track(done, len(sequences), "draw"))
     return "; ".join(told)
 
 
@@ -28,7 +33,7 @@ def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
         store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS),
     )
     mapped, blank = Mapped(scans, submaps, instantiate(cfg.view)), 0
-    with store.write(folder / f"{sequence}.zarr", schemas.BIRDVIEWS) as out:
+    with store.write(folder / f"{sequence}.zarr", schemas.BIRDVIEWS, cases=AS_DRIVEN) as out:
         for images in mapped:
             out.append("images", images[None])
             blank += not images[0].any()

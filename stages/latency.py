@@ -1,52 +1,53 @@
-"""The first test sequence's submaps → how long each method takes with one, on this machine: Table III of the SCI paper."""
+"""The first test sequence's submaps and the models → what a query and a training cost on this machine (SCI paper, Table III)."""
 
 import os
 
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")  # heeded by what is imported from here on
 
+import json
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
-from pipeline.evaluation.timing import Contender, Latency
-from pipeline.reports import latency
-from pipeline.studies.expansion import spelled_out
-from stages import ROOT, made, stage
+from pipeline.evaluation.rows import table
+from pipeline.evaluation.timing import Contender, Latency, cost_rows
+from pipeline.studies.expansion import models_of
+from stages import ROOT, build, stage
+from stages._studies import studies
 
 
 @stage("latency")
 def main(cfg: DictConfig) -> str:
-    words, artifacts = spelled_out(cfg.benchmark)[cfg.study], Path(cfg.artifacts)
-    sequence = words.tests[0]
-    submaps = artifacts / "submaps" / cfg.study
-    training = len(store.read(submaps / f"{words.train}.zarr", schemas.SUBMAPS).load("scans"))
+    study, artifacts = studies()[cfg.study], Path(cfg.artifacts)
+    sequence, models = study["tests"][0], artifacts / "train" / cfg.study / cfg.cells
     scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
-    models = artifacts / "train" / cfg.study / cfg.cells
-    measured = Latency.measure(
-        ready(words.methods, models), scans, store.read(submaps / f"{sequence}.zarr", schemas.SUBMAPS), cfg.queries, cfg.k
-    )
-    with store.replace(cfg.out) as folder:
-        latency.write(measured, folder, cfg.study, sequence, training, cfg.dataset.simulated)
-    return latency.line(measured)
+    submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)
+    measured = Latency.measure(contenders(study["methods"], models), scans, submaps, cfg.queries, cfg.k)
+    trained = {name: models / f"{name.name}.safetensors" for method in study["methods"] for name in models_of(method)}
+    common = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells}
+    with store.replace(cfg.out) as path:
+        table([*measured.rows(), *cost_rows(trained)], **common).to_csv(path, index=False)
+    with store.replace(cfg.samples) as path:
+        path.write_text(json.dumps({"sequence": sequence, **measured.record()}) + "\n")
+    return measured.line()
 
 
-def ready(methods: Any, models: Path) -> dict[str, Contender]:
+def contenders(methods: Any, models: Path) -> dict[str, Contender]:
     """Each method of a study with its view and its model, on one thread."""
-    draw = {view: made("view", view) for view in dict.fromkeys(method.view for method in methods)}
-    return {
-        one.name: Contender(
-            one.view, draw[one.view], alone(one.name).localizer(store.read_model(models / f"{one.name}.safetensors"))
-        )
-        for one in methods
-    }
+    views = {view: build("view", view) for view in dict.fromkeys(method["view"] for method in methods)}
+    found = {}
+    for method in methods:
+        model = store.read_model(models / f"{method['name']}.safetensors")
+        found[method["name"]] = Contender(method["view"], views[method["view"]], alone(method["name"]).localizer(model))
+    return found
 
 
 def alone(method: str) -> Any:
     """A method on one thread."""
     threads = {"threads": 1} if "threads" in OmegaConf.load(ROOT / "conf/method" / f"{method}.yaml") else {}
-    return made("method", method, **threads)
+    return build("method", method, **threads)
 
 
 if __name__ == "__main__":

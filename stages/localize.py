@@ -1,37 +1,53 @@
 """A model and the test sequences' views → a ranking of places for each query, and when to reject one as unseen."""
 
+from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.matching.ranking import Localizer, Model, Rows
-from stages import Bars, stage
+from pipeline.alterations import Case
+from pipeline.frames import yaw
+from pipeline.matching.ranking import Localizer, Model, Rows, joined
+from stages import ProgressBar, stage
 
 
 @stage("localize")
 def main(cfg: DictConfig) -> str:
-    model = store.read_model(cfg.model)
+    model, sequences = store.read_model(cfg.model), cfg.sequences.split()
     localizer = instantiate(cfg.method).localizer(model)
-    sequences = cfg.sequences.split()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        told = [ranked(cfg, one, model, localizer, folder) for one in Bars().track(sequences, len(sequences), "localize")]
-    return "; ".join(told)
+        ranked = (rank(cfg, sequence, model, localizer, folder) for sequence in sequences)
+        return "; ".join(ProgressBar().track(ranked, len(sequences), "localize"))
 
 
-def ranked(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, folder: Path) -> str:
-    """The rankings of one sequence."""
-    rejection = instantiate(cfg.rejection)
-    ranking = rejection.order(localizer(Rows.read(Path(cfg.views, f"{sequence}.zarr")), cfg.k))
+def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, folder: Path) -> str:
+    """The rankings of one sequence: as driven, then of each altered case, each case asked by itself."""
+    rejection, cases = instantiate(cfg.rejection), queries(cfg, sequence)
+    ranking = joined([rejection.order(localizer(rows, cfg.k)) for rows in cases.values()])
+    driven, *_ = cases.values()
+    left_rad = np.concatenate([yaw(rows.world_T_anchor) - yaw(driven.world_T_anchor) for rows in cases.values()])
     thresholds = rejection.thresholds(model, ranking.kinds)
-    chosen = {"kinds": ranking.kinds, "thresholds": thresholds, "wanted_precision": rejection.wanted_precision}
-    with store.write(folder / f"{sequence}.zarr", schemas.RANKINGS, **chosen) as out:
-        for name in schemas.RANKINGS.columns:
+    attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision}
+    with store.write(folder / f"{sequence}.zarr", schemas.RANKINGS, kinds=ranking.kinds, thresholds=thresholds, **attrs) as out:
+        out.put("turned_deg", 180 - (180 - np.rad2deg(left_rad)) % 360)
+        for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             out.put(name, getattr(ranking, name))
-    rejected = int((ranking.novelty[:, 0].astype(float) >= thresholds[0]).sum())
-    return f"{sequence}: {ranking.places.shape[1]} places for each of {len(ranking.places)} queries, {rejected} rejected"
+    rejected = int((ranking.novelty[: len(driven.stamps_ns), 0].astype(float) >= thresholds[0]).sum())
+    altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
+    return f"{sequence}: {ranking.places.shape[1]} places for {len(driven.stamps_ns)} queries{altered}, {rejected} rejected"
+
+
+def queries(cfg: DictConfig, sequence: str) -> dict[Case, Rows]:
+    """The queries of one sequence as driven, and in the cases of those alterations that this sequence is altered by."""
+    cases = Rows.cases(Path(cfg.views, f"{sequence}.zarr"))
+    for alteration in (cfg.alterations or "").split():
+        path = Path(cfg.altered, alteration, f"{sequence}.zarr")
+        cases |= Rows.cases(path) if path.is_dir() else {}
+    return cases
 
 
 if __name__ == "__main__":

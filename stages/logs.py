@@ -6,14 +6,14 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import store
-from stages import Bars, stage
+from stages import ProgressBar, stage
 
 
 @stage("logs")
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
     with store.replace(cfg.out) as folder:
-        done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), instantiate(cfg.compute), Bars())
+        done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), instantiate(cfg.compute), ProgressBar())
     return f"{cfg.sequence}: {done}"
 
 

@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.mapping.scans import Intake
-from stages import Bars, stage
+from stages import ProgressBar, stage
 
 
 @stage("scans")
@@ -15,7 +15,7 @@ def main(cfg: DictConfig) -> str:
     log = instantiate(cfg.dataset.reader).open(Path(cfg.root), cfg.sequence)
     intake = Intake(log, cfg.grain_m, cfg.every_m)
     with store.write(cfg.out, schemas.SCANS, grain_m=cfg.grain_m, skipped=intake.skipped, clipped=intake.clipped) as out:
-        for points, offsets in intake.blocks(instantiate(cfg.compute), Bars()):
+        for points, offsets in intake.blocks(instantiate(cfg.compute), ProgressBar()):
             out.append("points", points)
             out.append("offsets", offsets)
         for name, column in intake.poses().items():

@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
 from pipeline.running.progress import Watch
-from stages import Bars, stage
+from stages import ProgressBar, stage
 
 
 @stage("submaps")
@@ -17,7 +17,7 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         done = instantiate(cfg.compute).each(lambda sequence: cut(cfg, sequence, folder), sequences)
-        told = list(Bars().track(done, len(sequences), "cut"))
+        told = list(ProgressBar().track(done, len(sequences), "cut"))
     return "; ".join(told)
 
 

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.matching.ranking import Rows
 from pipeline.running.provenance import fingerprint
-from stages import Bars, stage
+from stages import ProgressBar, stage
 
 
 @stage("train")
@@ -24,7 +24,7 @@ def main(cfg: DictConfig) -> str:
     method, share = within_budget(cfg)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
-    learned = method.learn(views, places, Bars(budget=share, checkpoint=checkpoint))
+    learned = method.learn(views, places, ProgressBar(budget=share, checkpoint=checkpoint))
     model = {"image_shape": np.array(views.images.shape[1:]), **learned}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)

@@ -1,19 +1,25 @@
 """Submaps → one view of each, as a method looks at it."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
+from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Watch
 from pipeline.views.draw import BLOCK, Drawing
-from stages import Bars, stage
+from stages import ProgressBar, stage
 
 SEEN = 0.01
 """A view that nowhere reaches this, in metres or its own unit, shows nothing."""
+
+
+AS_DRIVEN = [asdict(Case())]
+"""The one case of views as they were driven."""
 
 
 @stage("views")
@@ -22,10 +28,10 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         if opened(cfg, sequences[0]).single:
-            told = [draw(cfg, sequence, folder, compute, Bars()) for sequence in sequences]
+            told = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
         else:  # a submap takes over scans from the one before it, so sequences are drawn side by side
             done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Watch()), sequences)
-            told = list(Bars().track(done, len(sequences), "draw"))
+            told = list(ProgressBar().track(done, len(sequences), "draw"))
     return "; ".join(told)
 
 
@@ -39,7 +45,7 @@ def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, watch: 
     """The views of one sequence."""
     drawing, blank, sides = opened(cfg, sequence), 0, list[int]()
     submaps, schema = drawing.submaps, drawing.view.schema
-    with store.write(folder / f"{sequence}.zarr", schema) as out:
+    with store.write(folder / f"{sequence}.zarr", schema, cases=AS_DRIVEN) as out:
         for images in watch.track(drawing.blocks(compute), -(-len(drawing) // BLOCK), f"draw {sequence}"):
             out.append("images", images)
             blank += int((images < SEEN).all(axis=tuple(range(1, images.ndim))).sum())

@@ -5,14 +5,15 @@ asked with the same changes, and cases that draw the same numbers first share wh
 the smaller one does, the second wall comes to the first.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-AS_DRIVEN = "as driven"
+AS_DRIVEN = ""
+"""The change of queries that are as they were driven."""
 TURNED = "turned"
 
 
@@ -21,13 +22,18 @@ class Case:
     """One of the ways in which an alteration meets every query; the first of each alteration leaves them as driven."""
 
     change: str = AS_DRIVEN
-    """`turned`, `demolition`, `construction`, or `as driven`."""
+    """`turned`, `demolition`, `construction`; empty for a query as it was driven."""
     level: float = 0.0
     """Degrees of a wedge, or number of walls."""
     shadow: bool = False
     """What lies behind a new wall is hidden by it."""
     repeat: int = 0
     """Of drawings that differ by chance alone."""
+
+
+def read_cases(attrs: Mapping[str, Any]) -> list[Case]:
+    """The cases that the rows of an artifact of views, rankings or evaluations belong to, from its attributes."""
+    return [Case(**case) for case in attrs["cases"]]
 
 
 class Alteration(Protocol):

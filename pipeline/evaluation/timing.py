@@ -1,6 +1,6 @@
 """How long one query takes on this machine, from a submap's points to places: Table III of the SCI paper (METHODS 2.7).
 
-A clock is no function of its inputs: what is measured here differs each time, and nothing may depend on it.
+Timings differ from run to run and from machine to machine, so nothing that is compared bit by bit may depend on them.
 """
 
 import os
@@ -8,7 +8,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Self
@@ -17,10 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.evaluation.rows import Rows, row
 from pipeline.mapping.gathering import Gathering
-from pipeline.matching.ranking import Localizer, Rows
+from pipeline.matching.ranking import Localizer
+from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import positive
+from pipeline.running.telemetry import Trace
 from pipeline.store import Artifact
+from pipeline.studies.expansion import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]
 """Milliseconds of wall time (query,) by name."""
@@ -28,6 +32,7 @@ Laps = dict[tuple[str, str], tuple[float, float]]
 """Milliseconds of wall and of CPU time of each view and each method."""
 WARM_UP = 3
 """Calls before the first that counts: they compile, allocate and fill caches."""
+PARTS = ("generation", "retrieval", "total")
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
 
@@ -106,10 +111,39 @@ class Latency:
         retrieval = {name: wall["method", name] for name in views}
         return cls(generation, retrieval, views, np.array(points), k, Machine.here(float(busy)))
 
+    def rows(self) -> Rows:
+        """Medians and 95th percentiles in milliseconds, a method at a time."""
+        for method, view in self.views.items():
+            parts = {"generation": self.generation[view], "retrieval": self.retrieval[method], "query": self.total[method]}
+            for part, took in parts.items():
+                yield {"method": method} | row(f"{part}_ms", "", float(np.median(took)))
+                yield {"method": method} | row(f"{part}_ms_p95", "", float(np.percentile(took, 95)))
+
+    def record(self) -> dict[str, Any]:
+        """Every sample, and what it was measured on, as JSON has it."""
+        samples = {part: {name: took.round(4).tolist() for name, took in getattr(self, part).items()} for part in PARTS}
+        about = {"machine": asdict(self.machine), "views": dict(self.views), "k": self.k, "points": self.points.tolist()}
+        return about | {"milliseconds": samples}
+
+    def line(self) -> str:
+        """The medians of the totals."""
+        medians = ", ".join(f"{method} {np.median(took):.2f} ms" for method, took in self.total.items())
+        return f"{medians}; medians of {len(self.points)} queries, from points to places"
+
     @property
     def total(self) -> Samples:
         """By method: both, query by query."""
         return {method: self.generation[view] + self.retrieval[method] for method, view in self.views.items()}
+
+
+def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
+    """The size of each model's file, and what its training took where it was trained here."""
+    for model, path in models.items():
+        place = {"method": model.method, "variant": model.variant, "seed": model.seed}
+        yield place | row("model_mb", "", path.stat().st_size / 1e6)
+        if trace := Trace.read(path):
+            costs = {"train_cpu_s": trace.cpu_s, "train_wall_s": trace.wall_s, "train_peak_memory_mb": trace.peak_memory_mb}
+            yield from (place | row(name, "", value) for name, value in costs.items())
 
 
 def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
@@ -119,8 +153,8 @@ def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Itera
         ground_m, used = submaps.load("ground_m")[rows], submaps.load("used")
         yield from Gathering(scans, submaps.attrs["layout"], first[rows], last[rows], ground_m, used)
         return
-    for row in last[rows]:
-        start, stop = scans["offsets"][row : row + 2]
+    for scan in last[rows]:
+        start, stop = scans["offsets"][scan : scan + 2]
         yield scans["points"][start:stop] * float(scans.attrs["grain_m"])
 
 
@@ -139,7 +173,7 @@ def _ask(contenders: Mapping[str, Contender], cloud: NDArray[np.float64], stamp_
     for view, draw in {one.view: one.draw for one in contenders.values()}.items():
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, one in contenders.items():
-        _, laps["method", name] = _lap(one.localize, Rows(images[one.view][None], stamp_ns, pose), k)
+        _, laps["method", name] = _lap(one.localize, Views(images[one.view][None], stamp_ns, pose), k)
     return laps
 
 

@@ -18,6 +18,7 @@ from pipeline.evaluation.protocols import Truth
 from pipeline.frames import pose
 from pipeline.matching.ranking import Method, Model, Rows
 from pipeline.running import settings
+from pipeline.schemas import VIEWPOINTS
 from pipeline.store import Artifact
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
@@ -38,6 +39,9 @@ class Movable(Method, Protocol):
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
         """The same networks with these views for a database."""
 
+    def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """What a network makes of images (n, side, side); no image where there is no network."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -51,6 +55,8 @@ class Judged:
     correct: NDArray[np.bool_]  # (h, q)
     valid: NDArray[np.bool_]  # (q,)
     xy_m: NDArray[np.float64]  # (q, 2)
+    pictures: NDArray[np.uint8]  # (h, side, side)
+    reconstructed: NDArray[np.uint8]  # (h or 0, side, side)
     correct_m: float
     length: int
     novelty: str
@@ -61,21 +67,27 @@ class Judged:
         precision, recall = precision_recall(self._counts[heading].count(1))
         return precision[0], recall[0]
 
+    @cached_property
+    def values(self) -> NDArray[np.float64]:
+        """NUMBERS at each heading (h, number); NaN where there is none."""
+        return np.array([list(self._at(heading).values()) for heading in range(len(self.headings_deg))])
+
     def numbers(self) -> dict[str, dict[str, float | None]]:
         """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have them; None where there is none."""
-        told = [self._at(heading) for heading in range(len(self.headings_deg))]
-        means = {name: [one[name] for one in told if np.isfinite(one[name])] for name in NUMBERS}
-        every = {f"{deg:g}_deg": one for deg, one in zip(self.headings_deg, told, strict=True)}
+        found = [dict(zip(NUMBERS, map(float, row), strict=True)) for row in self.values]
+        means = {name: [one[name] for one in found if np.isfinite(one[name])] for name in NUMBERS}
+        every = {f"{deg:g}_deg": one for deg, one in zip(self.headings_deg, found, strict=True)}
         every[MEAN] = {name: float(np.mean(values)) if values else np.nan for name, values in means.items()}
         return {key: {name: value if np.isfinite(value) else None for name, value in one.items()} for key, one in every.items()}
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The arrays of its artifact."""
-        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return {name: np.asarray(getattr(self, name)) for name in VIEWPOINTS.columns}
 
     def attrs(self) -> dict[str, Any]:
         """The attributes of its artifact."""
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in self.columns()}
+        own = {name: getattr(self, name) for name in VIEWPOINTS.attrs if name != "numbers"}
+        return {**own, "numbers": list(NUMBERS)}
 
     @classmethod
     def read(cls, artifact: Artifact) -> Self:
@@ -142,6 +154,8 @@ class Viewpoints:
             correct=error_m <= self.correct_m,
             valid=(position >= before) & (position < n - (method.length - before)),
             xy_m=xy_m,
+            pictures=images[n // 2, ::2],
+            reconstructed=method.reconstructed(model, images[n // 2, ::2]),
             correct_m=float(self.correct_m),
             length=method.length,
             novelty=rankings[0].kinds[0],

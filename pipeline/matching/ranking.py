@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
+from pipeline.alterations import Case, read_cases
 from pipeline.frames import Poses, Stamps
 from pipeline.running.progress import Watch
 
@@ -27,9 +28,21 @@ class Rows:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Open a view artifact."""
+        """Open a view artifact of a single case."""
+        ((_, rows),) = cls.cases(path).items()
+        return rows
+
+    @classmethod
+    def cases(cls, path: str | Path) -> dict[Case, Self]:
+        """The rows of each case of a view artifact."""
         views = store.read(path, *schemas.LOOKED_AT)
-        return cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+        cases, images = read_cases(views.attrs), views["images"]
+        columns = views.load("stamps_ns"), views.load("world_T_anchor")
+        if len(cases) == 1:
+            return {cases[0]: cls(images, *columns)}
+        n = len(columns[0]) // len(cases)
+        spans = [slice(i * n, (i + 1) * n) for i in range(len(cases))]
+        return {case: cls(images[span], *(column[span] for column in columns)) for case, span in zip(cases, spans, strict=True)}
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -69,6 +82,13 @@ class Ranking:
 
 Localizer = Callable[[Rows, int], Ranking]
 """Ranks the k likeliest places of each view."""
+
+
+def joined(rankings: Sequence[Ranking]) -> Ranking:
+    """The rows of several rankings of one model, one after the other."""
+    names = [name for name in vars(rankings[0]) if name != "kinds"]
+    columns: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in rankings]) for name in names}
+    return replace(rankings[0], **columns)
 
 
 class Method(Protocol):

@@ -19,7 +19,7 @@ SAFE_NAME = re.compile(r"\w[\w.+-]*")
 
 @dataclass(frozen=True)
 class Proposal:
-    """A study for conf/benchmark.yaml, and what a person should know about it."""
+    """A study for conf/studies.yaml, and what a person should know about it."""
 
     study: dict[str, Any]
     notes: list[str]

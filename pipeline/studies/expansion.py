@@ -1,104 +1,133 @@
-"""The studies of conf/benchmark.yaml, and the lists that dvc.yaml expands to.
+"""What the studies of conf/studies.yaml come to: the lists that dvc.yaml expands to, one entry an instance of a stage.
 
 A study is one data set's training sequence, its test sequences, and the cells and methods that are compared on them. Its question
-is how a localiser lasts over a `year`; methods that look at bird-views are asked besides how they bear being turned (DOM and PFL,
-IROS 2018). A study of `robustness` asks besides what becomes of altered queries, of sequences of `stress`, of other cells and of
-variants of the methods. A study of `viewpoints` asks about turned robots alone, of sequences that share no place with training;
-then several may train, with blanks between. DVC can look up no name within another, so all that a stage needs is spelled out once
-for each drive, view, grid and method.
+is how a localiser lasts over a `year`; methods on bird-views are judged with turned robots besides (DOM and PFL, IROS 2018).
+A study of `robustness` judges also altered queries, sequences of `stress`, other cells and variants of the methods. A study of
+`viewpoints` judges turned robots alone, on sequences that share no place with training; then several may train, with blanks
+between. DVC can look up no name within another, so all that a stage needs is listed for each of its instances.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pipeline.errors import ConfigError
 
 Lists = dict[str, dict[str, dict[str, Any]]]
+Study = Mapping[str, Any]
 
 LISTS = (
-    "drives", "submaps", "views", "birdviews", "labels", "models", "rankings", "events", "reports", "viewpoints", "robustness",
-    "cells", "published",
+    "drives", "submaps", "views", "birdviews", "altered", "labels", "models", "rankings", "events", "viewpoints", "latency",
+    "results", "report", "published",
 )  # fmt: skip
 QUESTIONS = ("year", "robustness", "viewpoints")
-DRIVEN = ("world", "source", "heeds", "root")
+DRIVE = ("world", "source", "heeds", "root")
 """What the stages of one drive take from its study. `heeds` is what its logs depend on in the data set's yaml: the
 reader, or of a simulated one no more than that it is simulated."""
-AS_DRIVEN = "as_driven"
-"""The alteration that changes nothing, which the sequences of stress are asked with."""
-
 STRUCTURE = ("demolition", "construction")
-"""Alterations that a method's own model is asked about alone: variants differ in the headings that they learned."""
+"""Alterations that a method's own model answers alone: variants and seeds differ in the headings that they learned."""
+INSTEAD = {"evaluated": "pipeline/errors.py", "viewed": "pipeline/frames.py", "changed": "pipeline/grid.py"}
+"""What a stage depends on where a study has no such artifact: DVC has no optional dependencies."""
 
 
-def expand(studies: Mapping[str, Mapping[str, Any]]) -> Lists:
-    """For each list the name of a stage's instance, such as campus-10m-sci, to its words."""
+@dataclass(frozen=True)
+class ModelName:
+    """Whose numbers they are."""
+
+    method: str
+    variant: str = ""
+    seed: int = 0
+
+    @property
+    def family(self) -> str:
+        """A method or a variant of one, whatever the seed: `sci-4way`."""
+        return f"{self.method}-{self.variant}" if self.variant else self.method
+
+    @property
+    def name(self) -> str:
+        """As its artifacts are called: `sci-4way-seed1`."""
+        return f"{self.family}-seed{self.seed}" if self.seed else self.family
+
+
+def expand(studies: Mapping[str, Study]) -> Lists:
+    """For each list the name of a stage's instance, such as campus-10m-sci, to its entry."""
     lists: Lists = {name: {} for name in LISTS}
     for dataset, study in studies.items():
-        _drawn(lists, dataset, study)
-        _learned(lists, dataset, study)
-        _told(lists, dataset, study)
+        _views(lists, dataset, study)
+        for grid in grids(study):
+            for method in study["methods"]:
+                for model in models_of(method):
+                    if grid in study["grids"] or model == ModelName(method["name"]):
+                        _model(lists, dataset, study, grid, method, model)
+        _measurements(lists, dataset, study)
+    year, turned = bool(lists["rankings"]), bool(lists["viewpoints"])
+    lists["report"]["all"] = {
+        "evaluated": "artifacts/evaluate" if year else INSTEAD["evaluated"],
+        "viewed": "artifacts/viewpoints" if turned else INSTEAD["viewed"],
+        "timed": "artifacts/latency" if year else INSTEAD["changed"],
+    }
     return lists
 
 
-def _drawn(lists: Lists, dataset: str, study: Mapping[str, Any]) -> None:
-    """What is made of the sequences before anything is learned."""
+def _views(lists: Lists, dataset: str, study: Study) -> None:
+    """What is computed before anything is learned: logs, scans, submaps, views, labels."""
+    year = asks_about_the_year(study)
     sequences = [*study["train"].split(), *study["tests"], *study.get("stress", {})]
-    driven = {name: study[name] for name in DRIVEN}
+    drive = {name: study[name] for name in DRIVE}
     for sequence in sequences:
-        lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **driven}
+        lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **drive}
     lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": " ".join(sequences)}
     for method in study["methods"]:
-        view = {"dataset": dataset, "view": method["view"], "sequences": " ".join(sequences)}
-        lists[method.get("stage", "views")][f"{dataset}-{method['view']}"] = view
-    labelled = sequences if asks_about_the_year(study) else study["train"].split()
-    for grid in (*study["grids"], *study.get("cells", ())):
-        words = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": " ".join(labelled)}
-        lists["labels"][f"{dataset}-{grid}"] = words
+        view = {"dataset": dataset, "view": method["view"]}
+        lists[method.get("stage", "views")][f"{dataset}-{method['view']}"] = view | {"sequences": " ".join(sequences)}
+        for alteration, some in study.get("altered", {}).items():
+            entry = view | {"alteration": alteration, "sequences": " ".join(some)}
+            lists["altered"][f"{dataset}-{method['view']}-{alteration}"] = entry
+    for grid in grids(study):
+        labelled = sequences if year else study["train"].split()
+        entry = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": " ".join(labelled)}
+        lists["labels"][f"{dataset}-{grid}"] = entry
 
 
-def _learned(lists: Lists, dataset: str, study: Mapping[str, Any]) -> None:
-    """Models and what they answer: of the further cells no more than each method's own."""
-    trained, year = study["train"].split(), asks_about_the_year(study)
-    words = {"dataset": dataset, "train": study["train"]}
-    learned = {"of": f"/{study['train']}.zarr" if len(trained) == 1 else ""}
-    for grid in (*study["grids"], *study.get("cells", ())):
-        for method in study["methods"]:
-            own = {"grid": grid, "method": method["name"], "code": method["code"], "view": method["view"]}
-            for model, changed in models(method).items():
-                if grid in study["grids"] or model == method["name"]:
-                    learn = " ".join(word for word in (f"budget={study['budget']}", changed) if word)
-                    told = {"model": model, "learn": learn, "budget": study["budget"]}
-                    lists["models"][f"{dataset}-{grid}-{model}"] = {**own, **told, **words, **learned}
-            if year:
-                tests = {"tests": " ".join(study["tests"])}
-                lists["rankings"][f"{dataset}-{grid}-{method['name']}"] = {**own, **words, **tests}
+def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName) -> None:
+    """Training a model, and what it answers."""
+    recipe = " ".join(word for word in (f"method={model.method}", overrides(method, model)) if word)
+    entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name, "recipe": recipe}
+    entry |= {"code": method["code"], "view": method["view"], "train": study["train"]}
+    trained = study["train"].split()
+    learned = {"budget": study["budget"], "of": f"/{study['train']}.zarr" if len(trained) == 1 else ""}
+    lists["models"][f"{dataset}-{grid}-{model.name}"] = entry | learned
+    if not asks_about_the_year(study):
+        return
+    own = grid in study["grids"]
+    altered = [name for name in study.get("altered", {}) if own and (name not in STRUCTURE or model == ModelName(model.method))]
+    tests = [*study["tests"], *(study.get("stress", {}) if own else ())]
+    answered = f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
+    asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
+    lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
 
 
-def _told(lists: Lists, dataset: str, study: Mapping[str, Any]) -> None:
-    """What is told of the answers."""
-    year, bird_views = asks_about_the_year(study), bool(turned(study["methods"]))
-    robust = study.get("question") == "robustness"
+def _measurements(lists: Lists, dataset: str, study: Study) -> None:
+    """What is measured besides, and what it is gathered into."""
+    year, robust = asks_about_the_year(study), study["question"] == "robustness"
+    bird_views = bool(on_bird_views(study["methods"]))
     for grid in study["grids"]:
+        entry = {"grid": grid, "dataset": dataset}
         if year:
-            words = {"grid": grid, "dataset": dataset, "train": study["train"]}
-            lists["reports"][f"{dataset}-{grid}"] = {**words, "changes": "events" if robust else "evaluate"}
+            lists["latency"][f"{dataset}-{grid}"] = entry
         if bird_views:
-            lists["viewpoints"][f"{dataset}-{grid}"] = {"grid": grid, "dataset": dataset}
-        for alteration, sequences in study.get("robustness", {}).items():
-            words = {"grid": grid, "dataset": dataset, "alteration": alteration, "sequences": " ".join(sequences)}
-            words["models"] = "own" if alteration in STRUCTURE else "all"
-            lists["robustness"][f"{dataset}-{grid}-{alteration}"] = words
-    if study.get("cells"):
-        lists["cells"][dataset] = {"dataset": dataset}
+            lists["viewpoints"][f"{dataset}-{grid}"] = entry
     if robust:
-        driven = {name: study[name] for name in DRIVEN}
-        lists["events"][dataset] = {"dataset": dataset, **driven, "train": study["train"], "sequences": " ".join(study["tests"])}
+        drive = {name: study[name] for name in DRIVE}
+        lists["events"][dataset] = {"dataset": dataset, **drive, "train": study["train"], "sequences": " ".join(study["tests"])}
+    there = {"evaluated": ("evaluate", year), "viewed": ("viewpoints", bird_views), "changed": ("events", robust)}
+    read = {word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word] for word, (kind, has) in there.items()}
+    lists["results"][dataset] = {"dataset": dataset, **read}
     if year:
-        judged = "viewpoints" if bird_views else "evaluate"
-        lists["published"][dataset] = {"dataset": dataset, "train": study["train"], "judged": judged}
+        lists["published"][dataset] = {"dataset": dataset}
 
 
-def asks_about_the_year(study: Mapping[str, Any]) -> bool:
+def asks_about_the_year(study: Study) -> bool:
     """Whether a study's tests show the training sequence's places."""
     question = study.get("question", QUESTIONS[0])
     if question not in QUESTIONS:
@@ -106,39 +135,30 @@ def asks_about_the_year(study: Mapping[str, Any]) -> bool:
     return bool(question != "viewpoints")
 
 
-def models(method: Mapping[str, Any]) -> dict[str, str]:
-    """The models of a method of a study, and what the command that trains each one adds: variants of it, each with every seed."""
-    variants = {method["name"]: ""} | {f"{method['name']}-{name}": words for name, words in method.get("variants", {}).items()}
-    seeds = {f"-seed{seed}": f"method.seed={seed}" for seed in range(1, method.get("seeds", 1))}
-    return {
-        model + seed: " ".join(word for word in (words, seeding) if word)
-        for model, words in variants.items()
-        for seed, seeding in ({"": ""} | seeds).items()
-    }
+def grids(study: Study) -> tuple[str, ...]:
+    """The study's own grids, and those of its study of cell sizes."""
+    return (*study["grids"], *study.get("cells", ()))
 
 
-def families(methods: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """Each method and each variant of one to its models, which differ by chance alone."""
-    return {
-        name: [model for model in models(method) if model == name or model.startswith(f"{name}-seed")]
-        for method in methods
-        for name in models({**method, "seeds": 1})
-    }
+def models_of(method: Mapping[str, Any]) -> list[ModelName]:
+    """The models of a method of a study: its own, then its variants, each with every seed."""
+    seeds = range(method.get("seeds", 1))
+    return [ModelName(method["name"], variant, seed) for variant in ("", *method.get("variants", {})) for seed in seeds]
 
 
-def seeded(method: Mapping[str, Any]) -> list[str]:
-    """The models of a method that differ by chance alone."""
-    return list(models({**method, "variants": {}}))
+def overrides(method: Mapping[str, Any], model: ModelName) -> str:
+    """What the command that trains a model adds: the words of its variant, and its seed."""
+    seed = f"method.seed={model.seed}" if model.seed else ""
+    return " ".join(word for word in (method.get("variants", {}).get(model.variant, ""), seed) if word)
 
 
-def turned(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def on_bird_views(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The methods of a study that look at bird-views, which are drawn at all headings."""
     return [method for method in methods if method.get("stage") == "birdviews"]
 
 
-def spelled_out(benchmark: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The studies of a conf/benchmark.yaml; raises ConfigError where its lists are not what they come to."""
-    studies: Mapping[str, Any] = benchmark["studies"]
-    if any(benchmark.get(name) != members for name, members in expand(studies).items()):
-        raise ConfigError("conf/benchmark.yaml: its lists are not those of its studies; `yearloc use` spells them out anew")
+def checked(studies: Mapping[str, Study], lists: Mapping[str, Any]) -> Mapping[str, Study]:
+    """The studies; raises ConfigError where conf/lists.yaml is not what they come to."""
+    if any(lists.get(name) != entries for name, entries in expand(studies).items()):
+        raise ConfigError("conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it anew")
     return studies

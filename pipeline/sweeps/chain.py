@@ -42,18 +42,18 @@ class Step:
         return {key: value for key, value in self.overrides.items() if key not in self.choices}
 
 
-def expand(definition: Mapping[str, Any], names: Mapping[str, Any]) -> list[Step]:
-    """The steps of dvc.yaml as parsed, with `names` (conf/benchmark.yaml's, or others) in place of its lists."""
+def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step]:
+    """The steps of dvc.yaml as parsed, with `lists` as conf/lists.yaml has them, or others."""
     steps = []
     for stage, body in definition["stages"].items():
-        listed = _filled(body["foreach"], {"benchmark": names}) if "foreach" in body else {"": None}
+        listed = _filled(body["foreach"], {"lists": lists}) if "foreach" in body else {"": None}
         for key, item in listed.items():
-            one = _filled(body.get("do", body), {"benchmark": names, "key": key, "item": item})
+            one = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
             params: dict[str, tuple[str, ...]] = {}
             for entry in one.get("params", ()):
                 params |= {file: tuple(keys or ()) for file, keys in entry.items()}
-            outs = (*one.get("outs", ()), *one.get("metrics", ()))
-            steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, outs))
+            outs = [out for entry in (*one.get("outs", ()), *one.get("metrics", ())) for out in ([entry] if isinstance(entry, str) else entry)]
+            steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, tuple(outs)))
     return steps
 
 
@@ -93,6 +93,6 @@ def _look_up(path: str, known: Mapping[str, Any]) -> Any:
     value: Any = known
     for key in path.split("."):
         if not isinstance(value, Mapping) or key not in value:
-            raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/benchmark.yaml")
+            raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/lists.yaml")
         value = value[key]
     return value

@@ -33,15 +33,15 @@ class Drawn(NamedTuple):
 
 
 def altered(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> dict[Case, Drawn]:
-    """Every submap in every case, all of them in memory; as driven it is what the stage of the view draws, bit for bit."""
+    """Views of every submap in every case but the one as driven, all of them in memory."""
     stamps_ns, world_T_anchor = submaps.load("stamps_ns"), submaps.load("world_T_anchor")
     images = dict[Case, NDArray[Any]]()
-    left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases}
+    left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
     draw = _mapped if isinstance(view, BirdView) else _drawn
     for row, case, image, turn_rad in draw(scans, submaps, view, alteration):
         images.setdefault(case, np.empty((len(stamps_ns), *image.shape), image.dtype))[row] = image
         left_rad[case][row] = turn_rad
-    return {case: Drawn(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in alteration.cases}
+    return {case: Drawn(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in left_rad}
 
 
 def turns(left_rad: NDArray[np.float64]) -> Poses:
@@ -54,7 +54,7 @@ def _drawn(scans: Artifact, submaps: Artifact, view: View, alteration: Alteratio
     """Each submap's points are gathered once, then altered and drawn in each case."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
-        for case in alteration.cases:
+        for case in alteration.cases[1:]:
             left, left_rad = alteration.alter(case, points, _rng(alteration, stamps_ns[row]))
             yield row, case, view(left), left_rad
 
@@ -64,7 +64,7 @@ def _mapped(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alte
     stamps_ns, anchors = scans.load("stamps_ns"), submaps.load("scans")
     as_driven, *others = alteration.cases
     turned = [case for case in others if case.change == TURNED]
-    worlds = {as_driven: [as_driven, *turned]} | {case: [case] for case in others if case not in turned}
+    worlds = ({as_driven: turned} if turned else {}) | {case: [case] for case in others if case not in turned}
     for world, cases in worlds.items():
 
         def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:

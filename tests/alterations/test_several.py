@@ -9,9 +9,9 @@ import pytest
 import yaml
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
+from pipeline.alterations.as_driven import AsDriven
 
 from pipeline.alterations import Case
-from pipeline.alterations.as_driven import AsDriven
 from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pipeline.evaluation.robustness import Robustness, judge
 
 from pipeline import schemas, store
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.judgement import summary
 from pipeline.evaluation.protocols import Distance
-from pipeline.evaluation.robustness import Robustness, judge
 from pipeline.views.altered import turns
 from tests.evaluation.test_judgement import LABELS, RANKING, XY_M, drive, poses
 

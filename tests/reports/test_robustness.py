@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from pipeline.evaluation.robustness import Robustness
 
 from pipeline.alterations import Case
 from pipeline.errors import InputError
 from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.robustness import Robustness
 from pipeline.reports import (
     robustness,
     robustness_figures,

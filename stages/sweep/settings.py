@@ -18,37 +18,34 @@ from stages import ROOT
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
 LISTED = ("world", "submap", "budget", "grid", "method", "view")
-"""Groups whose file conf/benchmark.yaml names."""
-
-
-TELLING = ("events", "report", "viewpoints", "robustness", "cells", "latency", "publish", "page", "sweep")
-"""Stages that tell of results: a sweep does that itself, so no setting of theirs is one of a job."""
+"""Groups whose file conf/lists.yaml names."""
+CHAIN = ("logs", "scans", "submaps", "views", "birdviews", "labels", "train", "localize", "evaluate")
+"""The stages that a job may run; their own settings can be swept, those of the stages behind them cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
     """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
     fields = {}
-    for stage in sorted(path.stem for path in (ROOT / "stages").glob("[a-z]*.py") if path.stem not in TELLING):
+    for stage in CHAIN:
         own = yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text())
         fields[stage] = {key: value for key, value in own.items() if key not in ("defaults", "hydra") and value is not None}
     return {name: own for name, own in fields.items() if own}
 
 
-def listed(cfg: DictConfig, said: Mapping[str, str]) -> dict[str, Any]:
-    """The lists of conf/benchmark.yaml for a job of one study, grid and method, as far as `said` does not name others."""
-    studies: Any = OmegaConf.to_container(cfg.benchmark)["studies"]
-    dataset = said.get("dataset", next(iter(studies)))
-    if dataset not in studies:
-        raise ConfigError(f"dataset={dataset}: conf/benchmark.yaml lists {', '.join(studies)}; `yearloc use` changes it")
-    study = studies[dataset] | {group: said[group] for group in ("world", "submap", "budget") if group in said}
+def listed(study: Mapping[str, Any], dataset: str, given: Mapping[str, str], method_view: str) -> dict[str, Any]:
+    """The lists for a job of one study, grid and method, as far as the job's overrides `given` do not name others.
+
+    `method_view` is the view of the job's method in its yaml.
+    """
+    study = {**study, **{group: given[group] for group in ("world", "submap", "budget") if group in given}}
     if not asks_about_the_year(study):
-        raise ConfigError(f"dataset={dataset}: asks about viewpoints; a sweep compares by the year, see `yearloc use`")
+        raise ConfigError(f"dataset={dataset}: judges turned robots alone; a sweep compares over the year, see `yearloc use`")
     views = {one["name"]: one["view"] for one in study["methods"]}
-    method = said.get("method", next(iter(views)))
-    view = said.get("view") or (cfg.method.view if "method.view" in said else views.get(method, cfg.method.view))
-    own: dict[str, Any] = {"cells": [], "robustness": {}, "grids": [said.get("grid", study["grids"][0])]}
+    method = given.get("method", next(iter(views)))
+    view = given.get("view") or (method_view if "method.view" in given else views.get(method, method_view))
+    own: dict[str, Any] = {"cells": [], "altered": {}, "stress": {}, "grids": [given.get("grid", study["grids"][0])]}
     own["methods"] = [entry(ROOT / "conf", method, view)]
-    return {"studies": {dataset: study | own}, **expand({dataset: study | own})}
+    return expand({dataset: study | own})
 
 
 class Composer:

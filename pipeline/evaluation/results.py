@@ -1,0 +1,152 @@
+"""The one table of results: every number that anyone reads is a row of it, gathered from artifacts.
+
+Reports, the page, MLflow, `yearloc results` and sweeps read this table and compute no metric of their own. Its rows are kept as
+csv, a file a study; timings, which differ from run to run, have a csv of their own and are added when the table is read.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline import schemas, store
+from pipeline.alterations import Case, read_cases
+from pipeline.errors import ArtifactError, ConfigError
+from pipeline.evaluation.ageing import Ageing
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.events import Bands
+from pipeline.evaluation.held_out import held_out_auc
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, WORDS, Rows, of_evaluation, row, table
+from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, sequences_by_day, viewpoint_rows
+from pipeline.evaluation.viewpoints import Judged
+from pipeline.formats.changes import read_changes
+from pipeline.matching.rejection import PREFIX, Evidence
+from pipeline.store import Artifact
+from pipeline.studies.expansion import ModelName, asks_about_the_year, grids, models_of, on_bird_views
+
+FILE = "results.csv"
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """Gathers the table of one study of conf/studies.yaml; raises ArtifactError for an artifact that is not there."""
+
+    artifacts: Path
+    name: str
+    study: Mapping[str, Any]
+    simulated: bool
+    ageing: Ageing
+    bands: Bands
+    unseen_share: float
+    """Of queries, that the held-out AUC expects."""
+
+    def table(self) -> pd.DataFrame:
+        """All rows of the study."""
+        every = [*self._answers(), *self._viewpoints()]
+        return table(every, study=self.name, dataset=self.name, simulated=self.simulated)
+
+    def _answers(self) -> Rows:
+        """Every model at every cell size on every sequence; and for the study's own cells what several of them show together."""
+        stress = self.study.get("stress", {})
+        for grid in grids(self.study) if asks_about_the_year(self.study) else ():
+            of_methods: dict[str, dict[str, Evaluation]] = {}
+            held_out, bootstrap = {}, Bootstrap()
+            for model in self._models(grid):
+                place = {"grid": grid, "method": model.method, "variant": model.variant, "seed": model.seed}
+                evaluations, artifact = dict[str, Evaluation](), None
+                for sequence, artifact in self._evaluated(grid, model):
+                    for case, evaluation in _cases(artifact):
+                        where = {
+                            "sequence": sequence,
+                            "days": evaluation.days,
+                            "stress": stress.get(sequence, ""),
+                        }
+                        yield from (place | where | one for one in of_evaluation(evaluation, case))
+                        if not case.change:
+                            evaluations[sequence] = evaluation
+                learned = store.read_model(self._path("train", grid, f"{model.name}.safetensors"))
+                kind = evaluations[self.study["tests"][0]].kinds[0]
+                yield place | row("held_out_auc", "cells", held_out_auc(Evidence.of(learned), kind, self.unseen_share))
+                if model.name == model.method and artifact is not None:
+                    of_methods[model.method] = sequences_by_day(evaluations, self.study["tests"])
+                    held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)
+                    bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
+            if grid in self.study["grids"]:
+                yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out), bootstrap))
+
+    def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
+        yield from ageing_rows(answers, self.ageing)
+        yield from paired_rows(answers, bootstrap)
+        if self.study["question"] == "robustness":
+            folder = self.artifacts / "events" / self.name
+            changes = {name: read_changes(folder / f"{name}.csv") for name in self.study["tests"]}
+            yield from event_rows(answers, changes, self.bands, bootstrap)
+
+    def _viewpoints(self) -> Rows:
+        """Every model on bird-views, on the sequences that the stage `viewpoints` matched with themselves."""
+        for grid in self.study["grids"]:
+            for method in on_bird_views(self.study["methods"]):
+                for model in models_of({**method, "variants": {}}):
+                    place = {"grid": grid, "method": model.method, "seed": model.seed}
+                    for path in sorted(self._path("viewpoints", grid, model.name).glob("*.zarr")):
+                        judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
+                        yield from (place | {"sequence": path.stem} | one for one in viewpoint_rows(judged))
+
+    def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
+        """What a model answered in one sequence as driven."""
+        return Evaluation.read(store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS))
+
+    def _models(self, grid: str) -> list[ModelName]:
+        """Those that were trained at one cell size."""
+        every = [model for method in self.study["methods"] for model in models_of(method)]
+        return [model for model in every if grid in self.study["grids"] or model.name == model.method]
+
+    def _evaluated(self, grid: str, model: ModelName) -> Iterator[tuple[str, Artifact]]:
+        """Each test sequence, and at the study's own cells each sequence of stress, with the model's evaluation."""
+        stress = self.study.get("stress", {}) if grid in self.study["grids"] else {}
+        for sequence in (*self.study["tests"], *stress):
+            yield sequence, store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS)
+
+    def _path(self, kind: str, *names: str) -> Path:
+        return self.artifacts.joinpath(kind, self.name, *names)
+
+
+def _cases(artifact: Artifact) -> Iterator[tuple[Case, Evaluation]]:
+    for i, case in enumerate(read_cases(artifact.attrs)):
+        yield case, Evaluation.read(artifact, i)
+
+
+def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
+    """The table of some studies with their timings; raises ArtifactError where a study has none yet."""
+    frames = []
+    for study in studies:
+        path = artifacts / "results" / study / FILE
+        if not path.is_file():
+            raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
+        frames += [_parsed(one) for one in (path, *sorted((artifacts / "latency" / study).glob("*.csv")))]
+    return pd.concat(frames, ignore_index=True) if frames else table([])
+
+
+def _parsed(path: Path) -> pd.DataFrame:
+    try:
+        missing = {name: [""] for name in NUMERIC}
+        frame = pd.read_csv(path, dtype=dict.fromkeys(WORDS, str), keep_default_na=False, na_values=missing)
+        return frame[[*COLUMNS, *TYPED]]
+    except (ValueError, KeyError) as error:
+        raise ArtifactError(f"{path}: not a table of results ({error}); `dvc repro` writes it anew") from None
+
+
+def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
+    """The rows in which each column's text is the one wanted, or one of several with commas between.
+
+    Raises ConfigError for a column that the table has not.
+    """
+    for column, wanted in conditions.items():
+        if column not in COLUMNS:
+            raise ConfigError(f"--where {column}={wanted}: expected one of the columns {', '.join(COLUMNS)}")
+        frame = frame[frame[column].astype(str).isin(wanted.split(","))]
+    return frame

@@ -1,0 +1,67 @@
+"""The rows of the table of results: its columns, and the rows that one evaluation gives."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.alterations import Case
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.numbers import MEASURES, NUMBERS
+from pipeline.evaluation.protocols import PROTOCOLS
+
+Rows = Iterator[dict[str, Any]]
+"""Rows as they come: columns to values, those that are the same in all rows left out."""
+COLUMNS = (
+    "study", "dataset", "simulated", "grid", "method", "variant", "seed", "sequence", "days", "case", "protocol", "number",
+    "value", "low", "high",
+)  # fmt: skip
+"""What `yearloc results --csv` prints. `case` is empty for queries as they were driven, `variant` for a method's own recipe,
+`sequence` for a number of all test sequences together; low and high bound a 95 % interval, where there is one."""
+TYPED = ("change", "level", "shadow", "repeat", "kind", "stress")
+"""The parts of a case, so that nobody takes its text apart: an alteration (or `change shown`, `change to come`, of real changes
+within `level` metres), its level, whether walls hide what is behind them, the repeat; the `kind` of novelty, or the method that
+is compared with; and what is hard about a sequence of stress."""
+WORDS = ("study", "dataset", "grid", "method", "variant", "sequence", "case", "protocol", "number", "change", "kind", "stress")
+
+
+NUMERIC = ("days", "level", "value", "low", "high")
+
+
+def case_text(case: Case) -> str:
+    """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`; empty as driven."""
+    level = {"demolition": f" {case.level:g}°", "construction": f" {case.level:g} walls"}.get(case.change, "")
+    repeat = f" {case.repeat}" if case.change and not level else ""
+    return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
+
+
+def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa: B008 (frozen)
+    """The rows of one case of one evaluation: counts, numbers with intervals, each kind of novelty, calibration."""
+    parts = {"case": case_text(case), "change": case.change, "level": case.level, "shadow": case.shadow, "repeat": case.repeat}
+    for protocol in PROTOCOLS:
+        by = evaluation.protocol(protocol)
+        counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
+        shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
+        for name, value in (counts | shares).items():
+            yield parts | row(name, protocol, float(value))
+        for name, (value, low, high) in zip(NUMBERS, by.numbers, strict=True):
+            yield parts | row(name, protocol, value, low, high)
+        for kind, measures in () if case.change else zip(evaluation.kinds, by.rejection, strict=True):
+            for name, (value, low, high) in zip(MEASURES, measures, strict=True):
+                yield parts | row(name, protocol, value, low, high) | {"case": f"novelty {kind}", "kind": kind}
+    for name, value in zip(("ece_raw", "ece"), evaluation.calibration, strict=True):
+        yield parts | row(name, "cells", float(value))
+
+
+def row(number: str, protocol: str, value: float, low: float = np.nan, high: float = np.nan) -> dict[str, Any]:
+    """The last columns of a row."""
+    return {"protocol": protocol, "number": number, "value": float(value), "low": float(low), "high": float(high)}
+
+
+def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
+    """A frame with all columns, those of `common` the same in every row, each of its type."""
+    usual = dict.fromkeys(WORDS, "") | {"simulated": False, "seed": 0, "days": np.nan, "level": 0.0, "shadow": False, "repeat": 0}
+    frame = pd.DataFrame([usual | common | dict(one) for one in rows], columns=[*COLUMNS, *TYPED])
+    whole = {"seed": "int64", "repeat": "int64", "simulated": bool, "shadow": bool}
+    return frame.astype({**whole, **dict.fromkeys(("days", "level", "value", "low", "high"), "float64")})

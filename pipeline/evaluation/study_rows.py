@@ -1,0 +1,139 @@
+"""Rows of the table of results that need several evaluations: ageing over the year, methods against each other, real changes."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation.ageing import Ageing, newness
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.events import NUMBERS as NEAR_CHANGES
+from pipeline.evaluation.events import Bands, banded, distances
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.paired import COMPARED, compare, holm
+from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.evaluation.rows import Rows, row
+from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
+from pipeline.evaluation.viewpoints import Judged
+from pipeline.formats.changes import Change
+
+AGEING = (
+    ("cells", "recall_at_1_same_heading"),
+    ("cells", "auc_top1"),
+    ("distance", "auroc"),
+    ("distance", "novelty_percentile"),
+    ("cells", "recall_at_1"),
+    ("cells", "auroc"),
+)
+"""Protocol and number that are followed over the days; the first is the cleanest: neither new nor reversed streets touch it."""
+PER_DAYS = 100
+"""Slopes are of so many days."""
+ORACLE = "oracle"
+SHOWN, TO_COME = "change shown", "change to come"
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The evaluations as driven of each method's own model, by method and test sequence in the order of the days."""
+
+    evaluations: Mapping[str, Mapping[str, Evaluation]]
+    held_out: Mapping[str, NDArray[np.float64]]
+    """Novelties (h,) in use of each method's held-out queries of training."""
+
+    @property
+    def reference(self) -> str:
+        """The study's first method, with which the others are compared."""
+        return next(iter(self.evaluations))
+
+
+def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
+    """Each number of AGEING: the line through it over the days, at each sequence's day and as a slope; of the oracle too."""
+    for protocol, number in AGEING:
+        groups = {method: (number, group) for method, group in answers.evaluations.items()}
+        if number.startswith("recall_at_1"):
+            groups[ORACLE] = number.replace("recall_at_1", ORACLE), answers.evaluations[answers.reference]
+        for method, (own, group) in groups.items():
+            days = np.array([one.days for one in group.values()], np.float64)
+            if number == "novelty_percentile":
+                known = answers.held_out.get(method, np.empty(0))
+                found = [(newness(one, known), np.nan, np.nan) for one in group.values()]
+            else:
+                found = [one.number(protocol, own) for one in group.values()]
+            line = ageing.line(days, np.array([value for value, _, _ in found]))
+            fitted = np.full((3, len(days)), np.nan) if line is None else line.at(days)
+            for sequence, day, values, on_line in zip(group, days, found, fitted.T, strict=True):
+                place = {"method": method, "sequence": sequence, "days": day}
+                if method == ORACLE or number == "novelty_percentile":
+                    yield place | row(number, protocol, *values)
+                yield place | row(f"{number}_line", protocol, *on_line)
+            if line is not None:
+                slope, (low, high) = line.slope, line.interval or (np.nan, np.nan)
+                per, place = f"per_{PER_DAYS}_days", {"method": method}
+                yield place | row(f"{number}_{per}", protocol, PER_DAYS * slope, PER_DAYS * low, PER_DAYS * high)
+                yield place | row(f"{number}_theil_sen_{per}", protocol, PER_DAYS * line.middle_slope)
+                yield place | row(f"{number}_day_0", protocol, line.intercept)
+                yield place | row(f"{number}_slope_p", protocol, line.p)
+                if number != "novelty_percentile" and (lost := line.lost(ageing.loss)):
+                    yield place | row(f"{number}_retrain_after_days", protocol, *lost)
+
+
+def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
+    """Every method against the reference on the same queries: differences, p after Holm's correction, who alone is right."""
+    first = answers.evaluations[answers.reference]
+    against = {"case": f"against {answers.reference}", "change": "against", "kind": answers.reference}
+    for method, group in answers.evaluations.items():
+        for protocol in PROTOCOLS if method != answers.reference else ():
+            found = {name: compare(one, first[name], protocol, bootstrap) for name, one in group.items()}
+            for i, number in enumerate(COMPARED):
+                p = holm(np.array([one.differences[i].p for one in found.values()]))
+                for (sequence, one), corrected in zip(found.items(), p, strict=True):
+                    place = {"method": method, "sequence": sequence, "days": group[sequence].days} | against
+                    difference = one.differences[i]
+                    yield place | row(f"{number}_difference", protocol, difference.value, difference.low, difference.high)
+                    yield place | row(f"{number}_difference_p", protocol, corrected)
+            for sequence, one in found.items():
+                place = {"method": method, "sequence": sequence, "days": group[sequence].days} | against
+                yield place | row("only_this_right", protocol, one.only_this)
+                yield place | row("only_reference_right", protocol, one.only_reference)
+
+
+def event_rows(answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap) -> Rows:
+    """All test sequences together, by the distance to the nearest real change that shows, and to one still to come.
+
+    `changes` of each sequence are those that show on its day. `level` of a row is the farther edge of its band.
+    """
+    listed = {sequence: list(some) for sequence, some in changes.items()}
+    first = answers.evaluations[answers.reference]
+    away_m = distances({name: one.xy_m for name, one in first.items()}, listed, bands.kinds)
+    for kind in bands.kinds:
+        yield row(f"{kind}_changes", "", len({one for some in listed.values() for one in some if one.what == kind}))
+    for sequence, (shown_m, _) in away_m.items():
+        near = first[sequence].cells.seen & (shown_m <= bands.edges_m[-1])
+        yield {"sequence": sequence} | row("seen_near_a_change", "cells", near.sum())
+    for method, group in answers.evaluations.items():
+        for protocol in PROTOCOLS:
+            for i, when in enumerate((SHOWN, TO_COME)):
+                found = banded([*group.values()], [away_m[name][i] for name in group], bands, protocol, bootstrap)
+                for band, edge_m in enumerate((*bands.edges_m, np.inf)):
+                    place = {"method": method, "case": f"{when}, {bands.names[band]}", "change": when, "level": edge_m}
+                    yield place | row("seen", protocol, found.seen[band])
+                    yield place | row("unseen", protocol, found.unseen[band])
+                    for number, values in zip(NEAR_CHANGES, found.values[band], strict=True):
+                        yield place | row(number, protocol, *values)
+
+
+def viewpoint_rows(judged: Judged) -> Rows:
+    """One model on one sequence matched with itself, from each heading between those of the reference."""
+    for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
+        place = {"case": f"viewpoint {heading_deg:g}°", "change": "viewpoint", "level": float(heading_deg)}
+        for number, value in zip(VIEWPOINT_NUMBERS, values, strict=True):
+            yield place | row(number, "distance", value)
+    place = {"case": "viewpoint", "change": "viewpoint of all"}
+    yield place | row("queries", "distance", judged.valid.sum())
+    yield place | row("bytes_per_place", "distance", judged.bytes_per_place)
+
+
+def sequences_by_day(evaluations: Mapping[str, Evaluation], wanted: Sequence[str]) -> dict[str, Evaluation]:
+    """Those of the wanted sequences, in the order of their days."""
+    return {name: evaluations[name] for name in sorted(wanted, key=lambda name: (evaluations[name].days, name))}
