@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pipeline import schemas, store
 from pipeline.mapping.gathering import Gathering, Layout
 from pipeline.mapping.submaps import Accumulated
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 
 EVERY = 10
@@ -22,7 +22,7 @@ EVERY = 10
 def measure(path: str) -> str:
     """One sequence: medians and 90th percentiles."""
     scans = store.read(path, schemas.SCANS)
-    made = Accumulated().cut(scans, Watch())
+    made = Accumulated().cut(scans, Progress())
     truth = scans.load("world_T_scan")
     known = np.isfinite(truth).all(axis=(1, 2))
     unknown = np.concatenate([[0], np.cumsum(~known)])

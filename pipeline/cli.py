@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from pipeline.errors import ConfigError, YearlocError
-from pipeline.running.progress import Item, Watch
+from pipeline.running.progress import Item, Progress
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -114,18 +114,19 @@ def _fetch(given: argparse.Namespace) -> None:
     print(f"next: yearloc use {given.dataset} root={root}")
 
 
-class _Bytes(Watch):
+class _Bytes(Progress):
     """A bar of bytes on a terminal."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.console import Console
-        from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+        from rich.progress import BarColumn, DownloadColumn, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+        from rich.progress import Progress as RichProgress
 
         from pipeline.fetching.download import CHUNK
 
         console = Console(stderr=True)
         columns = (TextColumn(what), BarColumn(24), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        with RichProgress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
             task = bar.add_task(what, total=total * CHUNK)
             for item in items:
                 yield item

@@ -16,10 +16,11 @@ from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as RichProgress
 
 from pipeline.errors import YearlocError
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.telemetry import Telemetry
 
 Item = TypeVar("Item")
@@ -89,7 +90,7 @@ def build(group: str, name: str, **changed: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class ProgressBar(Watch):
+class ProgressBar(Progress):
     """A progress bar on a terminal; a line every tenth of the way where there is none."""
 
     numbers: dict[str, float] = field(default_factory=dict)
@@ -103,7 +104,7 @@ class ProgressBar(Watch):
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )
-        with Progress(*columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True) as bar:
+        with RichProgress(*columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True) as bar:
             task = bar.add_task(what, total=total, numbers="")
             for done, item in enumerate(items, start=1):
                 yield item

@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from stages import ProgressBar, stage
 
 
@@ -24,7 +24,7 @@ def main(cfg: DictConfig) -> str:
 def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The submaps of one sequence."""
     scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-    made = instantiate(cfg.submap).cut(scans, Watch())
+    made = instantiate(cfg.submap).cut(scans, Progress())
     left_out = "".join(f", {count} left out ({reason})" for reason, count in sorted(made.left_out.items()))
     if not len(made.scans):
         raise ArtifactError(f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from it{left_out}")

@@ -10,7 +10,7 @@ from pipeline import schemas, store
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.views.draw import BLOCK, Drawing
 from stages import ProgressBar, stage
 
@@ -30,7 +30,7 @@ def main(cfg: DictConfig) -> str:
         if opened(cfg, sequences[0]).single:
             told = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
         else:  # a submap takes over scans from the one before it, so sequences are drawn side by side
-            done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Watch()), sequences)
+            done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()), sequences)
             told = list(ProgressBar().track(done, len(sequences), "draw"))
     return "; ".join(told)
 
@@ -41,12 +41,12 @@ def opened(cfg: DictConfig, sequence: str) -> Drawing:
     return Drawing(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), instantiate(cfg.view))
 
 
-def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
+def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, progress: Progress) -> str:
     """The views of one sequence."""
     drawing, blank, sides = opened(cfg, sequence), 0, list[int]()
     submaps, schema = drawing.submaps, drawing.view.schema
     with store.write(folder / f"{sequence}.zarr", schema, cases=AS_DRIVEN) as out:
-        for images in watch.track(drawing.blocks(compute), -(-len(drawing) // BLOCK), f"draw {sequence}"):
+        for images in progress.track(drawing.blocks(compute), -(-len(drawing) // BLOCK), f"draw {sequence}"):
             out.append("images", images)
             blank += int((images < SEEN).all(axis=tuple(range(1, images.ndim))).sum())
             sides = list(images.shape[1:])

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world.simulation import Simulation
 from tests.clone import ROOT, Clone
 
@@ -28,7 +28,7 @@ def clone(tmp_path: Path) -> Clone:
     settings = yaml.safe_load((ROOT / "conf/world/campus_tiny.yaml").read_text()) | {"logs": "mcap"}
     settings.pop("_target_")
     for date, day in DAYS.items():
-        Simulation(**settings).record(date, clone.folder / "bags" / day, Compute(), Watch())
+        Simulation(**settings).record(date, clone.folder / "bags" / day, Compute(), Progress())
     return clone
 
 

@@ -15,7 +15,7 @@ import yaml
 
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
@@ -119,7 +119,7 @@ def test_every_method_learns_and_localises(name):
     world_T_anchor = np.tile(np.eye(4), (30, 1, 1))
     world_T_anchor[:, 0, 3] = 2.0 * np.arange(30)
     stamps_ns = 10**9 * np.arange(30, dtype=np.int64)
-    model = method.learn(Rows(learned, stamps_ns, world_T_anchor), places, Watch(budget=share))
+    model = method.learn(Rows(learned, stamps_ns, world_T_anchor), places, Progress(budget=share))
     assert all(isinstance(array, np.ndarray) for array in model.values())
     assert len(Evidence.of(model).right)
     ranking = method.localizer(model)(Rows(asked, stamps_ns, world_T_anchor), 3)

@@ -19,7 +19,7 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.fetching.download import Downloader, Part
 from pipeline.fetching.unpacking import unpack
 from pipeline.running import settings
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Publisher:
                 f"conf/fetch: {error}; expected base, archives (path, holds, swells) and what else it may set"
             ) from None
 
-    def fetch(self, root: Path, sequences: Sequence[str], watch: Watch) -> Iterator[str]:
+    def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
         """Bring what `root` lacks of `sequences`, yielding a line for each file; a second call brings nothing.
 
         Raises ConfigError for a sequence that cannot be one, and LogError for what the server (once the tries are used up), the
@@ -106,7 +106,7 @@ class Publisher:
         except OSError as error:
             raise LogError(f"{store}: cannot be written ({error})") from None
 
-    def _fetch(self, root: Path, store: Path, sequences: Sequence[str], watch: Watch) -> Iterator[str]:
+    def _fetch(self, root: Path, store: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
         lacking: list[tuple[Path, Archive]] = []
         for sequence in sequences:
@@ -127,7 +127,7 @@ class Publisher:
             path.unlink() if archive.packed else path.replace(folder / archive.holds)
             yield f"{archive.name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
-    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Watch) -> None:
+    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress) -> None:
         """Before a byte is fetched: room for all of it unpacked, and for the largest archive beside it."""
         unpacked, packed = 0.0, 0
         for archive in archives:

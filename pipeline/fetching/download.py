@@ -18,7 +18,7 @@ from requests import exceptions
 from urllib3.exceptions import NewConnectionError
 
 from pipeline.errors import LogError
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 Result = TypeVar("Result")
 
@@ -86,11 +86,11 @@ class Downloader:
     wait_s: float
     """Before the second try, doubled at each further one up to 32 times that."""
 
-    def length(self, url: str, watch: Watch) -> int:
+    def length(self, url: str, watch: Progress) -> int:
         """Bytes of the file at `url`; raises LogError where the server does not say."""
         return self._patiently(url, lambda: self._length(url), watch)
 
-    def fetch(self, url: str, path: Path, watch: Watch) -> None:
+    def fetch(self, url: str, path: Path, watch: Progress) -> None:
         """Bring `url` to `path`, which appears once it is whole; `watch` is shown chunks of up to CHUNK bytes.
 
         Raises LogError for an answer that no further try would change, for a full disk, and when the tries are used up; what has
@@ -98,7 +98,7 @@ class Downloader:
         """
         self._patiently(url, lambda: self._go_on(url, path, watch), watch)
 
-    def _patiently(self, url: str, work: Callable[[], Result], watch: Watch) -> Result:
+    def _patiently(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
         why, unreached = "", 0
         for attempt in range(self.tries):
             if attempt:
@@ -124,7 +124,7 @@ class Downloader:
         with self._answer("HEAD", url, {}) as answer:
             return _length(answer)
 
-    def _go_on(self, url: str, path: Path, watch: Watch) -> None:
+    def _go_on(self, url: str, path: Path, watch: Progress) -> None:
         part = Part.of(path)
         arrived = part.arrived
         asked = {"Range": f"bytes={arrived}-", "If-Range": part.validator} if arrived else {}

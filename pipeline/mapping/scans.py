@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.mapping.submaps import sample_path
 from pipeline.readers.log import Log
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 BLOCK = 32
 LARGEST = 32_767
@@ -31,11 +31,11 @@ class Intake:
         self._clipped = 0
         self._points = 0
 
-    def blocks(self, compute: Compute, watch: Watch) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
+    def blocks(self, compute: Compute, progress: Progress) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
         """Points (n, 3) of a block of scans in units of the grain, and the offsets where its scans end (the first: from 0)."""
         total = -(-len(self._rows) // BLOCK)
         first = [0]
-        for block in watch.track(compute.rows(self._read, len(self._rows), BLOCK), total, "read"):
+        for block in progress.track(compute.rows(self._read, len(self._rows), BLOCK), total, "read"):
             lengths = []
             for row, scan in block:
                 if isinstance(scan, LogError):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ConfigError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import Gathering, Layout
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.store import Artifact
 
@@ -43,7 +43,7 @@ class SingleScan:
         if not self.step_m >= 0:
             raise ConfigError(f"submap.step_m={self.step_m}: expected a length, or 0 for every scan")
 
-    def cut(self, scans: Artifact, watch: Watch) -> Submaps:
+    def cut(self, scans: Artifact, progress: Progress) -> Submaps:
         """The submaps of a scans artifact."""
         world_T_scan = scans.load("world_T_scan")
         rows = self.anchors(world_T_scan)
@@ -77,7 +77,7 @@ class Accumulated:
         if self.ground_percentile != -1 and not 0 <= self.ground_percentile <= 100:
             raise ConfigError(f"submap.ground_percentile={self.ground_percentile}: expected 0 to 100, or -1")
 
-    def cut(self, scans: Artifact, watch: Watch) -> Submaps:
+    def cut(self, scans: Artifact, progress: Progress) -> Submaps:
         """The submaps of a scans artifact; an anchor without a place, a whole window or any ground makes none, and is counted."""
         start_T_scan = scans.load(self.layout)
         first, rows, left_out = self.windows(start_T_scan, scans.load("world_T_scan"))
@@ -87,7 +87,7 @@ class Accumulated:
         ground_m = np.zeros(len(rows))
         if self.ground_percentile >= 0 and len(rows):
             gathered = Gathering(scans, self.layout, first, rows, ground_m, used)
-            ground_m = np.array([self._ground_m(points) for points in watch.track(gathered, len(rows), "find the ground")])
+            ground_m = np.array([self._ground_m(points) for points in progress.track(gathered, len(rows), "find the ground")])
             left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
         found = np.isfinite(ground_m)
         return Submaps(self.layout, first[found], rows[found], ground_m[found], used, +left_out)

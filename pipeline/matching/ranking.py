@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
 from pipeline.frames import Poses, Stamps
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 Model = Mapping[str, NDArray[Any]]
 """What a method learned: named arrays, among them the evidence of its held-out blocks (matching.rejection)."""
@@ -96,7 +96,7 @@ class Method(Protocol):
 
     view: str
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Learn the training sequence's views, whose places (submap,) are all known."""
 
     def localizer(self, model: Model) -> Localizer:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class M2dp(DescriptorMethod):
 
     view: str = "m2dp"
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's signatures (n, d); raises InputError unless each has a place."""
         database, signatures = Database.learned(views, places), _signatures(views)
         evidence = database.evidence(euclidean(signatures), views, self)

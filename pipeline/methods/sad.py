@@ -14,7 +14,7 @@ from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
 from pipeline.matching.sequences import SequenceMethod
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import positive
 
 
@@ -33,7 +33,7 @@ class Sad(SequenceMethod):
         super().__post_init__()
         positive("method", side_px=self.side_px, patch_px=self.patch_px)
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""
         database, images = Database.learned(views, places), self._images(views)
         evidence = self.evidence(database, views, lambda known, asked: differences(images[known], images[asked]))

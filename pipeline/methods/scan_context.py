@@ -10,7 +10,7 @@ from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.nearest import nearest
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.shifts import Spectra
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import positive
 
 
@@ -31,7 +31,7 @@ class ScanContext50(DescriptorMethod):
             raise ConfigError(f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1")
         positive("method", candidates=self.candidates)
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's ring keys and spectra."""
         heights_m, database = np.asarray(views.images[:]), Database.learned(views, places)
         spectra, keys = Spectra.learned(heights_m, self.least_engaged), ring_keys(heights_m)

@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.shifts import Spectra
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ScanContextAll(DescriptorMethod):
         if not 0 <= self.least_engaged <= 1:
             raise ConfigError(f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1")
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's spectra."""
         heights_m, database = np.asarray(views.images[:]), Database.learned(views, places)
         spectra, everything = Spectra.learned(heights_m, self.least_engaged), np.arange(len(heights_m))

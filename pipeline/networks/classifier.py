@@ -18,7 +18,7 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
 
@@ -100,7 +100,7 @@ class Classifier(ABC):
         """The kinds of novelty, the one in use first."""
         return novelties(logits, softness, likeness)
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
         heights = self._heights(views)
         if len(places) != len(heights) or (places < 0).any():
@@ -124,13 +124,13 @@ class Classifier(ABC):
                 net,
                 batches,
                 judge,
-                epochs=max(1, round(self.epochs * watch.budget)),
+                epochs=max(1, round(self.epochs * progress.budget)),
                 steps=steps,
                 learning_rate=self.learning_rate,
                 schedule=self.schedule,
                 precision=self.precision,
                 seed=self.seed,
-                watch=watch,
+                progress=progress,
                 step=self.step,
             )
             net.load_state_dict(result.weights)

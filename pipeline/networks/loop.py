@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
@@ -77,7 +77,7 @@ def fit(
     schedule: Schedule,
     precision: Literal["auto", "bf16", "f32"],
     seed: int,
-    watch: Watch,
+    progress: Progress,
     step: Step[Any] = classify,
     fused: bool = False,
 ) -> Fit:
@@ -86,7 +86,7 @@ def fit(
     An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches. `fused` Adam rounds differently,
     and is much faster for a network of many numbers.
     Every random draw of an epoch follows from the seed and the epoch's number, so a run that goes on from
-    `watch.checkpoint` gives the weights of one that was never interrupted.
+    `progress.checkpoint` gives the weights of one that was never interrupted.
     """
     where = next(net.parameters()).device
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
@@ -98,12 +98,12 @@ def fit(
 
     curves = np.empty((0, len(CURVES)))
     best = {name: value.clone() for name, value in net.state_dict().items()}
-    if watch.checkpoint is not None and watch.checkpoint.is_file():
-        with whole(watch.checkpoint):
-            kept = resume(watch.checkpoint, net, {"adam": optimizer})
+    if progress.checkpoint is not None and progress.checkpoint.is_file():
+        with whole(progress.checkpoint):
+            kept = resume(progress.checkpoint, net, {"adam": optimizer})
             curves, best = kept["curves"].cpu().numpy(), _taken(kept, BEST)
     share = SCHEDULES[schedule]
-    for epoch in watch.track(range(len(curves), epochs), epochs - len(curves), "train"):
+    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), "train"):
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
@@ -123,10 +123,10 @@ def fit(
         curves = np.vstack([curves, row])
         if _best(curves) == epoch:
             best = {name: value.clone() for name, value in net.state_dict().items()}
-        watch.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], held_out=row[3])
-        if watch.checkpoint is not None:
+        progress.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], held_out=row[3])
+        if progress.checkpoint is not None:
             more = {f"{BEST}{name}": value for name, value in best.items()} | {"curves": torch.from_numpy(curves)}
-            keep(watch.checkpoint, net, {"adam": optimizer}, more)
+            keep(progress.checkpoint, net, {"adam": optimizer}, more)
     return Fit(best, curves, _best(curves))
 
 

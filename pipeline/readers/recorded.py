@@ -12,7 +12,7 @@ from pipeline.formats.changes import Change, read_changes, visible
 from pipeline.frames import days_between
 from pipeline.readers.log import Reader
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Recorded:
     events: str | None = None
     """A csv of what changed on site after training, as `formats.changes` has it; None: nobody noted it."""
 
-    def record(self, sequence: str, folder: Path, compute: Compute, watch: Watch) -> str:
+    def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress) -> str:
         """Open the log below `root` and write what it holds into folder/inventory.csv; says how much that is.
 
         A line a scan, with a digest of its poses and points, so that a log that was replaced is seen to be another.

@@ -11,8 +11,8 @@ Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
-class Watch:
-    """The null object: the library calls it everywhere and knows no terminal."""
+class Progress:
+    """The null object: shows nothing. Stages hand in a subclass that draws bars on a terminal."""
 
     budget: float = 1.0
     """Share of a method's own full training to run."""

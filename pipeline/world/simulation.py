@@ -10,7 +10,7 @@ from typing import Literal
 from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import check
 from pipeline.world.driving.day import dawn
 from pipeline.world.driving.drive import drive
@@ -90,7 +90,7 @@ class Simulation:
     def _robot(self) -> Robot:
         return ROBOTS[self.robot]
 
-    def record(self, sequence: str, folder: Path, compute: Compute, watch: Watch, truth: Path | None = None) -> Recording:
+    def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress, truth: Path | None = None) -> Recording:
         """Drive `sequence` and write its logs into `folder`; what no robot could know below `truth`.
 
         The bytes follow from the world's parameters, the training entry and the sequence's own name and entry. Raises

@@ -17,7 +17,7 @@ from pipeline.matching.ranking import Ranking, Rows
 from pipeline.methods.m2dp import M2dp
 from pipeline.reports import latency as told
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.studies.expansion import expand
 from pipeline.views.draw import Drawing
 
@@ -202,7 +202,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(stage: Any, tm
         drive(tmp_path / "artifacts", sequence, submaps)
     rng = np.random.default_rng(0)
     views = Rows(rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1)))
-    model = M2dp().learn(views, np.arange(12), Watch())
+    model = M2dp().learn(views, np.arange(12), Progress())
     store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
     study = {
         **dict.fromkeys(("world", "source", "heeds", "root", "submap", "budget"), "x"),

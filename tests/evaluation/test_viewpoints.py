@@ -13,7 +13,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.evaluation.viewpoints import Judged, Viewpoints, turned
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from tests.reports.viewed import judged
 
 STEP_M = 3.0
@@ -56,7 +56,7 @@ class Fake:
     asked: list[Rows] = field(default_factory=list)
     moves: list[tuple[Model, Rows, np.ndarray]] = field(default_factory=list)
 
-    def learn(self, views: Rows, places: np.ndarray, watch: Watch) -> Model:
+    def learn(self, views: Rows, places: np.ndarray, watch: Progress) -> Model:
         return self.moved({}, views, places)
 
     def moved(self, model: Model, views: Rows, places: np.ndarray) -> Model:

@@ -24,7 +24,7 @@ from pipeline.fetching.archives import Archive, Publisher
 from pipeline.fetching.download import CHUNK, Downloader
 from pipeline.fetching.unpacking import unpack
 from pipeline.readers.nclt import Nclt
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 ROOT = Path(__file__).parents[2]
 DATE = "2012-01-08"
@@ -148,7 +148,7 @@ def big(shelf: Shelf) -> Shelf:
 
 
 def download(shelf: Shelf, path: Path, tries: int = 5, name: str = "big") -> bytes:
-    Downloader(tries, timeout_s=0.3, wait_s=0.001).fetch(shelf.address + name, path, Watch())
+    Downloader(tries, timeout_s=0.3, wait_s=0.001).fetch(shelf.address + name, path, Progress())
     return path.read_bytes()
 
 
@@ -191,8 +191,8 @@ def test_a_killed_process_leaves_what_the_next_goes_on_from(big: Shelf, tmp_path
     big.moods = [stalls]
     code = (
         "from pathlib import Path; from pipeline.fetching.download import Downloader\n"
-        "from pipeline.running.progress import Watch\n"
-        f"Downloader(1, 60.0, 1.0).fetch({big.address + 'big'!r}, Path({str(tmp_path / 'big')!r}), Watch())"
+        "from pipeline.running.progress import Progress\n"
+        f"Downloader(1, 60.0, 1.0).fetch({big.address + 'big'!r}, Path({str(tmp_path / 'big')!r}), Progress())"
     )
     process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
     part = tmp_path / "big.part"
@@ -339,7 +339,7 @@ def test_a_redirection_from_https_to_http_is_refused(tmp_path: Path, monkeypatch
     answer.headers["Location"] = "http://127.0.0.1/big"
     monkeypatch.setattr(requests, "request", lambda *_, **__: answer)
     with pytest.raises(LogError, match=r"sends us on to http://127\.0\.0\.1/big, which is not followed"):
-        Downloader(1, 1.0, 0.001).fetch("https://127.0.0.1/big", tmp_path / "big", Watch())
+        Downloader(1, 1.0, 0.001).fetch("https://127.0.0.1/big", tmp_path / "big", Progress())
 
 
 def test_redirections_are_bounded(big: Shelf, tmp_path: Path) -> None:
@@ -350,14 +350,14 @@ def test_redirections_are_bounded(big: Shelf, tmp_path: Path) -> None:
 
 def test_nobody_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="gave up after 2 tries") as error:
-        Downloader(2, 0.3, 0.001).fetch("http://127.0.0.1:9/x", tmp_path / "x", Watch())
+        Downloader(2, 0.3, 0.001).fetch("http://127.0.0.1:9/x", tmp_path / "x", Progress())
     assert "\n" not in str(error.value)
 
 
 def test_progress_is_shown_chunk_by_chunk(big: Shelf, tmp_path: Path) -> None:
     seen = []
 
-    class Seen(Watch):
+    class Seen(Progress):
         def track(self, items: Any, total: int, what: str) -> Iterator[Any]:
             chunks = list(items)
             seen.append((what, total, len(chunks)))
@@ -515,7 +515,7 @@ def nclt(shelf: Shelf, tmp_path: Path) -> Shelf:
 def test_a_date_is_fetched_laid_and_read(nclt: Shelf, tmp_path: Path) -> None:
     nclt.moods = [usual, says(503), usual, drops(10 * CHUNK), drops(10 * CHUNK)]
     root = tmp_path / "root"
-    lines = list(publisher(nclt).fetch(root, [DATE], Watch()))
+    lines = list(publisher(nclt).fetch(root, [DATE], Progress()))
     assert [line.split(":")[0] for line in lines] == [f"groundtruth_{DATE}.csv", f"{DATE}_sen.tar.gz", f"{DATE}_vel.tar.gz"]
     assert lines[2].startswith(f"{DATE}_vel.tar.gz: {len(nclt.files[f'velodyne_data/{DATE}_vel.tar.gz']) / 1e6:.1f} MB, files: 2")
     log = Nclt().open(root, DATE)
@@ -529,16 +529,16 @@ def test_a_date_is_fetched_laid_and_read(nclt: Shelf, tmp_path: Path) -> None:
 
 
 def test_a_second_call_fetches_nothing(nclt: Shelf, tmp_path: Path) -> None:
-    list(publisher(nclt).fetch(tmp_path / "root", [DATE, DATE], Watch()))
+    list(publisher(nclt).fetch(tmp_path / "root", [DATE, DATE], Progress()))
     nclt.asked.clear()
-    lines = list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))
+    lines = list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))
     assert [line.split(": ")[1] for line in lines] == ["here already"] * 3
     assert nclt.asked == []
 
 
 def test_a_later_fetch_is_checked_against_the_recorded_sum(nclt: Shelf, tmp_path: Path) -> None:
     root = tmp_path / "root"
-    list(publisher(nclt).fetch(root, [DATE], Watch()))
+    list(publisher(nclt).fetch(root, [DATE], Progress()))
     path = f"ground_truth/groundtruth_{DATE}.csv"
     digest = hashlib.sha256(nclt.files[path]).hexdigest()
     recorded = root / "archives" / f"groundtruth_{DATE}.csv.sha256"
@@ -546,16 +546,16 @@ def test_a_later_fetch_is_checked_against_the_recorded_sum(nclt: Shelf, tmp_path
     (root / DATE / f"groundtruth_{DATE}.csv").unlink()
     nclt.files[path] = nclt.files[path].replace(b"0", b"1")
     with pytest.raises(LogError, match=rf"{recorded} says {digest}; damaged, or changed by its publisher"):
-        list(publisher(nclt).fetch(root, [DATE], Watch()))
+        list(publisher(nclt).fetch(root, [DATE], Progress()))
     assert not (root / DATE / f"groundtruth_{DATE}.csv").exists()
 
 
 def test_a_sum_of_the_publisher_counts(nclt: Shelf, tmp_path: Path) -> None:
     path = f"ground_truth/groundtruth_{DATE}.csv"
     digest = hashlib.sha256(nclt.files[path]).hexdigest()
-    assert len(list(publisher(nclt, sha256={path: digest}).fetch(tmp_path / "good", [DATE], Watch()))) == 3
+    assert len(list(publisher(nclt, sha256={path: digest}).fetch(tmp_path / "good", [DATE], Progress()))) == 3
     with pytest.raises(LogError, match=f"its sha256 is {digest}, fetch.sha256 says {'0' * 64}"):
-        list(publisher(nclt, sha256={path: "0" * 64}).fetch(tmp_path / "bad", [DATE], Watch()))
+        list(publisher(nclt, sha256={path: "0" * 64}).fetch(tmp_path / "bad", [DATE], Progress()))
 
 
 def test_the_disk_is_looked_at_before_a_byte_is_fetched(nclt: Shelf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -564,10 +564,10 @@ def test_the_disk_is_looked_at_before_a_byte_is_fetched(nclt: Shelf, tmp_path: P
     need = sizes[0] + 5 * sizes[1] + 3.5 * sizes[2]
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) - 1))  # type: ignore[attr-defined]
     with pytest.raises(LogError, match=r"the 3 files and what they unpack to need about 0.0 GB, 0.0 GB are free; make room"):
-        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))
+        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))
     assert nclt.gets() == []
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) + 1))  # type: ignore[attr-defined]
-    assert len(list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))) == 3
+    assert len(list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))) == 3
 
 
 def test_a_damaged_archive_is_fetched_anew_by_the_next_call(nclt: Shelf, tmp_path: Path) -> None:
@@ -575,10 +575,10 @@ def test_a_damaged_archive_is_fetched_anew_by_the_next_call(nclt: Shelf, tmp_pat
     whole = nclt.files[path]
     nclt.files[path] = whole[:-20]  # the publisher's length is as wrong as its content
     with pytest.raises(LogError, match=f"{DATE}_sen.tar.gz: damaged .*fetch it anew"):
-        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))
+        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))
     assert not (tmp_path / "root" / DATE / "odometry_mu_100hz.csv").exists()
     nclt.files[path] = whole
-    assert len(list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))) == 3
+    assert len(list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))) == 3
 
 
 def test_an_interrupted_unpacking_starts_over_from_the_archive_on_disk(
@@ -591,33 +591,33 @@ def test_an_interrupted_unpacking_starts_over_from_the_archive_on_disk(
 
     monkeypatch.setattr("pipeline.fetching.archives.unpack", killed)
     with pytest.raises(KeyboardInterrupt):
-        list(publisher(nclt).fetch(root, [DATE], Watch()))
+        list(publisher(nclt).fetch(root, [DATE], Progress()))
     (root / "archives" / f"{DATE}_sen.tar.gz.unpacking" / "half").mkdir(parents=True)
     monkeypatch.undo()
     nclt.asked.clear()
-    assert len(list(publisher(nclt).fetch(root, [DATE], Watch()))) == 3
+    assert len(list(publisher(nclt).fetch(root, [DATE], Progress()))) == 3
     assert [path for path, _ in nclt.gets()] == [f"velodyne_data/{DATE}_vel.tar.gz"]
 
 
 def test_two_fetches_do_not_write_one_file(nclt: Shelf, tmp_path: Path) -> None:
-    first = publisher(nclt).fetch(tmp_path / "root", [DATE], Watch())
+    first = publisher(nclt).fetch(tmp_path / "root", [DATE], Progress())
     next(first)
     with pytest.raises(LogError, match="another fetch is at work there"):
-        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Watch()))
+        list(publisher(nclt).fetch(tmp_path / "root", [DATE], Progress()))
     assert len(list(first)) == 2
 
 
 @pytest.mark.parametrize("sequence", ["2012-1-8", "../2012-01-08", "", "2012-01-08/..", "all"])
 def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(nclt: Shelf, tmp_path: Path, sequence: str) -> None:
     with pytest.raises(ConfigError, match="expected a name like"):
-        list(publisher(nclt).fetch(tmp_path / "root", [DATE, sequence], Watch()))
+        list(publisher(nclt).fetch(tmp_path / "root", [DATE, sequence], Progress()))
     assert nclt.asked == []
     assert not (tmp_path / "root").exists()
 
 
 def test_a_date_that_the_publisher_lacks_is_named(nclt: Shelf, tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"groundtruth_2012-01-09.csv: the server says 404 .*is there such a sequence"):
-        list(publisher(nclt).fetch(tmp_path / "root", ["2012-01-09"], Watch()))
+        list(publisher(nclt).fetch(tmp_path / "root", ["2012-01-09"], Progress()))
 
 
 @pytest.mark.parametrize(

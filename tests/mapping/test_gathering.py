@@ -13,7 +13,7 @@ from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated, Submaps
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.draw import Drawing
 
@@ -48,7 +48,7 @@ def gathered(artifact: store.Artifact, made: Submaps) -> list[np.ndarray]:
 
 
 def cut(artifact: store.Artifact, **settings: object) -> Submaps:
-    return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(artifact, Watch())
+    return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(artifact, Progress())
 
 
 def test_older_scans_lie_behind_in_the_newest_ones_frame(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from pipeline.readers.bag import Bag
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
@@ -31,7 +31,7 @@ def taken(path: Path, log: Log) -> store.Artifact:
     """A log as a scans artifact."""
     intake = Intake(log, 0.005, 0)
     with store.write(path, SCANS, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped) as draft:
-        for points, offsets in intake.blocks(Compute(), Watch()):
+        for points, offsets in intake.blocks(Compute(), Progress()):
             draft.append("points", points)
             draft.append("offsets", offsets)
         for name, column in intake.poses().items():
@@ -68,7 +68,7 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
     scans = taken(tmp_path / "monday.zarr", log)
     flat = yaml.safe_load((ROOT / "conf/submap/flat.yaml").read_text()) | {"window_m": 2.0}
     assert flat.pop("_target_").endswith("Accumulated")
-    made = Accumulated(**flat).cut(scans, Watch())
+    made = Accumulated(**flat).cut(scans, Progress())
     *_, points = Gathering(scans, made.layout, made.first, made.scans, made.ground_m, made.used)
     np.testing.assert_allclose(points, [[-x / 10, 5, 1] for x in range(20, -1, -1)], atol=0.006)
     assert ScanContext(min_points=1)(points).max() == pytest.approx(1.0, abs=0.006)
@@ -87,7 +87,7 @@ def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest
     view = {"_target_": "pipeline.views.scan_context.ScanContext", "rings": 40, "sectors": 120}
     drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.running.compute.Compute"}}
     for percentile, shows in ((5.0, False), (-1.0, True)):
-        made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Watch())
+        made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
         with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
             for name in ("first", "scans", "ground_m", "used"):
                 draft.put(name, getattr(made, name))

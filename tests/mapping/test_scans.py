@@ -11,7 +11,7 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.mapping.scans import Intake
 from pipeline.readers.log import Log
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) -> Log:
@@ -31,7 +31,7 @@ def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) 
 
 def taken(intake: Intake) -> tuple[np.ndarray, np.ndarray]:
     """All points, all offsets."""
-    blocks = list(intake.blocks(Compute(workers=2), Watch()))
+    blocks = list(intake.blocks(Compute(workers=2), Progress()))
     return np.concatenate([points for points, _ in blocks]), np.concatenate([offsets for _, offsets in blocks])
 
 

@@ -15,7 +15,7 @@ from pipeline.methods.pfl.adversarial import best_round, health, pixels, play, s
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 class Fixed(nn.Module):
@@ -125,10 +125,10 @@ def looked_at(game: Game) -> dict[str, float]:
         return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
 
 
-def train(game: Game, watch: Watch | None = None, **settings: object) -> dict[str, np.ndarray]:
+def train(game: Game, progress: Progress | None = None, **settings: object) -> dict[str, np.ndarray]:
     words: dict[str, object] = {
         "code": 6, "rounds": 3, "iterations": 2, "batch": 4, "learning_rate": 0.001, "schedule": "one_cycle", "beta1": 0.5,
-        "generator_steps": 2, "precision": "f32", "seed": 3, "watch": watch or Watch(),
+        "generator_steps": 2, "precision": "f32", "seed": 3, "progress": progress or Progress(),
         "judge": looked_at,
     }  # fmt: skip
     with reproducible(1):
@@ -167,14 +167,14 @@ def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_
         train(game, PowerCut(checkpoint=tmp_path / "c", at=4), **words)
     right = iter((0.5,))
     resumed = small(OBJECTIVES["least_squares"])
-    curves = train(resumed, Watch(checkpoint=tmp_path / "c"), **words)
+    curves = train(resumed, Progress(checkpoint=tmp_path / "c"), **words)
     assert best_round(curves) == 2
     assert all(torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items())
     assert not same(resumed.encoder, game.encoder)
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the training when a round is about to be shown."""
 
     at: int = 0
@@ -192,15 +192,15 @@ def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(tmp_path
         train(half, PowerCut(checkpoint=tmp_path / "half", at=at))
     assert (tmp_path / "half").exists() == (at > 1)
     rest = small(OBJECTIVES["least_squares"])
-    resumed = train(rest, Watch(checkpoint=tmp_path / "half"))
+    resumed = train(rest, Progress(checkpoint=tmp_path / "half"))
     assert same(rest, whole)
     assert all(np.array_equal(resumed[name], curves[name]) for name in curves | resumed)
 
 
 def test_another_trainings_checkpoint_is_refused(tmp_path: Path) -> None:
-    train(small(OBJECTIVES["afl"]), Watch(checkpoint=tmp_path / "c"), rounds=1)
+    train(small(OBJECTIVES["afl"]), Progress(checkpoint=tmp_path / "c"), rounds=1)
     with pytest.raises(ArtifactError, match="not a whole checkpoint"):
-        train(small(OBJECTIVES["least_squares"]), Watch(checkpoint=tmp_path / "c"))
+        train(small(OBJECTIVES["least_squares"]), Progress(checkpoint=tmp_path / "c"))
 
 
 def test_a_term_that_is_no_number_stops_the_training() -> None:

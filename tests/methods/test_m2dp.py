@@ -10,7 +10,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.m2dp import M2dp
 from pipeline.readers.kitti import read_velodyne
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.views import m2dp as views
 
 
@@ -28,7 +28,7 @@ PLACES = np.array([0, 0, 1, 2])
 
 def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() -> None:
     method = M2dp()
-    ranking = method.localizer(method.learn(LINE, PLACES, Watch()))(rows(np.array([[2.2, 0], [0, 5]])), 3)
+    ranking = method.localizer(method.learn(LINE, PLACES, Progress()))(rows(np.array([[2.2, 0], [0, 5]])), 3)
     # From (2.2, 0): row 2 at 0.2, row 3 at 0.8, row 1 at 1.2. From (0, 5): rows 0, 1, 2 at 5, √26, √29.
     np.testing.assert_array_equal(ranking.places, [[1, 2, 0], [0, 0, 1]])
     np.testing.assert_allclose(ranking.costs, [[0.2, 0.8, 1.2], [5, 26**0.5, 29**0.5]], rtol=1e-6)
@@ -39,7 +39,7 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
 
 def test_distinct_places_are_answered_once_each() -> None:
     method = M2dp(distinct_places=True)
-    ranking = method.localizer(method.learn(LINE, PLACES, Watch()))(rows(np.array([[0.4, 0]])), 3)
+    ranking = method.localizer(method.learn(LINE, PLACES, Progress()))(rows(np.array([[0.4, 0]])), 3)
     np.testing.assert_array_equal(ranking.places, [[0, 1, 2]])
     np.testing.assert_allclose(ranking.costs, [[0.4, 1.6, 2.6]], rtol=1e-6)
 
@@ -50,7 +50,7 @@ def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_bl
     path = np.cumsum(rng.normal(0, 0.05, (n, 192)), axis=0)  # signatures that change along the path, some 0.7 a row
     training, again = rows(path), rows(path + rng.normal(0, 0.01, path.shape))
     method = M2dp(held_out_length_m=1.0)  # one row in forty
-    model = method.learn(training, np.arange(n) // 10, Watch())
+    model = method.learn(training, np.arange(n) // 10, Progress())
     evidence = Evidence.of(model)
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
     (threshold,) = Rejection().thresholds(model, ("distance",))
@@ -65,7 +65,7 @@ def test_one_query_is_answered_as_in_a_crowd() -> None:
     rng = np.random.default_rng(1)
     training, crowd = rows(rng.random((300, 192))), rows(rng.random((50, 192)))
     method = M2dp()
-    localize = method.localizer(method.learn(training, np.arange(300), Watch()))
+    localize = method.localizer(method.learn(training, np.arange(300), Progress()))
     together = localize(crowd, 25)
     for i in (0, 17):
         alone = localize(Rows(crowd.images[i : i + 1], crowd.stamps_ns[i : i + 1], crowd.world_T_anchor[i : i + 1]), 25)
@@ -79,7 +79,7 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
     signatures = np.stack([views.M2dp()(scan) for scan in scans])
     elsewhere = views.M2dp()(read_velodyne(real / "kitti/pairs/08/000720.bin"))
     method = M2dp()
-    localize = method.localizer(method.learn(rows(signatures[::2]), np.arange(8), Watch()))
+    localize = method.localizer(method.learn(rows(signatures[::2]), np.arange(8), Progress()))
     ranking = localize(rows(np.concatenate([signatures[1:15:2], elsewhere[None]])), 1)
     beside = np.abs(ranking.places[:7, 0] - (np.arange(7) + 0.5))
     assert (beside < 2).all()
@@ -88,8 +88,8 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
 
 def test_views_that_are_no_signatures_are_refused() -> None:
     with pytest.raises(InputError, match=r"\(4, 40, 120\): expected signatures"):
-        M2dp().learn(Rows(np.zeros((4, 40, 120), np.float32), LINE.stamps_ns, LINE.world_T_anchor), PLACES, Watch())
-    model = M2dp().learn(LINE, PLACES, Watch())
+        M2dp().learn(Rows(np.zeros((4, 40, 120), np.float32), LINE.stamps_ns, LINE.world_T_anchor), PLACES, Progress())
+    model = M2dp().learn(LINE, PLACES, Progress())
     with pytest.raises(InputError, match=r"expected \(q, d\) like the database's \(4, 2\)"):
         M2dp().localizer(model)(rows(np.zeros((1, 192))), 1)
 
@@ -97,7 +97,7 @@ def test_views_that_are_no_signatures_are_refused() -> None:
 def test_every_training_view_needs_its_place() -> None:
     for places in (PLACES[:3], np.array([0, 0, -1, 1])):
         with pytest.raises(InputError, match="known place"):
-            M2dp().learn(LINE, places, Watch())
+            M2dp().learn(LINE, places, Progress())
 
 
 def test_a_setting_of_the_wrong_kind_is_a_config_error() -> None:

@@ -14,7 +14,7 @@ from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pfl import features
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 ROWS, HEADINGS = 24, 16
 PLACES = np.repeat(np.arange(6), 4)
@@ -22,7 +22,7 @@ SMALL = Pfl(
     width=2, epochs=1, batch=16, learning_rate=0.002, generator_steps=1, precision="f32", threads=1,
     length=4, held_out_every_m=24, held_out_length_m=8, neighbour_m=5,
 )  # fmt: skip
-WATCH = Watch(budget=0.25)
+PROGRESS = Progress(budget=0.25)
 """16 rows of 16 headings in batches of 16 are 16 iterations: a quarter of them in two rounds of 2."""
 
 
@@ -45,7 +45,7 @@ def rows(seed: int = 1) -> Rows:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return SMALL.learn(rows(), PLACES, WATCH)
+    return SMALL.learn(rows(), PLACES, PROGRESS)
 
 
 def same(one: Model, other: Model) -> bool:
@@ -96,7 +96,7 @@ def test_the_networks_do_not_see_held_out_rows() -> None:
     held = SMALL.held_out(rows())
     spoilt = rows()
     spoilt.images[held] = 128
-    model, other = (SMALL.learn(views, PLACES, Watch(budget=0.125)) for views in (rows(), spoilt))
+    model, other = (SMALL.learn(views, PLACES, Progress(budget=0.125)) for views in (rows(), spoilt))
     assert len(model["curves/image_cycle"]) == 1
     assert all(np.array_equal(model[name], other[name]) for name in model if name.startswith("net/"))
     assert np.array_equal(model["codes"][~held], other["codes"][~held])
@@ -104,12 +104,12 @@ def test_the_networks_do_not_see_held_out_rows() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
-    assert same(SMALL.learn(rows(), PLACES, WATCH), model)
-    assert not same(replace(SMALL, seed=1).learn(rows(), PLACES, WATCH), model)
+    assert same(SMALL.learn(rows(), PLACES, PROGRESS), model)
+    assert not same(replace(SMALL, seed=1).learn(rows(), PLACES, PROGRESS), model)
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the training when its second round ends."""
 
     def note(self, **numbers: float) -> None:
@@ -122,7 +122,7 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model
     with pytest.raises(KeyboardInterrupt):
         SMALL.learn(rows(), PLACES, PowerCut(budget=0.25, checkpoint=tmp_path / "half"))
     assert (tmp_path / "half").is_file()
-    assert same(SMALL.learn(rows(), PLACES, Watch(budget=0.25, checkpoint=tmp_path / "half")), model)
+    assert same(SMALL.learn(rows(), PLACES, Progress(budget=0.25, checkpoint=tmp_path / "half")), model)
 
 
 def test_a_code_does_not_depend_on_what_is_encoded_with_it(model: Model) -> None:
@@ -153,13 +153,13 @@ def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
 
 def test_the_objective_is_the_presets() -> None:
     assert replace(SMALL, objective="paper").terms() == OBJECTIVES["paper"]
-    code = replace(SMALL, objective="author_code").learn(rows(), PLACES, WATCH)
+    code = replace(SMALL, objective="author_code").learn(rows(), PLACES, PROGRESS)
     assert "curves/code_cycle" not in code
 
 
 def test_more_budget_is_more_iterations() -> None:
     def rounds(budget: float) -> int:
-        return len(SMALL.learn(rows(), PLACES, Watch(budget=budget))["curves/image_cycle"])
+        return len(SMALL.learn(rows(), PLACES, Progress(budget=budget))["curves/image_cycle"])
 
     # 2, 4 and 8 iterations, in at most four rounds of at least 2.
     assert (rounds(0.125), rounds(0.25), rounds(0.5)) == (1, 2, 4)

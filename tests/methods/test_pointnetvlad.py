@@ -15,7 +15,7 @@ from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pointnetvlad import pointnetvlad
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 PLACES, EACH, POINTS = 6, 6, 64
 TRUTH = np.repeat(np.arange(PLACES), EACH)
@@ -49,7 +49,7 @@ def small_network() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return SMALL.learn(rows(), TRUTH, Watch())
+    return SMALL.learn(rows(), TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_places_are_told_apart(ranking: Ranking, model: Model) -> None:
 def test_training_makes_positives_nearer_than_negatives(model: Model) -> None:
     curves = [model[f"curves/{name}"] for name in ("loss", "accuracy", "held_out_loss", "held_out_accuracy")]
     assert all(np.isfinite(curve).all() and curve.shape == curves[0].shape for curve in curves)
-    longer = replace(SMALL, epochs=6, hard_negatives=0, learning_rate=0.0003).learn(rows(clutter=0.7), TRUTH, Watch())
+    longer = replace(SMALL, epochs=6, hard_negatives=0, learning_rate=0.0003).learn(rows(clutter=0.7), TRUTH, Progress())
     assert longer["curves/loss"][-1] < 0.3 * longer["curves/loss"][0]
     assert longer["curves/accuracy"][0] < 0.8 < longer["curves/accuracy"][-1]
     assert longer["curves/held_out_loss"][-1] < 0.7 * longer["curves/held_out_loss"][0]
@@ -84,8 +84,8 @@ def test_the_database_holds_the_blocks_that_training_did_not_see(model: Model) -
     assert len(model["descriptors"]) == PLACES * EACH
     spoilt = rows()
     spoilt.images[held] = 0.5
-    other = SMALL.learn(spoilt, TRUTH, Watch(budget=0.01))
-    clean = SMALL.learn(rows(), TRUTH, Watch(budget=0.01))
+    other = SMALL.learn(spoilt, TRUTH, Progress(budget=0.01))
+    clean = SMALL.learn(rows(), TRUTH, Progress(budget=0.01))
     assert all(np.array_equal(clean[name], other[name]) for name in clean if name.startswith("net/"))
     assert np.array_equal(clean["descriptors"][~held], other["descriptors"][~held])
     assert not np.array_equal(clean["descriptors"][held], other["descriptors"][held])
@@ -93,12 +93,12 @@ def test_the_database_holds_the_blocks_that_training_did_not_see(model: Model) -
 
 
 def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
-    assert same(SMALL.learn(rows(), TRUTH, Watch()), model)
-    assert not same(replace(SMALL, seed=1).learn(rows(), TRUTH, Watch()), model)
+    assert same(SMALL.learn(rows(), TRUTH, Progress()), model)
+    assert not same(replace(SMALL, seed=1).learn(rows(), TRUTH, Progress()), model)
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the training when its second round ends."""
 
     def note(self, **numbers: float) -> None:
@@ -108,24 +108,24 @@ class PowerCut(Watch):
 
 def test_an_interrupted_training_with_hard_negatives_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     longer = replace(SMALL, epochs=2)  # 28 queries a time, 2 a step: three rounds of 10 steps, the second and third with mining
-    whole = longer.learn(rows(), TRUTH, Watch())
+    whole = longer.learn(rows(), TRUTH, Progress())
     assert len(whole["curves/loss"]) == 3
     with pytest.raises(KeyboardInterrupt):
         longer.learn(rows(), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
     assert (tmp_path / "half").is_file()
-    assert same(longer.learn(rows(), TRUTH, Watch(checkpoint=tmp_path / "half")), whole)
+    assert same(longer.learn(rows(), TRUTH, Progress(checkpoint=tmp_path / "half")), whole)
 
 
 def test_a_model_can_be_used_as_weights(model: Model, tmp_path: Path) -> None:
     save_file({name: np.require(array, requirements="C") for name, array in model.items()}, tmp_path / "model.safetensors")
-    taken = replace(SMALL, weights=str(tmp_path / "model.safetensors"), epochs=0).learn(rows(), TRUTH, Watch())
+    taken = replace(SMALL, weights=str(tmp_path / "model.safetensors"), epochs=0).learn(rows(), TRUTH, Progress())
     learning = ("curves/", "best_epoch")
     assert {name for name in model if not name.startswith(learning)} == set(taken)
     assert all(np.array_equal(model[name], taken[name]) for name in taken)
     bare = {name.removeprefix("net/"): array for name, array in model.items() if name.startswith("net/")}
     bare = {name: np.require(array, requirements="C") for name, array in bare.items() if "num_batches_tracked" not in name}
     save_file(bare, tmp_path / "bare.safetensors")
-    started = replace(SMALL, weights=str(tmp_path / "bare.safetensors"), epochs=0).learn(rows(), TRUTH, Watch())
+    started = replace(SMALL, weights=str(tmp_path / "bare.safetensors"), epochs=0).learn(rows(), TRUTH, Progress())
     assert np.array_equal(started["descriptors"], model["descriptors"])
 
 
@@ -150,7 +150,7 @@ def test_weights_of_another_network_are_a_config_error(
     save_file(net, tmp_path / "w.safetensors")
     assert load_file(tmp_path / "w.safetensors")
     with pytest.raises(ConfigError, match=rf"w\.safetensors: tensor {said}"):
-        replace(SMALL, weights=str(tmp_path / "w.safetensors"), epochs=0).learn(rows(), TRUTH, Watch())
+        replace(SMALL, weights=str(tmp_path / "w.safetensors"), epochs=0).learn(rows(), TRUTH, Progress())
 
 
 @pytest.mark.parametrize("content", [None, b"not a safetensors file"])
@@ -159,7 +159,7 @@ def test_weights_that_cannot_be_read_are_a_config_error(tmp_path: Path, content:
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"method\.weights.*w\.safetensors"):
-        replace(SMALL, weights=str(path)).learn(rows(), TRUTH, Watch())
+        replace(SMALL, weights=str(path)).learn(rows(), TRUTH, Progress())
 
 
 @pytest.mark.parametrize(
@@ -185,8 +185,8 @@ def test_views_that_are_no_clouds_are_refused(model: Model) -> None:
 
 
 def test_clouds_can_be_turned_while_training(model: Model) -> None:
-    turned = replace(SMALL, turn_deg=90.0).learn(rows(), TRUTH, Watch(budget=0.01))
-    plain = SMALL.learn(rows(), TRUTH, Watch(budget=0.01))
+    turned = replace(SMALL, turn_deg=90.0).learn(rows(), TRUTH, Progress(budget=0.01))
+    plain = SMALL.learn(rows(), TRUTH, Progress(budget=0.01))
     assert not np.array_equal(turned["curves/loss"], plain["curves/loss"])
 
 

@@ -12,7 +12,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sad import Sad
 from pipeline.readers.kitti import read_velodyne
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 N = 240
 
@@ -44,7 +44,7 @@ PLACES = np.arange(N) // 20
 
 def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
     method, rng = Sad(), np.random.default_rng(1)
-    model = method.learn(rows(STREET), PLACES, Watch())
+    model = method.learn(rows(STREET), PLACES, Progress())
     evidence = Evidence.of(model)
     assert evidence.right.mean() > 0.9
     assert (evidence.unseen["cost"] > evidence.seen["cost"]).all()
@@ -63,7 +63,7 @@ def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
 
 def test_a_view_turned_by_half_a_circle_is_another_image() -> None:
     method = Sad()
-    localize = method.localizer(method.learn(rows(STREET), PLACES, Watch()))
+    localize = method.localizer(method.learn(rows(STREET), PLACES, Progress()))
     turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
     assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
     assert turned.novelty[:, 0].min() > localize(rows(STREET[50:150]), 1).novelty[:, 0].max()
@@ -73,7 +73,7 @@ def test_only_the_first_heading_is_looked_at() -> None:
     method = Sad()
     blind = STREET.copy()
     blind[:, 1:] = 0
-    one, other = (method.learn(rows(images), PLACES, Watch()) for images in (STREET, blind))
+    one, other = (method.learn(rows(images), PLACES, Progress()) for images in (STREET, blind))
     assert one.keys() == other.keys()
     for name in one:
         np.testing.assert_array_equal(one[name], other[name])
@@ -81,17 +81,17 @@ def test_only_the_first_heading_is_looked_at() -> None:
 
 def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
     large = np.repeat(np.repeat(STREET[:30], 2, axis=2), 2, axis=3)  # 128 × 128 pixels
-    model = Sad().learn(rows(large), PLACES[:30], Watch())
+    model = Sad().learn(rows(large), PLACES[:30], Progress())
     assert model["images"].shape == (30, 64, 64)
     assert model["images"].dtype == np.uint8
     np.testing.assert_array_equal(model["images"], normalised(STREET[:30, 0]))
-    small = Sad(side_px=32, patch_px=4).learn(rows(STREET[:30]), PLACES[:30], Watch())
+    small = Sad(side_px=32, patch_px=4).learn(rows(STREET[:30]), PLACES[:30], Progress())
     assert small["images"].shape == (30, 32, 32)
 
 
 def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
     method, elsewhere = Sad(), street(np.random.default_rng(2))
-    model = method.learn(rows(STREET), PLACES, Watch())
+    model = method.learn(rows(STREET), PLACES, Progress())
     moved = method.moved(model, rows(elsewhere), np.arange(N))
     assert moved.keys() == model.keys()
     assert Rejection().thresholds(moved, ("cost", "ratio")) == Rejection().thresholds(model, ("cost", "ratio"))
@@ -100,7 +100,7 @@ def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
 
 def test_a_view_asked_alone_is_answered_by_its_own_differences() -> None:
     method = Sad(contrast_rows=40)
-    ranking = method.localizer(method.learn(rows(STREET), PLACES, Watch()))(rows(STREET[[100]]), 3)
+    ranking = method.localizer(method.learn(rows(STREET), PLACES, Progress()))(rows(STREET[[100]]), 3)
     assert ranking.xy_m[0, 0, 0] == 100
     assert np.isfinite(ranking.novelty).all()
 
@@ -109,7 +109,7 @@ def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> N
     images = STREET[:80].copy()
     images[:, 0] = np.maximum(images[:, 0], images[:, 0, ::-1])
     method = Sad(both_ways=True)
-    localize = method.localizer(method.learn(rows(images), np.arange(80), Watch()))
+    localize = method.localizer(method.learn(rows(images), np.arange(80), Progress()))
     assert (localize(rows(images[60:20:-1]), 1).places[:, 0] == np.arange(60, 20, -1)).mean() > 0.9
 
 
@@ -122,7 +122,7 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
         there = (np.abs(x) < 15) & (np.abs(y) < 15) & (z > -1.4) & (z < 3)
         image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = 255
     method = Sad(contrast_rows=30)
-    localize = method.localizer(method.learn(rows(images[::2]), np.arange(8), Watch()))
+    localize = method.localizer(method.learn(rows(images[::2]), np.arange(8), Progress()))
     drive = localize(rows(images[1::2]), 1).places[:, 0]
     assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
     alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)
@@ -131,9 +131,9 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
 
 def test_views_that_are_no_bird_views_are_refused() -> None:
     with pytest.raises(InputError, match=r"\(240, 64, 64\): expected bird-views"):
-        Sad().learn(replace(rows(STREET), images=STREET[:, 0]), PLACES, Watch())
+        Sad().learn(replace(rows(STREET), images=STREET[:, 0]), PLACES, Progress())
     with pytest.raises(InputError, match="known place"):
-        Sad().learn(rows(STREET), PLACES - 1, Watch())
+        Sad().learn(rows(STREET), PLACES - 1, Progress())
 
 
 def test_a_setting_of_the_wrong_kind_is_a_config_error() -> None:

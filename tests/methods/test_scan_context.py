@@ -17,7 +17,7 @@ from pipeline.methods.scan_context import ScanContext50, ring_keys
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.readers.kitti import read_poses, read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 
 FIFTY, ALL = ScanContext50(), ScanContextAll()
@@ -42,7 +42,7 @@ def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
 
 
 def localized(method: Both, k: int = 5, turn: int = 0) -> Ranking:
-    return method.localizer(method.learn(rows(1), TRUTH, Watch()))(rows(2, turn), k)
+    return method.localizer(method.learn(rows(1), TRUTH, Progress()))(rows(2, turn), k)
 
 
 def one(images: NDArray[np.float32]) -> Rows:
@@ -84,10 +84,10 @@ def test_only_the_candidates_of_the_nearest_ring_keys_are_compared():
     views = Rows(heights, np.arange(3), poses(3))
     query = one(np.array([[2, 2, 0, 0]], np.float32))
     narrow = replace(FIFTY, candidates=1)
-    alone = narrow.localizer(narrow.learn(views, np.arange(3), Watch()))(query, 3)
+    alone = narrow.localizer(narrow.learn(views, np.arange(3), Progress()))(query, 3)
     assert alone.places.tolist() == [[1]]
     assert alone.costs.tolist() == [[2]]  # opposite signs at every shift that engages anything
-    assert FIFTY.localizer(FIFTY.learn(views, np.arange(3), Watch()))(query, 3).costs.tolist() == [[0, 0, 2]]
+    assert FIFTY.localizer(FIFTY.learn(views, np.arange(3), Progress()))(query, 3).costs.tolist() == [[0, 0, 2]]
 
 
 @BOTH
@@ -134,7 +134,7 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
         return draw(cloud @ world_R_robot)  # p_robot = world_R_robotᵀ p_world, for rows
 
     views = Rows(np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), np.arange(2), poses(2, learned_yaw_deg))
-    localize = method.localizer(method.learn(views, np.arange(2), Watch()))
+    localize = method.localizer(method.learn(views, np.arange(2), Progress()))
     for place, cloud in enumerate(clouds):
         ranking = localize(one(seen(cloud, learned_yaw_deg + turned_by_deg)), 1)
         assert ranking.places.tolist() == [[place]]
@@ -143,14 +143,14 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
 
 @BOTH
 def test_an_empty_view_is_as_far_from_all_as_can_be_told_and_has_no_heading(method: Both):
-    ranking = method.localizer(method.learn(rows(1), TRUTH, Watch()))(one(np.zeros((10, 24), np.float32)), 3)
+    ranking = method.localizer(method.learn(rows(1), TRUTH, Progress()))(one(np.zeros((10, 24), np.float32)), 3)
     assert ranking.costs.tolist() == [[1, 1, 1]]
     assert np.isnan(ranking.heading_deg).all()
 
 
 @BOTH
 def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(method: Both):
-    crowd, localize = localized(method), method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    crowd, localize = localized(method), method.localizer(method.learn(rows(1), TRUTH, Progress()))
     alone = localize(one(rows(2).images[30]), 5)
     assert alone.places.tolist() == crowd.places[30:31].tolist()
     assert alone.costs.tolist() == crowd.costs[30:31].tolist()
@@ -160,7 +160,7 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(method: Both):
 
 @BOTH
 def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both):
-    localize = method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    localize = method.localizer(method.learn(rows(1), TRUTH, Progress()))
     images = np.concatenate([rows(seed).images for seed in (2, 3, 4, 5)])
     ranking = localize(Rows(images, np.arange(len(images)), poses(len(images))), 1)
     assert len(images) > 256
@@ -171,7 +171,7 @@ def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both)
 def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(method: Both):
     # 2 m a scan, 8 m a place: all that is nearer than 17 m includes the whole of the query's own.
     settled = replace(method, held_out_every_m=40.0, held_out_length_m=4.0, neighbour_m=17.0)
-    model = settled.learn(rows(1), TRUTH, Watch())
+    model = settled.learn(rows(1), TRUTH, Progress())
     evidence = Evidence.of(model)
     assert evidence.right.all()
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
@@ -181,7 +181,7 @@ def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(met
 def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
     """What the model says of its blocks is what a plain search over the allowed rows finds."""
     narrow, views = replace(FIFTY, candidates=1), rows(1)
-    model = narrow.learn(views, TRUTH, Watch())
+    model = narrow.learn(views, TRUTH, Progress())
     spectra, keys, database = Spectra.of(model), model["ring_keys"], Database.of(model)
     held = np.flatnonzero((2.0 * np.arange(len(TRUTH)) + 20) % 40 < 4)
     rest = np.setdiff1d(np.arange(len(TRUTH)), held)
@@ -193,19 +193,19 @@ def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
         right.append(database.places[candidates[distances.argmin()]] == TRUTH[row])
     np.testing.assert_allclose(model["held_out/seen/distance"], expected, atol=1e-6)
     assert model["held_out/right"].tolist() == right
-    assert (FIFTY.learn(views, TRUTH, Watch())["held_out/seen/distance"] < model["held_out/seen/distance"]).any()
+    assert (FIFTY.learn(views, TRUTH, Progress())["held_out/seen/distance"] < model["held_out/seen/distance"]).any()
 
 
 @BOTH
 def test_the_same_views_give_the_same_bytes(method: Both):
-    first, second = (method.learn(rows(1), TRUTH, Watch()) for _ in range(2))
+    first, second = (method.learn(rows(1), TRUTH, Progress()) for _ in range(2))
     assert first.keys() == second.keys()
     assert all(first[name].tobytes() == second[name].tobytes() for name in first)
 
 
 @BOTH
 def test_views_of_another_shape_are_refused(method: Both):
-    localize = method.localizer(method.learn(rows(1), TRUTH, Watch()))
+    localize = method.localizer(method.learn(rows(1), TRUTH, Progress()))
     with pytest.raises(InputError, match="10 rings × 24 sectors"):
         localize(one(np.zeros((10, 25), np.float32)), 1)
 
@@ -226,7 +226,7 @@ def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float
     views = Rows(np.stack([ScanContext()(cloud) for cloud in clouds]), np.arange(len(clouds)), poses(len(clouds)))
     query = one(ScanContext()(read_velodyne(real / "kitti/pairs/08/001500.bin") + lift))
     for method in (FIFTY, replace(FIFTY, candidates=5), ALL):
-        ranking = method.localizer(method.learn(views, np.arange(len(clouds)), Watch()))(query, 3)
+        ranking = method.localizer(method.learn(views, np.arange(len(clouds)), Progress()))(query, 3)
         assert ranking.places[0, 0] == 0
         np.testing.assert_allclose(ranking.heading_deg, [-150], atol=1e-3)
 
@@ -240,7 +240,7 @@ def test_real_scans_of_one_street_are_nearest_to_their_neighbours(real: Path):
         ]
     )
     world_T_scan = read_poses(real / "kitti/poses/00.txt", real / "kitti/sequences/00/calib.txt")[:16]
-    learned = ALL.learn(Rows(views[::2], np.arange(8), world_T_scan[::2]), np.arange(8), Watch())
+    learned = ALL.learn(Rows(views[::2], np.arange(8), world_T_scan[::2]), np.arange(8), Progress())
     ranking = ALL.localizer(learned)(Rows(views[1::2], np.arange(8), world_T_scan[1::2]), 1)
     away_m = np.linalg.norm(ranking.xy_m[:, 0] - world_T_scan[1::2, :2, 3], axis=1)
     assert (away_m < 2.7).all()

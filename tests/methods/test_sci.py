@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci import Sci
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, RINGS, SECTORS = 4, 12, 8, 24
@@ -36,7 +36,7 @@ TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return SMALL.learn(rows(2), TRUTH, Watch())
+    return SMALL.learn(rows(2), TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +59,14 @@ def test_a_reversed_view_is_known_after_two_way_training(model: Model) -> None:
     back = rows(3, turn=SECTORS // 2)
     assert (SMALL.localizer(model)(back, 1).places[:, 0] == TRUTH).mean() > 0.95
     one_way = replace(SMALL, n_way=1)
-    once = one_way.learn(rows(2), TRUTH, Watch())
+    once = one_way.learn(rows(2), TRUTH, Progress())
     assert (one_way.localizer(once)(rows(3), 1).places[:, 0] == TRUTH).mean() > 0.95
     assert (one_way.localizer(once)(back, 1).places[:, 0] == TRUTH).mean() < 0.7
 
 
 def test_every_way_of_n_is_known() -> None:
     four = replace(SMALL, n_way=4)
-    learned = four.learn(rows(2), TRUTH, Watch())
+    learned = four.learn(rows(2), TRUTH, Progress())
     for turn in (0, 6, 12, 18):
         assert (four.localizer(learned)(rows(3, turn), 1).places[:, 0] == TRUTH).mean() > 0.9
 
@@ -128,12 +128,12 @@ def test_no_queries_have_no_answers(model: Model) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(model: Model) -> None:
-    assert same(SMALL.learn(rows(2), TRUTH, Watch()), model)
-    assert not same(replace(SMALL, seed=1).learn(rows(2), TRUTH, Watch()), model)
+    assert same(SMALL.learn(rows(2), TRUTH, Progress()), model)
+    assert not same(replace(SMALL, seed=1).learn(rows(2), TRUTH, Progress()), model)
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the run when its fifth epoch is about to be shown."""
 
     def note(self, **numbers: float) -> None:
@@ -145,7 +145,7 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model
     with pytest.raises(KeyboardInterrupt):
         SMALL.learn(rows(2), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
     assert (tmp_path / "half").is_file()
-    assert same(SMALL.learn(rows(2), TRUTH, Watch(checkpoint=tmp_path / "half")), model)
+    assert same(SMALL.learn(rows(2), TRUTH, Progress(checkpoint=tmp_path / "half")), model)
 
 
 def test_the_best_epoch_has_the_lowest_held_out_loss(model: Model) -> None:
@@ -154,18 +154,18 @@ def test_the_best_epoch_has_the_lowest_held_out_loss(model: Model) -> None:
 
 @pytest.mark.parametrize(("budget", "epochs"), [(0.25, 4), (0.001, 1)])
 def test_a_budget_is_a_share_of_the_epochs(budget: float, epochs: int) -> None:
-    assert len(SMALL.learn(rows(2), TRUTH, Watch(budget=budget))["curves/loss"]) == epochs
+    assert len(SMALL.learn(rows(2), TRUTH, Progress(budget=budget))["curves/loss"]) == epochs
 
 
 def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     short = replace(SMALL, held_out_every_m=1000.0, epochs=2)
-    assert len(short.learn(rows(2), TRUTH, Watch())["curves/loss"]) == 2
+    assert len(short.learn(rows(2), TRUTH, Progress())["curves/loss"]) == 2
 
 
 @pytest.mark.parametrize("n_way", [0, 5, 7, 48, -2])
 def test_ways_that_do_not_divide_the_sectors_are_a_config_error(n_way: int) -> None:
     with pytest.raises(ConfigError, match=f"n_way={n_way}"):
-        replace(SMALL, n_way=n_way).learn(rows(2), TRUTH, Watch())
+        replace(SMALL, n_way=n_way).learn(rows(2), TRUTH, Progress())
 
 
 def test_views_of_another_shape_are_refused(model: Model) -> None:
@@ -186,5 +186,5 @@ def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model
 
 @pytest.mark.parametrize("colormap", ["jet", "grey"])
 def test_grey_images_are_learned_too(colormap: str) -> None:
-    learned = replace(SMALL, colormap=colormap, epochs=2).learn(rows(2), TRUTH, Watch())  # type: ignore[arg-type]
+    learned = replace(SMALL, colormap=colormap, epochs=2).learn(rows(2), TRUTH, Progress())  # type: ignore[arg-type]
     assert learned["net/features.0.weight"].shape[1] == {"jet": 3, "grey": 1}[colormap]

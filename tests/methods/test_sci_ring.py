@@ -12,7 +12,7 @@ from pipeline.frames import pose
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci_ring.sci_ring import SciRing
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
@@ -51,7 +51,7 @@ def some(views: Rows, part: slice) -> Rows:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return SMALL.learn(rows(2), TRUTH, Watch())
+    return SMALL.learn(rows(2), TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(model: Model, r
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the run when its second epoch is about to be shown."""
 
     def note(self, **numbers: float) -> None:
@@ -160,16 +160,16 @@ def test_an_interrupted_training_goes_on_to_the_same_bytes_and_another_seed_to_o
     with pytest.raises(KeyboardInterrupt):
         short.learn(rows(2), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
     assert (tmp_path / "half").is_file()
-    whole = short.learn(rows(2), TRUTH, Watch())
-    assert same(short.learn(rows(2), TRUTH, Watch(checkpoint=tmp_path / "half")), whole)
-    assert not same(replace(short, seed=1).learn(rows(2), TRUTH, Watch()), whole)
+    whole = short.learn(rows(2), TRUTH, Progress())
+    assert same(short.learn(rows(2), TRUTH, Progress(checkpoint=tmp_path / "half")), whole)
+    assert not same(replace(short, seed=1).learn(rows(2), TRUTH, Progress()), whole)
 
 
 def test_noise_on_the_training_yaw_is_seeded() -> None:
     noisy = replace(SMALL, yaw_noise_deg=40.0, epochs=1)
-    once, again = (noisy.learn(rows(2), TRUTH, Watch()) for _ in range(2))
+    once, again = (noisy.learn(rows(2), TRUTH, Progress()) for _ in range(2))
     assert same(once, again)
-    assert not same(once, replace(noisy, yaw_noise_deg=0.0).learn(rows(2), TRUTH, Watch()))
+    assert not same(once, replace(noisy, yaw_noise_deg=0.0).learn(rows(2), TRUTH, Progress()))
 
 
 def test_a_wedge_of_up_to_its_width_is_emptied_in_each_training_view() -> None:
@@ -194,7 +194,7 @@ def test_a_wedge_of_up_to_its_width_is_emptied_in_each_training_view() -> None:
 
 def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     short = replace(SMALL, held_out_every_m=1000.0, colormap="grey")
-    learned = short.learn(rows(2), TRUTH, Watch(budget=0.05))
+    learned = short.learn(rows(2), TRUTH, Progress(budget=0.05))
     assert len(learned["curves/loss"]) == 1
     assert learned["net/features.0.weight"].shape[1] == 1
 
@@ -204,7 +204,7 @@ def test_views_of_another_shape_are_refused(model: Model) -> None:
     with pytest.raises(InputError, match="8 rings × 40 sectors"):
         SMALL.localizer(model)(replace(other, images=other.images[:, :, :32]), 1)
     with pytest.raises(InputError, match="multiple of 8 sectors"):
-        SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Watch())
+        SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Progress())
 
 
 @pytest.mark.parametrize("wrong", [{"yaw_noise_deg": -1.0}, {"erased_deg": -1.0}, {"erased_deg": 360.0}])

@@ -12,7 +12,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks.classifier import Classifier
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 SETTINGS: dict[str, Any] = {"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3, "threads": 1}
 BOTH = pytest.mark.parametrize("method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"])
@@ -40,7 +40,7 @@ def one_less(places: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("spoil", [minus_one, one_less])
 def test_every_training_view_needs_its_place(method: Classifier, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
     with pytest.raises(InputError, match="known place"):
-        method.learn(rows(), spoil(TRUTH), Watch())
+        method.learn(rows(), spoil(TRUTH), Progress())
 
 
 @BOTH
@@ -53,7 +53,7 @@ def test_impossible_settings_are_a_config_error(method: Classifier, wrong: dict[
 @BOTH
 def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     """Coarse numbers move a cost by less than a twentieth, and fine ones are not the same."""
-    model = method.learn(rows(), TRUTH, Watch())
+    model = method.learn(rows(), TRUTH, Progress())
     fine, coarse = (replace(method, precision=precision).localizer(model)(rows(), 4) for precision in ("f32", "bf16"))
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
     difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.networks.loop import Fit, fit, one_cycle, reproducible
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 IMAGES = torch.randn(24, 6, generator=torch.Generator().manual_seed(1))
 CLASSES = (IMAGES[:, 0] > 0).long()
@@ -34,7 +34,7 @@ def judge(net: nn.Module) -> tuple[float, float]:
         return float(nn.functional.cross_entropy(logits, CLASSES)), float((logits.argmax(1) == CLASSES).float().mean())
 
 
-def train(epochs: int = 6, seed: int = 3, watch: Watch | None = None, accuracies: list[float] | None = None) -> Fit:
+def train(epochs: int = 6, seed: int = 3, progress: Progress | None = None, accuracies: list[float] | None = None) -> Fit:
     """Train; `accuracies` are what the judge is to say, epoch by epoch."""
     said = iter(accuracies or [])
     with reproducible(1):
@@ -48,7 +48,7 @@ def train(epochs: int = 6, seed: int = 3, watch: Watch | None = None, accuracies
             schedule="constant",
             precision="f32",
             seed=seed,
-            watch=watch or Watch(),
+            progress=progress or Progress(),
         )
 
 
@@ -104,7 +104,7 @@ def test_of_equally_good_epochs_the_last_is_kept() -> None:
 
 
 @dataclass(frozen=True)
-class PowerCut(Watch):
+class PowerCut(Progress):
     """Stops the run when an epoch is about to be shown."""
 
     at: int = 0
@@ -119,10 +119,10 @@ def test_an_interrupted_run_goes_on_to_the_same_weights(tmp_path: Path, at: int)
     whole = train()
     cut = PowerCut(checkpoint=tmp_path / "half", at=at)
     with pytest.raises(KeyboardInterrupt):
-        train(watch=cut)
+        train(progress=cut)
     assert cut.checkpoint is not None
     assert cut.checkpoint.exists() == (at > 1)  # of the first epoch nothing was kept yet
-    assert same(train(watch=replace(cut, at=-1)), whole)
+    assert same(train(progress=replace(cut, at=-1)), whole)
 
 
 def test_a_run_interrupted_three_times_and_its_best_epoch_long_past_is_the_same(tmp_path: Path) -> None:
@@ -130,16 +130,16 @@ def test_a_run_interrupted_three_times_and_its_best_epoch_long_past_is_the_same(
     whole = train(accuracies=accuracies)
     for at, kept in ((3, 0), (4, 2), (6, 3)):  # each run goes on after the epochs that the one before it kept
         with pytest.raises(KeyboardInterrupt):
-            train(watch=PowerCut(checkpoint=tmp_path / "half", at=at), accuracies=accuracies[kept:])
-    resumed = train(watch=Watch(checkpoint=tmp_path / "half"), accuracies=accuracies[5:])
+            train(progress=PowerCut(checkpoint=tmp_path / "half", at=at), accuracies=accuracies[kept:])
+    resumed = train(progress=Progress(checkpoint=tmp_path / "half"), accuracies=accuracies[5:])
     assert resumed.best_epoch == 1
     assert same(resumed, whole)
 
 
 def test_a_finished_run_is_not_trained_again(tmp_path: Path) -> None:
-    watch = Watch(checkpoint=tmp_path / "done")
-    first = train(watch=watch)
-    assert same(train(watch=PowerCut(checkpoint=watch.checkpoint, at=6)), first)
+    progress = Progress(checkpoint=tmp_path / "done")
+    first = train(progress=progress)
+    assert same(train(progress=PowerCut(checkpoint=progress.checkpoint, at=6)), first)
 
 
 def test_a_loss_that_is_no_number_stops_the_run() -> None:
@@ -148,7 +148,7 @@ def test_a_loss_that_is_no_number_stops_the_run() -> None:
 
     settings = {"epochs": 1, "steps": 1, "learning_rate": 0.1, "schedule": "constant", "precision": "f32", "seed": 0}
     with reproducible(1), pytest.raises(ConfigError, match="epoch 1"):
-        fit(network(), broken, judge, watch=Watch(), **settings)
+        fit(network(), broken, judge, progress=Progress(), **settings)
 
 
 def test_one_cycle_rises_to_its_peak_and_falls_to_nearly_nothing() -> None:

@@ -12,14 +12,14 @@ from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.readers.recorded import Recorded
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 
 def test_what_is_on_disk_is_listed(tmp_path: Path, kitti: Callable[..., Path]) -> None:
     # Scan 1 holds one point, scan 4 two; scan 2 is cut short.
     point = np.zeros(4, "<f4").tobytes()
     root = kitti(tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]})
-    says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Watch())
+    says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Progress())
     header, one, other = (tmp_path / "out" / "07" / "inventory.csv").read_text().splitlines()
     assert (header, one[:12], other[:12]) == ("stamp_ns,points,digest", "100000000,1,", "400000000,2,")
     assert says.startswith(f"2 scans found below {root}")
@@ -37,7 +37,7 @@ def test_another_pose_or_point_makes_another_inventory(tmp_path: Path, kitti: Ca
         ("c", usual, point[::-1] + point),
     ):
         root = kitti(tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan})
-        Recorded(Kitti(), str(root)).record("07", tmp_path / name / "out", Compute(), Watch())
+        Recorded(Kitti(), str(root)).record("07", tmp_path / name / "out", Compute(), Progress())
         texts.add((tmp_path / name / "out" / "inventory.csv").read_text())
     assert len(texts) == 3
 
@@ -45,7 +45,7 @@ def test_another_pose_or_point_makes_another_inventory(tmp_path: Path, kitti: Ca
 def test_nothing_is_written_of_a_log_that_cannot_be_read(tmp_path: Path, kitti: Callable[..., Path]) -> None:
     root = kitti(tmp_path / "data", poses=None)
     with pytest.raises(LogError):
-        Recorded(Kitti(), str(root)).record("07", tmp_path / "out", Compute(), Watch())
+        Recorded(Kitti(), str(root)).record("07", tmp_path / "out", Compute(), Progress())
     assert not (tmp_path / "out").exists()
 
 

@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import ConfigError
 from pipeline.methods.sci import Sci
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import check
 from pipeline.views.scan_context import ScanContext
 
@@ -58,7 +58,7 @@ def test_a_value_of_another_type_is_refused_by_name(bad, line):
         (lambda: ScanContext(rings=0), "view.rings"),
         (lambda: ScanContext(beyond="keep"), "view.beyond"),
         (lambda: Compute(workers="many"), "compute.workers"),
-        (lambda: Watch(budget=0), "budget.share"),
+        (lambda: Progress(budget=0), "budget.share"),
     ],
 )
 def test_what_a_person_may_mistype_is_refused_before_any_work(build, name):

@@ -10,7 +10,7 @@ from pipeline.readers.bag import Bag
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world.simulation import Simulation
 
 SEQUENCE = "2012-06-15"
@@ -24,13 +24,13 @@ def _files(root: Path) -> list[tuple[str, bytes]]:
 @pytest.fixture(scope="module")
 def nclt(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Log:
     root = tmp_path_factory.mktemp("nclt")
-    small.record(SEQUENCE, root / SEQUENCE, Compute(workers=1), Watch())
+    small.record(SEQUENCE, root / SEQUENCE, Compute(workers=1), Progress())
     return Nclt(max_gap_s=4.0).open(root, SEQUENCE)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
 def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Log, tmp_path: Path, kind: str):
-    replace(small, logs=kind).record(SEQUENCE, tmp_path / SEQUENCE, Compute(workers=2), Watch())
+    replace(small, logs=kind).record(SEQUENCE, tmp_path / SEQUENCE, Compute(workers=2), Progress())
     log = READER.open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == nclt.stamps_ns.tolist()
     assert log.world_T_scan == pytest.approx(nclt.world_T_scan, abs=1e-6)
@@ -45,7 +45,7 @@ def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Lo
 def test_no_way_of_computing_changes_a_byte_of_a_bag(small: Simulation, tmp_path: Path, kind: str):
     world = replace(small, logs=kind, route_m=40.0)
     for name, compute in (("one", Compute(workers=1)), ("processes", Compute("processes", 2))):
-        world.record(SEQUENCE, tmp_path / name, compute, Watch())
+        world.record(SEQUENCE, tmp_path / name, compute, Progress())
     assert _files(tmp_path / "one") == _files(tmp_path / "processes")
     assert len(_files(tmp_path / "one")) == (1 if kind == "ros1" else 2)
 
@@ -53,7 +53,7 @@ def test_no_way_of_computing_changes_a_byte_of_a_bag(small: Simulation, tmp_path
 def test_messages_are_in_order_of_time(small: Simulation, tmp_path: Path):
     from rosbags.rosbag1 import Reader
 
-    replace(small, logs="ros1", route_m=40.0).record(SEQUENCE, tmp_path, Compute(workers=1), Watch())
+    replace(small, logs="ros1", route_m=40.0).record(SEQUENCE, tmp_path, Compute(workers=1), Progress())
     with Reader(tmp_path / "bag.bag") as reader:
         stamps_ns = [stamp for _, stamp, _ in reader.messages()]
         topics = {connection.topic: connection.msgcount for connection in reader.connections}

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.errors import ConfigError
 from pipeline.formats.nclt import pose_rows
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world import simulation
 from pipeline.world.driving.recorder import Recording
 from pipeline.world.layout.shapes import Kind
@@ -24,7 +24,7 @@ EVEN = {"unseen": 0.0, "reversed": 0.0}
 
 
 def _record(world: Simulation, sequence: str, root: Path, workers: int = 1, truth: Path | None = None) -> Recording:
-    return world.record(sequence, root / sequence, Compute(workers=workers), Watch(), truth)
+    return world.record(sequence, root / sequence, Compute(workers=workers), Progress(), truth)
 
 
 def _digest(root: Path) -> str:
@@ -123,7 +123,7 @@ def test_workers_and_blocks_leave_the_bytes_alone(
 
 
 def test_processes_write_the_same_bytes(small: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
-    small.record(SUMMER, tmp_path / SUMMER, Compute("processes", 2), Watch())
+    small.record(SUMMER, tmp_path / SUMMER, Compute("processes", 2), Progress())
     assert _digest(tmp_path) == _digest(logs[0])
 
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world.driving.drive import drive
 from pipeline.world.driving.entry import Entry
 from pipeline.world.layout.campus import Campus, shapes_on
@@ -65,7 +65,7 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
     table = {**small.sequences, "2013-03-16": {"unseen": 0.08, "reversed": 0.0, "events_per_km": 120.0, "lateral_m": 2.0}}
     for name, world in (("without", small), ("with", replace(small, sequences=table))):
         for sequence in (TRAINING, TEST):
-            world.record(sequence, tmp_path / name / sequence, Compute(workers=1), Watch())
+            world.record(sequence, tmp_path / name / sequence, Compute(workers=1), Progress())
     digests = [
         [hashlib.sha256(path.read_bytes()).digest() for path in sorted((tmp_path / name).rglob("*.*")) if path.is_file()]
         for name in ("without", "with")

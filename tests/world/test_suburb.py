@@ -9,7 +9,7 @@ import yaml
 from pipeline.errors import ConfigError
 from pipeline.readers.kitti import Kitti, read_poses
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world.driving.drive import drive
 from pipeline.world.driving.motion import CAR
 from pipeline.world.driving.recorder import Recording
@@ -32,7 +32,7 @@ def suburb() -> Simulation:
 @pytest.fixture(scope="module")
 def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Recording]:
     root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
-    return root, truth, suburb.record("00-a", root / "00-a", Compute(workers=2), Watch(), truth)
+    return root, truth, suburb.record("00-a", root / "00-a", Compute(workers=2), Progress(), truth)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_the_second_half_revisits_the_first(suburb: Simulation, logs: tuple[Path
 
 
 def test_both_parts_are_the_same_bytes_however_computed(suburb: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
-    suburb.record("00-b", tmp_path, Compute("processes", 2), Watch())
+    suburb.record("00-b", tmp_path, Compute("processes", 2), Progress())
     files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert files == sorted(path.relative_to(logs[0] / "00-a") for path in (logs[0] / "00-a").rglob("*") if path.is_file())
     assert all((tmp_path / path).read_bytes() == (logs[0] / "00-a" / path).read_bytes() for path in files)
@@ -125,7 +125,7 @@ def test_every_log_has_a_place_of_its_own(suburb: Simulation):
 
 def test_the_table_names_whole_logs(suburb: Simulation, tmp_path: Path):
     with pytest.raises(ConfigError, match=r"02-a: not in world\.sequences"):
-        suburb.record("02-a", tmp_path, Compute(workers=1), Watch())
+        suburb.record("02-a", tmp_path, Compute(workers=1), Progress())
 
 
 @pytest.mark.parametrize(("preset", "number"), [("tiny", 2), ("demo", 4)])

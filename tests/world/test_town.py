@@ -11,7 +11,7 @@ from pipeline.formats.robotcar import decode_sweep
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar import RobotCar
 from pipeline.running.compute import Compute
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
@@ -35,7 +35,7 @@ def town() -> Simulation:
 @pytest.fixture(scope="module")
 def logs(town: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
-    town.record(TEST, root / TEST, Compute(workers=1), Watch(), truth)
+    town.record(TEST, root / TEST, Compute(workers=1), Progress(), truth)
     return root, truth
 
 
@@ -124,7 +124,7 @@ def test_odometry_drifts_little_over_a_submap(log: Log):
 
 @pytest.mark.parametrize("compute", [Compute(workers=2), Compute("processes", 2)])
 def test_no_way_of_computing_changes_a_byte(town: Simulation, logs: tuple[Path, Path], tmp_path: Path, compute: Compute):
-    recording = town.record(TEST, tmp_path / TEST, compute, Watch())
+    recording = town.record(TEST, tmp_path / TEST, compute, Progress())
     assert _digest(tmp_path) == _digest(logs[0])
     assert str(recording).startswith("1000 sweeps, ")
 
@@ -135,7 +135,7 @@ def test_all_ways_of_a_town_are_roads(town: Simulation):
 
 def test_an_unknown_drive_is_one_line_of_error(town: Simulation, tmp_path: Path):
     with pytest.raises(ConfigError, match=r"not in world\.sequences") as error:
-        town.record("2014-07-14-15-16-36", tmp_path, Compute(workers=1), Watch())
+        town.record("2014-07-14-15-16-36", tmp_path, Compute(workers=1), Progress())
     assert "\n" not in str(error.value)
 
 

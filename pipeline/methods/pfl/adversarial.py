@@ -13,7 +13,7 @@ from torch.nn.functional import mse_loss
 from pipeline.errors import ConfigError
 from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 
 RIGHT = "held_out_accuracy"
 """The judge's number that says which round is best, where it gives one."""
@@ -69,13 +69,13 @@ def play(
     generator_steps: int,
     precision: Literal["auto", "bf16", "f32"],
     seed: int,
-    watch: Watch,
+    progress: Progress,
 ) -> dict[str, NDArray[np.float64]]:
     """Train the game's networks on images (n, 64, 64); returns every term's mean in each round, and the judge's numbers after it.
 
     Each turn has an Adam of its own, as in the authors' code. The makers end with their weights of the round that knew the most
     held-out places, of equals the last: no loss of such a game says which are best, and it swings to its end. Every random draw
-    of a round follows from the seed and the round's number, so a run that goes on from `watch.checkpoint` gives the weights of
+    of a round follows from the seed and the round's number, so a run that goes on from `progress.checkpoint` gives the weights of
     one that was never interrupted.
     """
     where, turns = next(game.parameters()).device, game.turns()
@@ -89,13 +89,13 @@ def play(
     share = loop.SCHEDULES[schedule]
     data, curves = torch.from_numpy(images), dict[str, list[float]]()
     done, best = 0, _makers(game)
-    if watch.checkpoint is not None and watch.checkpoint.is_file():
-        with loop.whole(watch.checkpoint):
-            kept = loop.resume(watch.checkpoint, game, optimizers)
+    if progress.checkpoint is not None and progress.checkpoint.is_file():
+        with loop.whole(progress.checkpoint):
+            kept = loop.resume(progress.checkpoint, game, optimizers)
             done = len(kept["curves/joint_generator"])
         curves = {name.removeprefix("curves/"): value.tolist() for name, value in kept.items() if name.startswith("curves/")}
         best = {name.removeprefix(loop.BEST): value for name, value in kept.items() if name.startswith(loop.BEST)}
-    for number in watch.track(range(done, rounds), rounds - done, "train"):
+    for number in progress.track(range(done, rounds), rounds - done, "train"):
         torch.manual_seed((seed << 20) + number)
         passes = -(-iterations * batch // len(data))
         order = torch.cat([torch.randperm(len(data)) for _ in range(passes)])[: iterations * batch].view(iterations, batch)
@@ -120,10 +120,11 @@ def play(
             curves.setdefault(name, []).append(value)
         if best_round(curves) == number:
             best = _makers(game)
-        watch.note(epoch=number + 1, **row)
-        if watch.checkpoint is not None:
+        progress.note(epoch=number + 1, **row)
+        if progress.checkpoint is not None:
             columns = {f"curves/{name}": torch.tensor(column, dtype=torch.float64) for name, column in curves.items()}
-            loop.keep(watch.checkpoint, game, optimizers, columns | {f"{loop.BEST}{name}": value for name, value in best.items()})
+            columns |= {f"{loop.BEST}{name}": value for name, value in best.items()}
+            loop.keep(progress.checkpoint, game, optimizers, columns)
     game.load_state_dict(best, strict=False)
     return {name: np.array(column) for name, column in curves.items()}
 

@@ -24,7 +24,7 @@ from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminato
 from pipeline.methods.pfl.game import Game, Objective
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import positive
 
 ENCODER, DECODER = "net/encoder.", "net/decoder."
@@ -76,7 +76,7 @@ class FeatureMethod(SequenceMethod, ABC):
     def terms(self) -> Objective:
         """What this variant trains for."""
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on all headings of the rows that are not held out; the database has all rows."""
         images, database = _images(views), Database.learned(views, places)
         held = self.held_out(views)
@@ -84,7 +84,7 @@ class FeatureMethod(SequenceMethod, ABC):
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             game = self._game()
-            curves = self._train(game, images, views, database, watch)
+            curves = self._train(game, images, views, database, progress)
             model = {
                 **{f"net/{part}.{name}": value.cpu().contiguous().numpy() for part in ("encoder", "decoder")
                    for name, value in getattr(game, part).state_dict().items()},
@@ -162,11 +162,11 @@ class FeatureMethod(SequenceMethod, ABC):
         ).to(device())
 
     def _train(
-        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, watch: Watch
+        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, progress: Progress
     ) -> dict[str, NDArray[np.float64]]:
         where, held = device(), self.held_out(views)
         data = images[~held].reshape(-1, SIDE, SIDE)
-        total = max(1, round(self.epochs * watch.budget * len(data) / self.batch))
+        total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
         iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
         shown = images[held if held.any() else ~held].reshape(-1, SIDE, SIDE)
         looked_at = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
@@ -200,7 +200,7 @@ class FeatureMethod(SequenceMethod, ABC):
             generator_steps=self.generator_steps,
             precision=self.precision,
             seed=self.seed,
-            watch=watch,
+            progress=progress,
         )
 
 

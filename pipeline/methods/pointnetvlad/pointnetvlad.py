@@ -20,7 +20,7 @@ from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Watch
+from pipeline.running.progress import Progress
 from pipeline.running.settings import positive
 
 ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
@@ -83,7 +83,7 @@ class PointNetVlad(DescriptorMethod):
         if not self.positive_m < self.negative_m:
             raise ConfigError(f"method.negative_m={self.negative_m}: expected more than positive_m={self.positive_m}")
 
-    def learn(self, views: Rows, places: NDArray[np.int64], watch: Watch) -> Model:
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the training sequence's clouds (n, point, xyz) but those of its held-out blocks; the database has all."""
         clouds, database = _clouds(views), Database.learned(views, places)
         held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
@@ -92,7 +92,7 @@ class PointNetVlad(DescriptorMethod):
             net = Describer(momentum=self.batch_norm_momentum).to(device())
             if self.weights:
                 self._load(net)
-            curves = self._train(net, clouds, database, held, watch) if self.epochs else {}
+            curves = self._train(net, clouds, database, held, progress) if self.epochs else {}
             descriptors = self._describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
         return {
@@ -121,7 +121,7 @@ class PointNetVlad(DescriptorMethod):
         return rank
 
     def _train(
-        self, net: Describer, clouds: NDArray[np.float16], database: Database, held: NDArray[np.bool_], watch: Watch
+        self, net: Describer, clouds: NDArray[np.float16], database: Database, held: NDArray[np.bool_], progress: Progress
     ) -> dict[str, NDArray[Any]]:
         """Leave the weights of the best round in the network; returns its number and the curves."""
         rows = np.flatnonzero(~held)
@@ -130,7 +130,7 @@ class PointNetVlad(DescriptorMethod):
             database.xy_m[rows], self.positive_m, self.negative_m, self.positives, self.negatives, self.hard_negatives
         )
         queries = tuples.queries()
-        total = max(1, round(self.epochs * watch.budget * len(queries) / self.batch))
+        total = max(1, round(self.epochs * progress.budget * len(queries) / self.batch))
         steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
         rounds = round(total / steps)
         gap_m = cdist(database.xy_m[asked], database.xy_m[rows])
@@ -173,7 +173,7 @@ class PointNetVlad(DescriptorMethod):
             schedule=self.schedule,
             precision=self.precision,
             seed=self.seed,
-            watch=watch,
+            progress=progress,
             step=step,
             fused=True,
         )
