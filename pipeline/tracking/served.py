@@ -26,10 +26,14 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
+SHIPPED = ("__init__", "errors", "frames", "schemas", "store", "matching", "methods", "networks", "running", "views")
+"""Modules and folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
 """What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
 OURS = "yearloc.model"
 """The tag of a model that was logged here; others are somebody else's."""
+PYFUNC = LIBRARY / "tracking/pyfunc.py"
+"""The file that MLflow runs to load the model."""
 Dims = tuple[str | int, ...]
 OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "places": (np.int64, ("query", "rank")),
@@ -73,9 +77,9 @@ class Served:
         return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])), k)
 
     def content(self) -> dict[str, object]:
-        """All that the model depends on, for a digest."""
-        digest = hashlib.sha256(self.arrays.read_bytes()).hexdigest()
-        return asdict(self) | {"arrays": digest, "parameters": dict(self.parameters)}
+        """Everything that the logged model holds, its code included, files as digests; `RunRecord.key` hashes it."""
+        code = {path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())}
+        return asdict(self) | {"arrays": _digest(self.arrays), "parameters": dict(self.parameters), "code": code}
 
     def note(self, model_id: str) -> str:
         """What the model's page says of it: how to use it, and its signature, which MLflow shows in a file only."""
@@ -102,16 +106,32 @@ class Served:
                 shapes = {name: tuple(-1 if isinstance(dim, str) else dim for dim in dims) for name, (_, dims) in tensors.items()}
                 return Schema([TensorSpec(np.dtype(kind), shapes[name], name) for name, (kind, _) in tensors.items()])
 
-            save_model(
-                folder,
-                python_model=str(LIBRARY / "tracking/pyfunc.py"),
-                artifacts={"arrays": str(self.arrays)},
-                code_paths=[str(LIBRARY)],
-                model_config={"method": self.method, "parameters": dict(self.parameters), "outputs": list(OUTPUTS)},
-                signature=ModelSignature(schema(self.inputs), schema(OUTPUTS), ParamSchema([ParamSpec("k", "long", self.k)])),
-                pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS],
-                mlflow_model=Model(**about),
-            )
+            with TemporaryDirectory() as scratch:
+                code = Path(scratch, LIBRARY.name)
+                for path in shipped():
+                    copy = code / path.relative_to(LIBRARY)
+                    copy.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(path, copy)
+                save_model(
+                    folder,
+                    python_model=str(PYFUNC),
+                    artifacts={"arrays": str(self.arrays)},
+                    code_paths=[str(code)],
+                    model_config={"method": self.method, "parameters": dict(self.parameters), "outputs": list(OUTPUTS)},
+                    signature=ModelSignature(schema(self.inputs), schema(OUTPUTS), ParamSchema([ParamSpec("k", "long", self.k)])),
+                    pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS],
+                    mlflow_model=Model(**about),
+                )
+
+
+def shipped() -> list[Path]:
+    """The source files that go into a logged model's `code` folder."""
+    found = (path for name in SHIPPED for path in (LIBRARY / f"{name}.py", *(LIBRARY / name).rglob("*.py")))
+    return sorted(path for path in found if path.is_file())
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _words(kind: type, dims: Dims) -> str:

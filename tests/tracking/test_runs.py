@@ -256,7 +256,7 @@ def test_a_logged_model_holds_its_code_and_no_pickle(database: Path, tmp_path: P
     done = publish(database, "no pickle", [with_model(tmp_path, monkeypatch)])
     (model,) = models(database, done.experiment_id)
     files = [path for path in (database.parent / "mlruns" / "models" / model.model_id).rglob("*") if path.is_file()]
-    assert {path.suffix for path in files} <= {".py", ".html", ".css", ".js", ".yaml", ".txt", ".safetensors", ""}
+    assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".safetensors", ""}
     assert [path.name for path in files if path.suffix == ".safetensors"] == ["tiny.safetensors"]
     assert all(path.read_bytes()[:1] != b"\x80" for path in files)  # as every pickle since protocol 2 begins
     (root,) = [path.parent for path in files if path.name == "MLmodel"]

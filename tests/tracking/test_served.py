@@ -1,5 +1,6 @@
 """What a model's file says of itself is enough to serve it."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import pytest
 
 from pipeline import store
 from pipeline.errors import InputError
-from pipeline.tracking.served import OUTPUTS, REQUIREMENTS, Served
+from pipeline.matching.ranking import Ranking
+from pipeline.tracking import served
+from pipeline.tracking.served import OUTPUTS, REQUIREMENTS, SHIPPED, Served
 
 RECIPE = {
     "_target_": "pipeline.methods.sci.Sci",
@@ -28,11 +31,11 @@ def write(path: Path, recipe: dict[str, object]) -> Path:
 
 def test_a_model_is_served_with_the_parameters_it_was_learned_with(tmp_path: Path) -> None:
     """The recipe's values are words in the file; their types come back."""
-    served = Served.read(write(tmp_path / "sci.safetensors", RECIPE))
-    assert served is not None
-    assert served.method == "pipeline.methods.sci:Sci"
-    assert served.image_shape == (40, 120)
-    assert served.parameters == {"learning_rate": 1e-05, "n_way": 2, "colormap": "jet", "crop": False, "grid": "10m"}
+    model = Served.read(write(tmp_path / "sci.safetensors", RECIPE))
+    assert model is not None
+    assert model.method == "pipeline.methods.sci:Sci"
+    assert model.image_shape == (40, 120)
+    assert model.parameters == {"learning_rate": 1e-05, "n_way": 2, "colormap": "jet", "crop": False, "grid": "10m"}
 
 
 def test_a_model_that_does_not_name_its_class_is_not_served(tmp_path: Path) -> None:
@@ -46,9 +49,21 @@ def test_a_model_changes_with_its_arrays(tmp_path: Path) -> None:
     assert Served(path, "m:C", {}, (40, 120)).content() != before
 
 
-def test_what_is_served_is_what_a_method_answers() -> None:
-    from pipeline.matching.ranking import Ranking
+def test_a_model_changes_with_the_code_that_it_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    library = tmp_path / "pipeline"
+    shutil.copytree(served.LIBRARY, library, ignore=shutil.ignore_patterns("__pycache__", ".numba"))
+    monkeypatch.setattr(served, "LIBRARY", library)
+    monkeypatch.setattr(served, "PYFUNC", library / "tracking/pyfunc.py")
+    model = Served(write(tmp_path / "sci.safetensors", RECIPE), "m:C", {}, (40, 120))
+    before = model.content()
+    assert model.content() == before
+    for name, changes in {"reports/style.py": False, "matching/nearest.py": True, "tracking/pyfunc.py": True}.items():
+        path, before = library / name, model.content()
+        path.write_text(path.read_text() + "\n")
+        assert (model.content() != before) == changes
 
+
+def test_what_is_served_is_what_a_method_answers() -> None:
     assert set(OUTPUTS) <= set(Ranking.__dataclass_fields__)
 
 
@@ -60,9 +75,19 @@ def test_only_a_safetensors_file_and_a_class_are_served(tmp_path: Path, name: st
         Served(tmp_path / name, method, {}, (40, 120))
 
 
-def test_a_model_requires_what_the_methods_import() -> None:
+@pytest.fixture(scope="module")
+def imported() -> set[str]:
+    """Every module, of the library or not, that a served method may import."""
     graph = grimp.build_graph("pipeline", include_external_packages=True, cache_dir=None)
-    roots = {"pipeline.tracking.pyfunc"} | graph.find_children("pipeline.methods")
-    imported = roots.union(*(graph.find_upstream_modules(root) for root in roots))
+    roots = {"pipeline.tracking.pyfunc"} | graph.find_descendants("pipeline.methods")
+    return set(roots.union(*(graph.find_upstream_modules(root) for root in roots)))
+
+
+def test_a_model_requires_what_the_methods_import(imported: set[str]) -> None:
     packages = {module.partition(".")[0] for module in imported} - {"pipeline"} - sys.stdlib_module_names
     assert {"faiss-cpu" if package == "faiss" else package for package in packages} == set(REQUIREMENTS)
+
+
+def test_a_model_ships_what_the_methods_import(imported: set[str]) -> None:
+    ours = {module.split(".")[1] for module in imported if module.startswith("pipeline.")} - {"tracking"}
+    assert ours | {"__init__"} == set(SHIPPED)
