@@ -208,6 +208,7 @@ class Tiny:
                 xy_m=np.zeros((*places.shape, 2)),
                 novelty=views.images[:, :1, 0],
                 confidence=np.ones(len(places), np.float32),
+                heading_deg=np.full(len(places), 90, np.float32),
             )
 
         return localize
@@ -247,6 +248,7 @@ def test_a_logged_model_answers_again(database: Path, tmp_path: Path, monkeypatc
     answer = loaded.predict(heights_m)
     assert answer["places"].tolist() == [[5, 8, 11], [5, 8, 11]]
     assert answer["novelty"].tolist() == [[1.5], [1.5]]
+    assert answer["heading_deg"].tolist() == [90, 90]
     assert loaded.predict(heights_m, params={"k": 1})["places"].tolist() == [[5], [5]]
     assert loaded.metadata.signature.inputs.inputs[0].shape == (-1, 4, 12)
     assert loaded.metadata.signature.outputs.input_names() == list(answer)
