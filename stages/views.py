@@ -27,9 +27,9 @@ def main(cfg: DictConfig) -> str:
     sequences, compute = cfg.sequences.split(), instantiate(cfg.compute)
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        if opened(cfg, sequences[0]).single:
+        if opened(cfg, sequences[0]).one_scan_each:
             told = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
-        else:  # a submap takes over scans from the one before it, so sequences are drawn side by side
+        else:  # neighbouring submaps share scans: sequences are drawn side by side, not blocks
             done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()), sequences)
             told = list(ProgressBar().track(done, len(sequences), "draw"))
     return "; ".join(told)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.evaluation.rows import Rows, row
-from pipeline.mapping.gathering import Gathering
+from pipeline.mapping.gathering import submap_points
 from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import positive
@@ -147,15 +147,9 @@ def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
 
 
 def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
-    """Points (n, 3) in metres of some submaps, rows in rising order, as a view is drawn from them."""
-    first, last = submaps.load("first"), submaps.load("scans")
-    if (first != last).any():
-        ground_m, used = submaps.load("ground_m")[rows], submaps.load("used")
-        yield from Gathering(scans, submaps.attrs["layout"], first[rows], last[rows], ground_m, used)
-        return
-    for scan in last[rows]:
-        start, stop = scans["offsets"][scan : scan + 2]
-        yield scans["points"][start:stop] * float(scans.attrs["grain_m"])
+    """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
+    for one in rows.tolist():
+        yield from submap_points(scans, submaps, slice(one, one + 1))
 
 
 def processor() -> str:

@@ -59,6 +59,22 @@ class Gathering:
                 yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]
 
 
+def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[NDArray[np.float64]]:
+    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame, z up from the ground.
+
+    Submaps of one scan each are read in one slice and never leave the scan's own frame, so no rounding is added.
+    """
+    first, last, ground_m = (np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m"))
+    if (first != last).any():
+        yield from Gathering(scans, submaps.attrs["layout"], first, last, ground_m, submaps.load("used"))
+        return
+    offsets = np.asarray(scans["offsets"][last[0] : last[-1] + 2])
+    points = np.asarray(scans["points"][offsets[0] : offsets[-1]])
+    for row, height_m in zip(last - last[0], ground_m, strict=True):
+        cloud = points[offsets[row] - offsets[0] : offsets[row + 1] - offsets[0]]
+        yield cloud * float(scans.attrs["grain_m"]) - (0.0, 0.0, height_m)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 3) of frame b in frame a; for such slim matrices BLAS would wake its threads."""

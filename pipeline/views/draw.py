@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.mapping.gathering import Gathering
+from pipeline.mapping.gathering import submap_points
 from pipeline.running.compute import Compute
 from pipeline.schemas import Schema
 from pipeline.store import Artifact
@@ -36,17 +36,17 @@ class Drawing:
         return int(self.submaps["scans"].shape[0])
 
     @property
-    def single(self) -> bool:
-        """Whether each submap is one scan."""
+    def one_scan_each(self) -> bool:
+        """Whether no two submaps share a scan, so that blocks of them can be drawn side by side."""
         return bool((self.submaps["first"][:] == self.submaps["scans"][:]).all())
 
     def blocks(self, compute: Compute) -> Iterator[NDArray[np.floating]]:
         """Images (BLOCK or fewer, …) of one block of submaps after the other.
 
-        Submaps of one scan each are drawn side by side; those that share scans in order, so that each scan is laid out once.
+        Submaps that share scans are drawn in order on one core, so that each scan is moved into their common frame once.
         """
-        if self.single:
-            yield from compute.rows(self._single, len(self), BLOCK)
+        if self.one_scan_each:
+            yield from compute.rows(self._block, len(self), BLOCK)
             return
         images = map(self.view, self.points())
         while block := list(islice(images, BLOCK)):
@@ -54,22 +54,10 @@ class Drawing:
 
     def points(self) -> Iterator[NDArray[np.floating]]:
         """Points (n, 3) in metres of one submap after the other, z up from the ground."""
-        if self.single:
-            for start in range(0, len(self), BLOCK):
-                yield from self._points(start, min(start + BLOCK, len(self)))
-        else:
-            columns = {name: self.submaps.load(name) for name in ("first", "ground_m", "used")}
-            yield from Gathering(self.scans, self.submaps.attrs["layout"], last=self.submaps.load("scans"), **columns)
+        step = BLOCK if self.one_scan_each else max(len(self), 1)
+        for start in range(0, len(self), step):
+            yield from submap_points(self.scans, self.submaps, slice(start, start + step))
 
-    def _single(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Images (stop − start, …) of submaps of one scan each."""
-        return np.stack([self.view(points) for points in self._points(start, stop)])
-
-    def _points(self, start: int, stop: int) -> Iterator[NDArray[np.floating]]:
-        """Points (n, 3) of submaps of one scan each, which are read in one slice."""
-        rows = np.asarray(self.submaps["scans"][start:stop])
-        offsets = np.asarray(self.scans["offsets"][rows[0] : rows[-1] + 2])
-        points = np.asarray(self.scans["points"][offsets[0] : offsets[-1]])
-        grain_m = float(self.scans.attrs["grain_m"])
-        for row in rows - rows[0]:
-            yield points[offsets[row] - offsets[0] : offsets[row + 1] - offsets[0]] * grain_m
+    def _block(self, start: int, stop: int) -> NDArray[np.floating]:
+        """Images (stop − start, …)."""
+        return np.stack([self.view(points) for points in submap_points(self.scans, self.submaps, slice(start, stop))])

@@ -48,7 +48,7 @@ def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1, points: in
     with store.write(folder / "submaps/campus" / f"{sequence}.zarr", schemas.SUBMAPS, layout="odom_T_scan", left_out={}) as draft:
         draft.put("first", last - (sweeps - 1))
         draft.put("scans", last)
-        draft.put("ground_m", np.full(len(last), 0.25 if sweeps > 1 else 0.0))
+        draft.put("ground_m", np.full(len(last), 0.25))
         draft.put("used", np.ones(scans, bool))
         draft.put("stamps_ns", 10 * last)
         draft.put("world_T_anchor", poses[last])

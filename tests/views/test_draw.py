@@ -32,12 +32,12 @@ def scans(tmp_path: Path) -> store.Artifact:
 def drawing(tmp_path: Path, scans: store.Artifact) -> Callable[..., Drawing]:
     """Submaps of single scans, given as rows."""
 
-    def draw(*rows: int) -> Drawing:
-        path = tmp_path / f"submaps{rows}.zarr"
+    def draw(*rows: int, ground_m: float = 0.0) -> Drawing:
+        path = tmp_path / f"submaps{rows}{ground_m}.zarr"
         with store.write(path, SUBMAPS, layout="world_T_scan", left_out={}) as draft:
             for name in ("first", "scans", "stamps_ns"):
                 draft.put(name, np.array(rows, np.int64))
-            draft.put("ground_m", np.zeros(len(rows)))
+            draft.put("ground_m", np.full(len(rows), ground_m))
             draft.put("used", np.ones(5, bool))
             draft.put("world_T_anchor", np.tile(np.eye(4), (len(rows), 1, 1)))
         return Drawing(scans, store.read(path, SUBMAPS), summary)
@@ -46,8 +46,8 @@ def drawing(tmp_path: Path, scans: store.Artifact) -> Callable[..., Drawing]:
 
 
 def summary(points_m: np.ndarray) -> np.ndarray:
-    """How many points, and the sum of their x."""
-    return np.array([len(points_m), points_m[:, 0].sum()], np.float32)
+    """How many points, and the sum of their z."""
+    return np.array([len(points_m), points_m[:, 2].sum()], np.float32)
 
 
 def images(drawing: Drawing, workers: int = 1) -> np.ndarray:
@@ -62,6 +62,11 @@ def test_each_submap_is_drawn_from_its_own_points_in_metres(drawing: Callable[..
 
 def test_a_scan_without_points_is_drawn_too(drawing: Callable[..., Drawing]) -> None:
     np.testing.assert_allclose(images(drawing(1)), [[0, 0]])
+
+
+def test_the_ground_is_taken_off_a_submap_that_happens_to_hold_one_scan(drawing: Callable[..., Drawing]) -> None:
+    """As 0.25 m off each of 3, 5, 2 and 4 points."""
+    np.testing.assert_allclose(images(drawing(0, 2, 3, 4, ground_m=0.25)), [[3, 2.25], [5, 13.75], [2, 7.5], [4, 19]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("block", [1, 2, 5])
