@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -34,32 +35,33 @@ class Compute:
 
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
         workers = self.workers or CPU_COUNT
-        options = {"scheduler": self._get(), "num_workers": workers}
-        for first in range(0, len(spans), 2 * workers):
-            group = spans[first : first + 2 * workers]
-            yield from dask.compute(*[dask.delayed(fn, pure=False)(*span) for span in group], **options)
+        with self._scheduler() as get:
+            for first in range(0, len(spans), 2 * workers):
+                group = [dask.delayed(fn, pure=False)(*span) for span in spans[first : first + 2 * workers]]
+                yield from dask.compute(*group, scheduler=get, num_workers=workers)
 
     def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Yield fn(item) of each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
-    def _get(self) -> Callable[..., object]:
+    @contextmanager
+    def _scheduler(self) -> Iterator[Callable[..., object]]:
         """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""
         if self.scheduler == "threads":
             from dask.threaded import get
+
+            yield get
         elif self.scheduler == "processes":
             from dask.multiprocessing import get
+
+            yield get
         else:
-            get = _cluster()
-        return get  # type: ignore[no-any-return]
+            address = os.environ.get("DASK_SCHEDULER_ADDRESS")
+            if not address:
+                raise ConfigError(
+                    "compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as tcp://host:8786"
+                )
+            from distributed import Client
 
-
-def _cluster() -> Callable[..., object]:
-    """The `get` of a client of the scheduler that DASK_SCHEDULER_ADDRESS names."""
-    address = os.environ.get("DASK_SCHEDULER_ADDRESS")
-    if not address:
-        raise ConfigError("compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as tcp://host:8786")
-    from distributed import Client
-
-    get: Callable[..., object] = Client(address, set_as_default=False).get
-    return get
+            with Client(address, set_as_default=False) as client:
+                yield client.get
