@@ -213,7 +213,7 @@ class PointNetVlad(DescriptorMethod):
         try:
             tensors = store.read_model(Path(self.weights))
         except ArtifactError as error:
-            raise ConfigError(f"method.weights: {str(error).partition(';')[0]}") from None
+            raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
         own = net.state_dict()
         if any(name.startswith(NET) for name in tensors):
             tensors = {name: value for name, value in tensors.items() if name.startswith(NET)}
