@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from numpy.typing import NDArray
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
 from pipeline.matching.ranking import Rows
@@ -21,7 +21,8 @@ def main(cfg: DictConfig) -> str:
     sequences = [f"{sequence}.zarr" for sequence in cfg.sequences.split()]
     views = Rows.joined([Rows.read(Path(cfg.views, name)) for name in sequences])
     places = joined([store.read(Path(cfg.labels, name), schemas.LABELS).load("places") for name in sequences])
-    method, share = within_budget(cfg)
+    cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
+    method, share = instantiate(cfg.method), float(cfg.budget.share)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
     learned = method.learn(views, places, ProgressBar(budget=share, checkpoint=checkpoint))
@@ -39,11 +40,16 @@ def joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     return np.concatenate([part + first for part, first in zip(parts, firsts, strict=True)])
 
 
-def within_budget(cfg: DictConfig) -> tuple[Any, float]:
-    """The method and its share of its full training, as conf/budget has them: one for all, and words for a method by its name."""
-    own = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
-    share = float(own.pop("share"))
-    return instantiate(cfg.method, **own), share
+def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
+    """The configuration with its method's words of conf/budget in `method` and `budget.share`, and no others left in `budget`.
+
+    What `overrides` (such as method.width=16) set stays, so a word of the budget stands in for the method's yaml alone.
+    """
+    explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
+    words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
+    share = cfg.budget.share if "budget.share" in explicit else words["share"]
+    given = {key: value for key, value in words.items() if key != "share" and f"method.{key}" not in explicit}
+    return OmegaConf.create({**cfg, "method": {**cfg.method, **given}, "budget": {"share": share}})
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from pipeline.studies.names import entry
 from pipeline.sweeps.chain import Step
 from pipeline.sweeps.job import Settings
 from stages import ROOT
+from stages.train import within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
 LISTED = ("world", "submap", "budget", "grid", "method", "view")
@@ -82,7 +83,8 @@ class Composer:
 
 @cache
 def _composed(stage: str, overrides: tuple[str, ...]) -> DictConfig:
-    return compose(stage, list(overrides))  # by the Hydra that runs the job
+    cfg = compose(stage, list(overrides))  # by the Hydra that runs the job
+    return within_budget(cfg, overrides) if stage == "train" else cfg
 
 
 @cache
