@@ -115,3 +115,6 @@ class ProgressBar(Progress):
 
     def note(self, **numbers: float) -> None:
         self.numbers.update(numbers)
+
+    def tell(self, line: str) -> None:
+        print(f"  {line}", file=sys.stderr, flush=True)

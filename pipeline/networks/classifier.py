@@ -15,7 +15,7 @@ from pipeline.matching import holdout
 from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, near
-from pipeline.matching.temperature import temperature
+from pipeline.matching.temperature import determined, temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
@@ -143,6 +143,9 @@ class Classifier(ABC):
         likeness = [(one.features.numpy() @ memory[of_training].T).astype(np.float64) for one in (seen, unseen)]
         scores, others = (one.logits.numpy().astype(np.float64) for one in (seen, unseen))
         softness = temperature(scores, places[held])
+        if not determined(softness, scores, places[held]):
+            line = f"the {len(scores)} held-out views fix no temperature, {softness:.3g} is used"
+            progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
         evidence = Evidence(
             scores.argmax(axis=1) == places[held],
             self.novelties(scores, softness, likeness[0].max(axis=1)),

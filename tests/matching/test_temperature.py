@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import softmax
 
-from pipeline.matching.temperature import temperature
+from pipeline.matching.temperature import determined, temperature
 
 
 def test_logits_blown_up_by_a_factor_are_cooled_by_it() -> None:
@@ -13,6 +13,15 @@ def test_logits_blown_up_by_a_factor_are_cooled_by_it() -> None:
     classes = np.array([rng.choice(10, p=p) for p in softmax(logits, axis=1)])
     assert abs(temperature(logits, classes) - 1) < 0.08
     assert abs(temperature(3 * logits, classes) / 3 - 1) < 0.08
+
+
+def test_a_temperature_is_not_determined_where_all_rows_are_right_or_all_wrong_or_none() -> None:
+    """The likeliest is then 0, or infinite; one wrong row among right ones fixes it."""
+    logits = np.array([[2.0, 1.0, 0.0], [0.5, 1.0, 0.0], [0.0, 1.0, 3.0]])
+    for classes, fixed in (([0, 1, 2], False), ([2, 2, 0], False), ([0, 0, 2], True)):
+        found = temperature(logits, np.array(classes))
+        assert determined(found, logits, np.array(classes)) == fixed
+    assert not determined(1.0, np.empty((0, 5)), np.empty(0, np.int64))
 
 
 def test_a_forgotten_class_has_no_say() -> None:

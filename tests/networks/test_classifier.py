@@ -1,7 +1,7 @@
 """What SCI and its ring refuse alike, and how precisely they answer."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -58,3 +58,22 @@ def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
     difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))
     assert 0 < difference.max() < 0.05
+
+
+@dataclass(frozen=True)
+class Lines(Progress):
+    """Keeps what a person is shown."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def tell(self, line: str) -> None:
+        self.lines.append(line)
+
+
+def test_held_out_views_that_fix_no_temperature_are_told() -> None:
+    """All of them are right, so the colder the likelier."""
+    method, progress = Sci(**SETTINGS | {"epochs": 16, "dropout": 0.2}, precision="f32"), Lines()
+    model = method.learn(rows(), TRUTH, progress)
+    assert model["held_out/right"].all()
+    (line,) = progress.lines
+    assert "held-out views fix no temperature" in line
