@@ -33,9 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    use = commands.add_parser(
-        "use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml"
-    )
+    use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
         "names of files in conf/dataset, and root, log, train, tests, methods, world, budget, question, seeds, variants;"
         " without any, the studies in use"
@@ -57,9 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results = commands.add_parser("results", help="print the results: tables for a reader, or every number as csv or json")
     results.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
     results.add_argument("--json", action="store_true", help="the same as a list of objects")
-    results.add_argument(
-        "--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values"
-    )
+    results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     given = parser.parse_args(arguments)

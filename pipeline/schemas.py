@@ -154,9 +154,7 @@ EVALUATIONS = Schema(
         "oracle_right": _judged("?", ("protocol", "query"), "answering the nearest training anchor would be right"),
         "numbers": _judged("f8", ("protocol", "number", "bound3"), "value, lowest and highest of its 95 % interval; NaN of none"),
         "rejection": _judged("f8", ("protocol", "kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
-        "calibration": _judged(
-            "f8", ("confidence2",), "expected calibration error of 1 − cost and of the confidence"
-        ),
+        "calibration": _judged("f8", ("confidence2",), "expected calibration error of 1 − cost and of the confidence"),
         "novelty": _judged("f4", ("query", "kind"), "as ranked; the first kind is the one in use"),
         "confidence": _judged("f4", ("query",), "as ranked"),
         "answer": _judged("i8", ("query",), "the place ranked first"),
@@ -198,9 +196,7 @@ VIEWPOINTS = Schema(
         "valid": Column("?", ("query",), "far enough from the sequence's ends for a whole window of rows around it"),
         "xy_m": Column("f8", ("query", "xy"), "where the query was taken"),
         "pictures": Column("u1", ("picture", "row_px", "col_px"), "views of the middle place at the reference's headings", 8, 64),
-        "reconstructed": Column(
-            "u1", ("reconstruction", "row_px", "col_px"), "what a network makes of them", 8, 64
-        ),
+        "reconstructed": Column("u1", ("reconstruction", "row_px", "col_px"), "what a network makes of them", 8, 64),
     },
     {
         "numbers": "name of each number",

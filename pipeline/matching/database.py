@@ -1,6 +1,6 @@
 """What a descriptor method keeps of the training sequence besides its descriptors, and how it answers with it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
@@ -12,10 +12,9 @@ from pipeline.errors import InputError
 from pipeline.frames import yaw
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
-from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.ranking import Model, Ranking, Rows, joined
 from pipeline.matching.rejection import Evidence, near
 from pipeline.running.settings import check, positive
-from pipeline.schemas import RANKINGS
 
 PREFIX = "database/"
 QUERIES = 256
@@ -135,9 +134,3 @@ def euclidean(descriptors: NDArray[np.float32]) -> Search:
         return distances[np.arange(len(asked)), rows], rows
 
     return search
-
-
-def joined(parts: Sequence[Ranking]) -> Ranking:
-    """Rankings of one query after the other as one."""
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in RANKINGS.columns}
-    return Ranking(**columns, kinds=parts[0].kinds)

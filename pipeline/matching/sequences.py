@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.matching import holdout
 from pipeline.matching.alignment import Aligned, Alignment
-from pipeline.matching.database import Database, joined
-from pipeline.matching.ranking import Ranking, Rows
+from pipeline.matching.database import Database
+from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.sequence import cheapest
 from pipeline.running.settings import positive

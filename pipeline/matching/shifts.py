@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import circulant
 
 from pipeline.errors import InputError
-from pipeline.matching.database import QUERIES, Database, joined
-from pipeline.matching.ranking import Model, Ranking, Rows
+from pipeline.matching.database import QUERIES, Database
+from pipeline.matching.ranking import Model, Ranking, Rows, joined
 
 PREFIX = "spectra/"
 BLOCK = 256

@@ -52,7 +52,11 @@ def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step
             params: dict[str, tuple[str, ...]] = {}
             for entry in one.get("params", ()):
                 params |= {file: tuple(keys or ()) for file, keys in entry.items()}
-            outs = [out for entry in (*one.get("outs", ()), *one.get("metrics", ())) for out in ([entry] if isinstance(entry, str) else entry)]
+            outs = [
+                out
+                for entry in (*one.get("outs", ()), *one.get("metrics", ()))
+                for out in ([entry] if isinstance(entry, str) else entry)
+            ]
             steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, tuple(outs)))
     return steps
 
