@@ -1,0 +1,108 @@
+"""Where queries were placed right, placed wrong, or rejected, by cells: the papers' protocol."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.report.figures.panels import balanced, panels
+from pipeline.report.figures.style import WIDTH_IN, colour, dot, figure, styled
+from pipeline.report.study import Result, by_model, by_sequence, some
+
+OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, light ones seen and dark ones mostly unseen
+    ("hit", "#6BB6E8", "o"),
+    ("miss", "#EFA31D", "^"),
+    ("false alarm", "#B2182B", "X"),
+    ("correct rejection", "#1B3C73", "s"),
+)
+"""In the order of the codes of `Judgement.outcome`; by cells every query is judged."""
+BOTTOM_UP = (0, 3, 1, 2)
+"""Codes in the order they are drawn: right ones first, so that wrong ones lie above them."""
+
+
+@styled
+def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
+    """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
+    box = _box([result], train_xy_m)
+    width_m, height_m = box[1] - box[0]
+    height_in = float(np.clip(WIDTH_IN * height_m / width_m, 2.2, 5.6))
+    width_in = float(np.clip(height_in * width_m / height_m, 4.6, WIDTH_IN))
+    fig = figure(width_in, height_in + 0.6, simulated, f"{result.model} on {result.label}, by cells")
+    axis = fig.subplots()
+    _map(axis, result, train_xy_m, box, size=6.0)
+    _scale_bar(axis, box)
+    _legend(fig, [f"{name} {count}" for (name, _, _), count in zip(OUTCOMES, _counts(result), strict=True)])
+    return fig
+
+
+@styled
+def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
+    """All maps on one scale, a row a model where there are several; counts below each map, in the legend's order."""
+    box, models = _box(some(results), train_xy_m), by_model(results)
+    width_m, height_m = box[1] - box[0]
+    several = len(models) > 1
+    rows, columns = (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
+    panel_in, title_in = WIDTH_IN / max(columns, 4 if several else 3), 0.24 if several else 0.42
+    height_in = rows * (panel_in * height_m / width_m + title_in) + 0.7
+    fig = figure(panel_in * max(columns, 2), height_in, simulated, "Outcomes by cells")
+    ordered = [result for group in models.values() for result in group]
+    axes = panels(fig, len(ordered), columns, shared=False)
+    for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
+        _map(axis, result, train_xy_m, box, size=1.6)
+        if not several or number < columns:
+            axis.set_title(result.label, pad=2)
+        if several and number % columns == 0:
+            name = axis.text(-0.04, 0.5, result.model, rotation=90, ha="right", va="center", transform=axis.transAxes)
+            name.set(color=colour(result.model), weight="bold")
+        for place, (count, (_, tint, _)) in enumerate(zip(_counts(result), OUTCOMES, strict=True)):
+            axis.text(0.2 + 0.2 * place, -0.02, str(count), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
+    _scale_bar(axes[0], box)
+    _legend(fig, [name for name, _, _ in OUTCOMES])
+    return fig
+
+
+def _map(axis: Axes, result: Result, train_xy_m: NDArray[np.float64], box: NDArray[np.float64], size: float) -> None:
+    """The training path, and the queries as markers of `size` square points, which become pixels in an SVG."""
+    axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
+    for order, code in enumerate(BOTTOM_UP, start=2):
+        _, tint, marker = OUTCOMES[code]
+        xy_m = result.evaluation.xy_m[result.evaluation.cells.outcome == code]
+        axis.scatter(xy_m[:, 0], xy_m[:, 1], size, tint, marker=marker, linewidths=0, zorder=order, rasterized=True)
+    axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
+    axis.set_axis_off()
+
+
+def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lowest and highest x and y (2, 2) in metres of all positions, with a margin, and room below for the scale bar."""
+    everything = np.concatenate([train_xy_m, *(result.evaluation.xy_m for result in results)])
+    if not len(everything):
+        raise InputError("a map needs at least one training pose or query")
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 0.2 * (high - low).max() + 1.0) * 1.03
+    return np.stack([middle - half - (0.0, 0.24 * half[1]), middle + half])
+
+
+def _scale_bar(axis: Axes, box: NDArray[np.float64]) -> None:
+    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left corner."""
+    longest_m = 0.3 * (box[1, 0] - box[0, 0])
+    power = 10.0 ** np.floor(np.log10(longest_m))
+    length_m = max(step * power for step in (1, 2, 5) if step * power <= longest_m)
+    left, bottom = box[0] + 0.03 * (box[1] - box[0])
+    axis.plot([left, left + length_m], [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt")
+    axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=7, color="0.25")
+
+
+def _counts(result: Result) -> list[int]:
+    """Queries of each outcome, in the order of `OUTCOMES`."""
+    return [int(number) for number in np.bincount(result.evaluation.cells.outcome, minlength=len(OUTCOMES))]
+
+
+def _legend(fig: Figure, names: Sequence[str]) -> None:
+    entries = [dot(name, tint, marker) for name, (_, tint, marker) in zip(names, OUTCOMES, strict=True)]
+    entries.append(Line2D([], [], color="0.8", lw=1.6, label="training path"))
+    columns = 5 if fig.get_figwidth() > 6.5 else 3
+    fig.legend(handles=entries, loc="outside lower left", ncols=columns, handlelength=1.2, columnspacing=1.2)

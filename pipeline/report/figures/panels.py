@@ -1,0 +1,101 @@
+"""Panels of a figure: how many beside each other, their scales, and names beside lines and rows."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.report.comparison import Found
+from pipeline.report.figures.style import VEIL, folded, look
+
+LINE_IN = 0.125  # height of a line of text
+Line = tuple[str, str, NDArray[np.float64]]
+"""Name, colour and points (n, 2)."""
+
+
+def balanced(number: int, most: int) -> tuple[int, int]:
+    """Rows and columns for `number` panels, at most `most` beside each other, with few cells left empty."""
+    rows = -(-number // most)
+    return rows, -(-number // rows)
+
+
+def panels(fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = "") -> list[Axes]:
+    """`number` axes in rows of `columns`, on one scale if `shared`; `x` and `y` label the lowest and the left ones."""
+    columns = min(columns, number)
+    axes = list(fig.subplots(-(-number // columns), columns, squeeze=False, sharex=shared, sharey=shared).flat)
+    for axis in axes[number:]:
+        axis.remove()
+    for axis in axes[number - columns : number]:
+        axis.tick_params(labelbottom=True)
+        axis.set_xlabel(x)
+    for axis in axes[:number:columns]:
+        axis.set_ylabel(y)
+    return axes[:number]
+
+
+def precision_axes(axis: Axes, title: str) -> None:
+    """Scales of a small panel of precision over recall."""
+    axis.set(xlim=(0, 1), ylim=(0, 1.02))
+    axis.set_xticks((0.0, 0.5, 1.0), ("0", ".5", "1"))
+    axis.set_yticks((0.0, 0.5, 1.0), ("0", ".5", "1"))
+    axis.set_title(title, pad=5)
+
+
+def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
+    """A number in the lower left corner of a panel, or in the upper right one, `line` lines away from it."""
+    corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
+    place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": side}
+    axis.annotate(text, corner, (0, step * line), **place).set(color=tint, size=7, zorder=5, bbox=VEIL)
+
+
+def share_limits(*values: Any) -> tuple[float, float]:
+    """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with a margin."""
+    every = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(one, np.float64)) for one in values)])
+    every = every[np.isfinite(every)]
+    low, high = max(0.0, float(np.floor(every.min() * 10) / 10)), float(every.max())
+    return low - 0.02 * (high - low), high + 0.03 * (high - low)
+
+
+def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
+    """A line a model through its means, each slightly beside the others, bars are deviations over the test sequences."""
+    looks, lines = look(found), []
+    for i, (model, row) in enumerate(found.items()):
+        (tint, dash), x = looks[model], np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
+        means, apart = means_of(row)
+        axis.vlines(x, means - apart, means + apart, color=tint, lw=0.7, alpha=0.45, zorder=1)
+        axis.plot(x, means, color=tint, ls=dash, lw=1.1, marker="o", ms=3, mec="white", mew=0.4, zorder=3, label=model)
+        lines.append((model, tint, np.stack([x, means], axis=1)))
+    return lines
+
+
+def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
+    """Means and deviations over the test sequences (2, k)."""
+    return np.array([[one.mean for one in found], [one.over_sequences for one in found]])
+
+
+def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
+    """Write names beside the right ends of lines, in their colours.
+
+    They stand at the lines' last finite values, but at least `gap`, a share of the y axis, apart.
+    """
+    low, high = axis.get_ylim()
+    gap *= high - low
+    finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]
+    ends = sorted((float(points[-1, 1]), name, tint) for name, tint, points in finite if len(points))
+    right, y = max((points[-1, 0] for _, _, points in lines), default=0.0), -np.inf
+    places, y = [y := max(end, y + gap) for end, _, _ in ends], high + gap
+    places = [y := min(place, y - gap) for place in reversed(places)]
+    for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
+        beside: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
+        axis.annotate(name, (right, place), (7, 0), color=tint, **beside)
+
+
+def name_rows(axis: Axes, models: Sequence[str], **tints: str) -> None:
+    """The models' names along the y axis, the first above; `tints` replace their own colours."""
+    axis.set_yticks(range(len(models)), [folded(model) for model in models], size=7)
+    axis.set_ylim(len(models) - 0.4, -0.6)
+    for tick, (model, (tint, _)) in zip(axis.get_yticklabels(), look(models).items(), strict=True):
+        tick.set_color(tints.get(model, tint))

@@ -1,0 +1,131 @@
+"""The style of every figure: fonts, a colour for each model, the line that says simulated, files of the same bytes each time."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+from pipeline.errors import InputError
+
+STYLE: Any = {
+    "font.family": "DejaVu Sans",  # the one font that comes with matplotlib
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.5,
+    "axes.edgecolor": "0.35",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.linewidth": 0.4,
+    "grid.color": "0.9",
+    "lines.linewidth": 1.3,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.handlelength": 1.4,
+    "legend.title_fontsize": 7,
+    "svg.fonttype": "path",  # the viewer need not have the font
+    "svg.hashsalt": "yearloc",
+}
+TICKS = {"major.width": 0.5, "major.size": 2.5, "color": "0.25", "labelsize": 7.5}
+STYLE |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
+styled = matplotlib.rc_context(STYLE)
+"""Decorator of functions that draw a figure."""
+WIDTH_IN = 7.16  # both columns of an IEEE page
+WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
+DPI = 200  # of PNG files, and of the dense points within an SVG
+SIMULATED = "simulated, not recorded data"
+QUIET = "0.45"  # grey of labels and lines of less weight
+VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}  # behind text that curves may cross
+DASHED = (0, (4, 3))  # lines of thresholds and of marks to reach
+DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (2, 2)), (0, (8, 2)))
+"""Of a method, then of its variants."""
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#3FA7E0", "#D89000", "#7B3294", "#6B4E16", "#1F1F1F")
+"""Okabe and Ito's hues, which colour-blind readers can tell apart; the two lightest are darkened, so that text can have them."""
+LONG = 12  # letters of a model's name that fit beside a panel
+
+
+def method_of(model: str) -> str:
+    """`sci` of the model `sci-4way`."""
+    return model.partition("-")[0]
+
+
+def colour(model: str) -> str:
+    """The colour of a model's method in all figures and in MLflow, from the name alone, so that no list of names is needed.
+
+    The salt is chosen so that the methods of the two papers and `scan_context_all` have different colours (tested), and related
+    ones similar colours: two blues for SCI's, orange and vermilion for Scan Context's.
+    """
+    digest = hashlib.sha256(f"147890{method_of(model)}".encode()).digest()
+    return PALETTE[int.from_bytes(digest[:8], "big") % len(PALETTE)]
+
+
+def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
+    """Colour and dash of each model in a figure: its method's colour, darker and with another dash from variant to variant."""
+    models, variants = list(models), dict[str, list[str]]()
+    for model in sorted(models, key=lambda name: (name != method_of(name), len(name), name)):
+        variants.setdefault(method_of(model), []).append(model)
+    looks = {}
+    for model in models:
+        kin = variants[method_of(model)]
+        red, green, blue = to_rgb(colour(model))
+        shade = 1.0 - 0.6 * kin.index(model) / max(len(kin) - 1, 1)
+        looks[model] = to_hex((shade * red, shade * green, shade * blue)).upper(), DASHES[kin.index(model) % len(DASHES)]
+    return looks
+
+
+def handles(models: Iterable[str]) -> list[Line2D]:
+    """A legend's entries, one a model."""
+    return [Line2D([], [], color=tint, ls=dash, lw=1.6, label=model) for model, (tint, dash) in look(models).items()]
+
+
+def dot(label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0) -> Line2D:
+    """A legend's entry of a marker."""
+    return Line2D(
+        [], [], ls="", marker=marker, ms=4, color=tint, mfc=tint if full else "white", mew=0.8, alpha=alpha, label=label
+    )
+
+
+def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
+    """A legend below the panels."""
+    fig.legend(handles=entries, loc="outside lower center", ncols=min(columns, len(entries)), **options)
+
+
+def folded(model: str) -> str:
+    """A model's name, a long one in two lines: before its last dash or underscore."""
+    cut = max(model.rfind("_"), model.rfind("-"))
+    return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONG and cut > 0 else model
+
+
+def figure(width_in: float, height_in: float, simulated: bool, heading: str) -> Figure:
+    """An empty figure with a tight layout below its heading, and SIMULATED where the data was."""
+    lines = 2 if simulated and width_in < WIDE_IN else 1
+    engine = ConstrainedLayoutEngine(rect=(0.0, 0.0, 1.0, 1.0 - 0.17 * lines / height_in), w_pad=0.03, h_pad=0.03)
+    fig = Figure(figsize=(width_in, height_in), layout=engine)
+    left, right, top = 0.04 / width_in, 1.0 - 0.04 / width_in, 1.0 - 0.04 / height_in
+    if simulated:
+        fig.text(right, top, SIMULATED, ha="right", va="top", size=7, style="italic", color=QUIET)
+    fig.text(left, top - 0.17 * (lines - 1) / height_in, heading, ha="left", va="top", size=8, weight="bold")
+    return fig
+
+
+def save(fig: Figure, path: Path) -> Path:
+    """Write a figure as .svg or .png, the same bytes each time: no date, no random ids, fonts from matplotlib itself."""
+    metadata: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".png": {"Software": None}}
+    if path.suffix not in metadata:
+        raise InputError(f"{path.name}: a figure is saved as .svg or .png")
+    with matplotlib.rc_context(STYLE):
+        FigureCanvasAgg(fig)
+        fig.draw_without_rendering()
+        fig.set_layout_engine("none")
+        for axis in fig.axes:  # the layout solver's last bits vary, and ids in an SVG are made of positions
+            left, bottom, width, height = (round(float(side), 6) for side in axis.get_position(original=True).bounds)
+            axis.set_position((left, bottom, width, height), which="original")
+        fig.savefig(path, dpi=DPI, metadata=metadata[path.suffix])
+    return path
