@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.report.figures.panels import name_rows
-from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, look, styled
+from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.table import signed
 
 PER_DAYS = 100
@@ -26,7 +26,7 @@ class AgeingLine:
     model: str
     title: str  # of the number, and so of its column
     rises: bool  # with age, from 0 to 100; other numbers fall, from 1 to 0
-    days: NDArray[np.float64]  # (sequence,)
+    days: NDArray[np.float64]  # (sequence,) rising
     values: NDArray[np.float64]  # (sequence, 3) value and its 95 % interval
     fitted: NDArray[np.float64]  # (sequence, 3) value of the line on those days and its interval
     slope: NDArray[np.float64]  # (3,) change in PER_DAYS days and its interval
@@ -44,21 +44,21 @@ def lines(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
     The oracle is grey; the slope stands in the panel, bold where its interval does not contain 0.
     """
     models, titles, found = _grid(rows)
-    looks = look(model for model in models if model != ORACLE) or look(models)
-    fig = figure(WIDTH_IN, 0.75 + 0.88 * len(looks), simulated, f"Change per {PER_DAYS} days, of each model")
-    axes = fig.subplots(len(looks), len(titles), squeeze=False, sharex=True, sharey="col")
+    shades = tints(model for model in models if model != ORACLE)
+    fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), simulated, f"Change per {PER_DAYS} days, of each model")
+    axes = fig.subplots(len(shades), len(titles), squeeze=False, sharex=True, sharey="col")
     for column, title in zip(axes.T, titles, strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
         column[0].set_ylim(*((-4.0, 104.0) if any(row.rises for row in rows if row.title == title) else (0.0, 1.04)))
-        for axis, model in zip(column, looks, strict=True):
+        for axis, model in zip(column, shades, strict=True):
             if oracle := found.get((ORACLE, title)):
-                axis.plot(*_sorted(oracle)[:2], color="0.7", lw=0.8, zorder=2)
+                axis.plot(oracle.days, oracle.fitted[:, 0], color="0.7", lw=0.8, zorder=2)
             if row := found.get((model, title)):
-                _panel(axis, row, looks[model][0])
+                _panel(axis, row, shades[model])
             axis.grid(axis="y")
-    for row_axes, (model, (tint, _)) in zip(axes, looks.items(), strict=True):
+    for row_axes, (model, tint) in zip(axes, shades.items(), strict=True):
         row_axes[0].set_ylabel(folded(model), color=tint, size=7.5)
-    axes[0, 0].set_xlim(0, 1.04 * max(1.0, *(float(day) for row in rows for day in row.days)))
+    axes[0, 0].set_xlim(0, 1.04 * max([1.0, *(float(day) for row in rows for day in row.days)]))
     fig.supxlabel("days since training; dots: test sequences; grey: the oracle; shade: 95 % interval of the line", size=8)
     return fig
 
@@ -67,46 +67,40 @@ def lines(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
 def slopes(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
     """A panel a number, a row a model: the slope with its interval, filled where that does not contain 0."""
     models, titles, found = _grid(rows)
-    tints = {model: tint for model, (tint, _) in look(models).items()} | {ORACLE: QUIET}
+    shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), simulated, f"Change per {PER_DAYS} days since training")
     axes = fig.subplots(1, len(titles), squeeze=False, sharey=True)[0]
     for axis, title in zip(axes, titles, strict=True):
         shown = {y: found[model, title] for y, model in enumerate(models) if (model, title) in found}
         for y, row in shown.items():
             value, low, high = row.slope
-            axis.hlines(y, low, high, color=tints[row.model], lw=1.1, alpha=0.8, zorder=2)
-            fill = tints[row.model] if row.clear else "white"
-            axis.plot(value, y, "o", ms=4, color=tints[row.model], mfc=fill, mew=0.9, zorder=3)
+            axis.hlines(y, low, high, color=shades[row.model], lw=1.1, alpha=0.8, zorder=2)
+            fill = shades[row.model] if row.clear else "white"
+            axis.plot(value, y, "o", ms=4, color=shades[row.model], mfc=fill, mew=0.9, zorder=3)
         far = ROOM * max((abs(row.slope[0]) for row in shown.values() if np.isfinite(row.slope[0])), default=0.0) or 1.0
         axis.set_xlim(-far, far)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)
         axis.grid(axis="x")
-    name_rows(axes[0], models, **tints)
+    name_rows(axes[0], shades)
     return fig
 
 
 def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], list[str], dict[tuple[str, str], AgeingLine]]:
     """Models, titles, and the rows by both."""
-    if not rows:
-        raise InputError("a figure of ageing needs at least one line")
+    if all(row.model == ORACLE for row in rows):
+        raise InputError("a figure of ageing needs at least one model")
     found = {(row.model, row.title): row for row in rows}
     return list(dict.fromkeys(row.model for row in rows)), list(dict.fromkeys(row.title for row in rows)), found
-
-
-def _sorted(row: AgeingLine) -> NDArray[np.float64]:
-    """Days and the line with its interval (4, sequence), in the order of the days."""
-    order = np.argsort(row.days, kind="stable")
-    return np.vstack([row.days, row.fitted.T])[:, order]
 
 
 def _panel(axis: Axes, row: AgeingLine, tint: str) -> None:
     """Points with their intervals, the line with its own, and the slope away from them."""
     axis.vlines(row.days, row.values[:, 1], row.values[:, 2], color=tint, lw=0.8, alpha=0.7, zorder=3)
     axis.plot(row.days, row.values[:, 0], "o", ms=3.2, color=tint, mec="white", mew=0.4, zorder=4, clip_on=False)
-    days, value, low, high = _sorted(row)
-    axis.fill_between(days, low, high, color=tint, alpha=0.15, lw=0, zorder=1)
-    axis.plot(days, value, color=tint, lw=1.0, zorder=2)
+    value, low, high = row.fitted.T
+    axis.fill_between(row.days, low, high, color=tint, alpha=0.15, lw=0, zorder=1)
+    axis.plot(row.days, value, color=tint, lw=1.0, zorder=2)
     if np.isfinite(row.slope[0]):
         y = 0.74 if np.nanmean(row.values[:, 0]) < np.mean(axis.get_ylim()) else 0.26  # 0.74: below the oracle
         place: Any = {"va": "center", "ha": "right", "transform": axis.transAxes, "bbox": VEIL, "size": 7, "zorder": 5}

@@ -14,10 +14,8 @@ from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.views.birdview import BirdView
 
 COLOURS = "viridis"
-COARSER = 2
-"""Levels above the leaves of the panel that shows inner nodes."""
-POINTS = 30_000
-"""Shown at most, evenly spread over the scan."""
+COARSER = 2  # levels above the leaves of the panel that shows inner nodes
+POINTS = 30_000  # shown at most, evenly spread over the scan
 ROBOT = "#D55E00"
 
 

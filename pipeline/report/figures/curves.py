@@ -15,11 +15,9 @@ from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, colour
 from pipeline.report.study import Result, by_model, by_sequence, some
 from pipeline.report.table import fixed
 
-FEW = 3
-"""From so many models on, panels are larger."""
+FEW = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"
-SHARE_ENDINGS = ("accuracy", "recall")
-"""Curves of these names lie between 0 and 1."""
+SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 and 1
 
 
 @styled
@@ -71,7 +69,7 @@ def recall_at(results: Sequence[Result], simulated: bool) -> Figure:
                 axis.plot(n, curves.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
                 axis.plot(n, mean, color=tint, ls=dash, lw=1.6, zorder=3)
                 means.append((model, tint, np.stack([n, mean], axis=1)))
-        axis.set(xlim=(1, None), xlabel="n", title=f"by {protocol}", xticks=(1, 5, 10, 15, 20, 25))
+        axis.set(xlim=(1, 1.05 * len(every[0])), xlabel="n", title=f"by {protocol}", xticks=(1, 5, 10, 15, 20, 25))
         axis.grid(axis="y")
         name_ends(axis, means, gap=0.08)
     axes[0].set_ylabel("recall@n of the seen queries")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, look, styled
+from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
 
 BESIDE = 0.13  # distance of the two markers from the middle of a band
 PALE = 0.3
@@ -32,15 +32,15 @@ def by_distance(values: Mapping[tuple[str, str, bool], BandValues], names: Seque
 
     `values` go by model, protocol and whether the change shows already; bands of fewer than `few` seen queries are pale.
     """
-    looks = look(dict.fromkeys(model for model, _, _ in values))
+    shades = tints(dict.fromkeys(model for model, _, _ in values))
     heading = "By the distance to the nearest building that went up or came down"
-    fig = figure(WIDTH_IN, 1.5 + 0.85 * len(looks), simulated, heading)
+    fig = figure(WIDTH_IN, 1.5 + 0.85 * len(shades), simulated, heading)
     columns = [(protocol, name) for protocol in PROTOCOLS for name in ("recall", "auc")]
-    axes = fig.subplots(len(looks) + 1, len(columns), squeeze=False, sharex=True, sharey="row")
+    axes = fig.subplots(len(shades) + 1, len(columns), squeeze=False, sharex=True, sharey="row")
     for (*column, counts), (protocol, name) in zip(axes.T, columns, strict=True):
         column[0].set_title(f"{'recall@1' if name == 'recall' else 'exact AUC'}, by {protocol}", pad=5)
         for shown in (False, True):
-            for axis, (model, (tint, _)) in zip(column, looks.items(), strict=True):
+            for axis, (model, tint) in zip(column, shades.items(), strict=True):
                 one = values[model, protocol, shown]
                 _panel(axis, one.recall if name == "recall" else one.auc, one.seen < few, tint if shown else "0.6", shown)
             queries = one.seen if name == "recall" else one.seen + one.unseen
@@ -48,7 +48,7 @@ def by_distance(values: Mapping[tuple[str, str, bool], BandValues], names: Seque
             counts.bar_label(counts.bar(x, queries, 2 * BESIDE, color=shade), size=5.5, color=shade)
         counts.set_xticks(range(len(names)), [band.replace(" m", "").replace("over ", ">") for band in names])
         counts.set_xlabel("metres")
-    for row, (model, (tint, _)) in zip(axes, looks.items(), strict=False):
+    for row, (model, tint) in zip(axes, shades.items(), strict=False):
         row[0].set_ylabel(folded(model), color=tint, size=7.5)
         row[0].set_ylim(0, 1.04)
     axes[-1, 0].set_ylabel("queries", size=7.5)

@@ -17,8 +17,7 @@ COLLAPSE = {
     "held_out_error": "held-out reconstruction error",
 }
 """Curve (round,) of a model and its title."""
-MOST = 8
-"""Pictures beside each other."""
+MOST = 8  # pictures beside each other
 
 
 @styled
@@ -27,9 +26,9 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], s
 
     Below each stands the mean squared error of pixels from −1 to 1, as the networks see them.
     """
-    rows: list[tuple[str, NDArray[Any], NDArray[Any]]] = []
+    rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
     for model, (seen, reconstructed) in pictures.items():
-        rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, seen)]
+        rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]
         rows.append((model, seen, reconstructed))
     headings = max(len(seen) for _, seen, _ in rows)
     columns = range(0, headings, -(-headings // MOST))
@@ -38,12 +37,12 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], s
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
     for line, (name, seen, shown) in zip(axes, rows, strict=True):
         for axis, i in zip(line, columns, strict=True):
-            axis.imshow(shown[i], cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+            axis.imshow((seen if shown is None else shown)[i], cmap="gray", vmin=0, vmax=255, interpolation="nearest")
             axis.set(xticks=[], yticks=[])
-            if shown is not seen:
+            if shown is not None:
                 error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
                 axis.set_xlabel(f"{error:.3f}", size=7, labelpad=2)
-        line[0].set_ylabel(name, color="0.1" if shown is seen else colour(name))
+        line[0].set_ylabel(name, color="0.1" if shown is None else colour(name))
     for axis, i in zip(axes[0], columns, strict=True):
         axis.set_title(f"{i * 360 / headings:g}°", pad=4)
     return fig

@@ -20,17 +20,16 @@ OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, li
     ("correct rejection", "#1B3C73", "s"),
 )
 """In the order of the codes of `Judgement.outcome`; by cells every query is judged."""
-BOTTOM_UP = (0, 3, 1, 2)
-"""Codes in the order they are drawn: right ones first, so that wrong ones lie above them."""
+BOTTOM_UP = (0, 3, 1, 2)  # codes in the order they are drawn: right ones first, so that wrong ones lie above them
 
 
 @styled
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
     """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
     box = _box([result], train_xy_m)
-    width_m, height_m = box[1] - box[0]
-    height_in = float(np.clip(WIDTH_IN * height_m / width_m, 2.2, 5.6))
-    width_in = float(np.clip(height_in * width_m / height_m, 4.6, WIDTH_IN))
+    slope = float(np.divide(*(box[1] - box[0])[::-1]))
+    height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
+    width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
     fig = figure(width_in, height_in + 0.6, simulated, f"{result.model} on {result.label}, by cells")
     axis = fig.subplots()
     _map(axis, result, train_xy_m, box, size=6.0)
@@ -43,12 +42,10 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
     """All maps on one scale, a row a model where there are several; counts below each map, in the legend's order."""
     box, models = _box(some(results), train_xy_m), by_model(results)
-    width_m, height_m = box[1] - box[0]
-    several = len(models) > 1
+    slope, several = float(np.divide(*(box[1] - box[0])[::-1])), len(models) > 1
     rows, columns = (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
     panel_in, title_in = WIDTH_IN / max(columns, 4 if several else 3), 0.24 if several else 0.42
-    height_in = rows * (panel_in * height_m / width_m + title_in) + 0.7
-    fig = figure(panel_in * max(columns, 2), height_in, simulated, "Outcomes by cells")
+    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, simulated, "Outcomes by cells")
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
@@ -103,6 +100,5 @@ def _counts(result: Result) -> list[int]:
 
 def _legend(fig: Figure, names: Sequence[str]) -> None:
     entries = [dot(name, tint, marker) for name, (_, tint, marker) in zip(names, OUTCOMES, strict=True)]
-    entries.append(Line2D([], [], color="0.8", lw=1.6, label="training path"))
-    columns = 5 if fig.get_figwidth() > 6.5 else 3
-    fig.legend(handles=entries, loc="outside lower left", ncols=columns, handlelength=1.2, columnspacing=1.2)
+    path, columns = Line2D([], [], color="0.8", lw=1.6, label="training path"), 5 if fig.get_figwidth() > 6.5 else 3
+    fig.legend(handles=[*entries, path], loc="outside lower left", ncols=columns, handlelength=1.2, columnspacing=1.2)

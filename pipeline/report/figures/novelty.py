@@ -16,6 +16,12 @@ from pipeline.report.table import fixed
 
 BINS = 25
 RIGHT, MISPLACED, UNSEEN = "#8CC8EE", "#D9604C", "#1B3C73"
+LEGEND = (
+    Patch(color=RIGHT, label="seen, placed right"),
+    Patch(color=MISPLACED, label="seen, misplaced"),
+    Line2D([], [], color=UNSEEN, lw=1.2, label="unseen"),
+    Line2D([], [], color=QUIET, lw=0.9, ls=DASHED, label="rejected from here on"),
+)
 
 
 @styled
@@ -26,7 +32,10 @@ def histograms(results: Sequence[Result], protocol: str, simulated: bool) -> Fig
     """
     group = sorted(some(results), key=lambda result: result.days)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    edges = _edges([result.evaluation.novelty[:, 0] for result in group])
+    every = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(np.float64)
+    every = every[np.isfinite(every)]
+    low, high = every.min(initial=0.0), every.max(initial=0.0)
+    edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     rows, columns = balanced(len(group), 5)
     heading = f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}"
     fig = figure(WIDTH_IN if columns > 1 else 3.5, 0.85 + (1.35 if columns > 3 else 1.65) * rows, simulated, heading)
@@ -34,20 +43,13 @@ def histograms(results: Sequence[Result], protocol: str, simulated: bool) -> Fig
     for axis, result in zip(axes, group, strict=True):
         _panel(axis, result, protocol, edges)
     axes[0].set_xlim(edges[0], edges[-1])
-    entries = [
-        Patch(color=RIGHT, label="seen, placed right"),
-        Patch(color=MISPLACED, label="seen, misplaced"),
-        Line2D([], [], color=UNSEEN, lw=1.2, label="unseen"),
-        Line2D([], [], color=QUIET, lw=0.9, ls=DASHED, label="rejected from here on"),
-    ]
-    below(fig, entries, 4 if columns > 1 else 2)
+    below(fig, LEGEND, 4 if columns > 1 else 2)
     return fig
 
 
 def _panel(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]) -> None:
     by, threshold = result.evaluation.protocol(protocol), result.evaluation.reject_from[0]
-    novelty = result.evaluation.novelty[:, 0].astype(np.float64)
-    right = by.seen & (by.true_rank == 0)
+    novelty, right = result.evaluation.novelty[:, 0].astype(np.float64), by.seen & (by.true_rank == 0)
     per_query = 1 / (max(int(by.seen.sum()), 1) * np.diff(edges)[0])
     right_density, wrong_density = (np.histogram(novelty[of], edges)[0] * per_query for of in (right, by.seen & ~right))
     axis.stairs(right_density, edges, fill=True, color=RIGHT, lw=0)
@@ -59,11 +61,3 @@ def _panel(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]
     auroc = f"AUROC {fixed(result.number(protocol, 'auroc'), 3)}"
     axis.text(0.97, 0.95, auroc, transform=axis.transAxes, ha="right", va="top", size=7)
     axis.set_title(result.label, pad=4)
-
-
-def _edges(novelties: Sequence[NDArray[np.float32]]) -> NDArray[np.float64]:
-    """Edges (bin + 1,), the same in each panel: from 0, or the least novelty where that is negative, to the largest."""
-    values = np.concatenate(novelties).astype(np.float64)
-    values = values[np.isfinite(values)]
-    low, high = values.min(initial=0.0), values.max(initial=0.0)
-    return np.linspace(low, high if high > low else low + 1.0, BINS + 1)

@@ -93,9 +93,9 @@ def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
         axis.annotate(name, (right, place), (7, 0), color=tint, **beside)
 
 
-def name_rows(axis: Axes, models: Sequence[str], **tints: str) -> None:
-    """The models' names along the y axis, the first above; `tints` replace their own colours."""
-    axis.set_yticks(range(len(models)), [folded(model) for model in models], size=7)
-    axis.set_ylim(len(models) - 0.4, -0.6)
-    for tick, (model, (tint, _)) in zip(axis.get_yticklabels(), look(models).items(), strict=True):
-        tick.set_color(tints.get(model, tint))
+def name_rows(axis: Axes, tints: Mapping[str, str]) -> None:
+    """Names of models in their colours along the y axis, the first above."""
+    axis.set_yticks(range(len(tints)), [folded(model) for model in tints], size=7)
+    axis.set_ylim(len(tints) - 0.4, -0.6)
+    for tick, tint in zip(axis.get_yticklabels(), tints.values(), strict=True):
+        tick.set_color(tint)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.report.comparison import AUC, AUROC, FAR, OFF, RECALL, Comparison, Kind, Measure, label
 from pipeline.report.figures.panels import means_of, name_rows, share_limits
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, dot, figure, look, styled
+from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, dot, figure, styled, tints
 
 MARKERS = "osD^vP"
 
@@ -32,7 +32,7 @@ def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, simulate
         if len(kinds) == 2 and not measure.relative:
             axis.hlines(range(len(models)), found[0][0], found[1][0], color="0.75", lw=1.0, zorder=1)
         _scale(axis, measure)
-    name_rows(axes[0], models)
+    name_rows(axes[0], tints(models))
     below(fig, [dot(label(kind), marker=MARKERS[i % len(MARKERS)], full=i > 0) for i, kind in enumerate(kinds)])
     return fig
 
@@ -52,7 +52,7 @@ def sequences(comparison: Comparison, named: Mapping[str, str], simulated: bool,
             _row(axis, models, np.array([[one.mean for one in found], [one.over_seeds for one in found]]))
             _scale(axis, measure)
         row[0].set_title(named[sequence], loc="left", pad=4)
-        name_rows(row[0], models)
+        name_rows(row[0], tints(models))
     for axis in grid[:-1].flat:
         axis.set_xlabel("")
     for column in grid.T:
@@ -64,7 +64,7 @@ def _row(
     axis: Axes, models: Sequence[str], values: NDArray[np.float64], marker: str = "o", full: bool = True, lift: float = 0.0
 ) -> None:
     """One marker in the row of each model, of means and deviations (2, model)."""
-    for y, (tint, _), mean, apart in zip(np.arange(len(models)) + lift, look(models).values(), *values, strict=True):
+    for y, tint, mean, apart in zip(np.arange(len(models)) + lift, tints(models).values(), *values, strict=True):
         axis.hlines(y, mean - apart, mean + apart, color=tint, lw=0.8, alpha=0.6, zorder=2)
         axis.plot(mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3)
 

@@ -80,6 +80,11 @@ def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
     return looks
 
 
+def tints(models: Iterable[str]) -> dict[str, str]:
+    """Their colours alone."""
+    return {model: tint for model, (tint, _) in look(models).items()}
+
+
 def handles(models: Iterable[str]) -> list[Line2D]:
     """A legend's entries, one a model."""
     return [Line2D([], [], color=tint, ls=dash, lw=1.6, label=model) for model, (tint, dash) in look(models).items()]

@@ -1,0 +1,129 @@
+"""All figures: the same bytes each time, honest about simulation, naming their protocol, colours that mean a model."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from pipeline.errors import InputError
+from pipeline.report.comparison import AUC, FAR, KEPT, OFF
+from pipeline.report.figures import cells, curves, examples, levels, maps, matches, novelty, rejection, reliability, robustness
+from pipeline.report.figures.panels import balanced, name_ends, share_limits
+from pipeline.report.figures.style import SIMULATED, colour, folded, look, save
+from pipeline.report.figures.year import year
+from tests.report.figures.made import BOTH, BUILT, COMPARED, NOTHING, ONE, TRAIN_PLACES, TRAIN_XY_M, TURNED, words
+
+METHODS = ("sci", "sci_ring", "scan_context", "scan_context_all", "m2dp", "pointnetvlad", "afl", "pfl", "sad")
+LOSSES = {"loss": np.array([3.0, 2.0, 2.5]), "held_out_loss": np.array([3.5, 2.5, 2.7])}
+IMAGES = np.random.default_rng(0).uniform(0, 20, (50, 40, 120)).astype(np.float32)
+TRAINING = matches.Training(IMAGES, TRAIN_PLACES, TRAIN_XY_M)
+SIZES = {
+    ("sci", by, name): [np.array([0.5, 0.6]), np.array([0.7])] for by in ("cells", "distance") for name in (AUC.name, FAR.name)
+}
+ORACLE = {"cells": (0.8, 0.9), "distance": (1.0, 1.0)}
+FIGURES: dict[str, Callable[[bool], Figure | None]] = {
+    "precision_recall": lambda simulated: curves.precision_recall(BOTH, "cells", simulated),
+    "year": lambda simulated: year(BOTH, "2012-01-15", simulated),
+    "recall_at": lambda simulated: curves.recall_at(BOTH, simulated),
+    "novelty": lambda simulated: novelty.histograms(ONE, "cells", simulated),
+    "rejection": lambda simulated: rejection.rejection(ONE, simulated),
+    "reliability": lambda simulated: reliability.diagram(ONE, simulated),
+    "matches": lambda simulated: matches.matches(examples.choose(ONE), TRAINING, lambda _: IMAGES, simulated),
+    "map": lambda simulated: maps.outcome_map(ONE[0], TRAIN_XY_M, simulated),
+    "montage": lambda simulated: maps.montage(ONE, TRAIN_XY_M, simulated),
+    "history": lambda simulated: curves.history(LOSSES, 1, "sci", simulated),
+    "cells": lambda simulated: cells.cells(SIZES, (5.0, 10.0), ORACLE, simulated, "The side of a cell"),
+    "dots": lambda simulated: robustness.dots(COMPARED, (AUC, KEPT, FAR, OFF), TURNED, simulated, "Turned"),
+    "sequences": lambda simulated: robustness.sequences(COMPARED, dict.fromkeys(COMPARED.sequences, "a"), simulated, "Stress"),
+    "levels": lambda simulated: levels.levels(BUILT, simulated, "Walls", "walls"),
+    "ways": lambda simulated: levels.ways(COMPARED, TURNED, ["sci_ring"], simulated, "Ways"),
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_the_same_file_each_time_and_says_simulated_only_if_it_is(name: str, tmp_path: Path) -> None:
+    first, again, recorded = (FIGURES[name](simulated) for simulated in (True, True, False))
+    assert first is not None and again is not None and recorded is not None  # noqa: PT018
+    assert SIMULATED in words(first)
+    assert SIMULATED not in words(recorded)
+    if name not in ("matches", "history"):
+        assert re.search("by (cells|distance)", " ".join(words(recorded)))
+    assert save(first, tmp_path / "a.svg").read_bytes() == save(again, tmp_path / "b.svg").read_bytes()
+    assert "<dc:date>" not in (tmp_path / "a.svg").read_text()
+
+
+def test_a_figure_is_saved_as_png_too_and_as_nothing_unknown(tmp_path: Path) -> None:
+    fig = curves.history(LOSSES, 1, "sci", False)
+    assert save(fig, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"a\.pdf"):
+        save(fig, tmp_path / "a.pdf")
+
+
+def test_the_methods_of_the_papers_have_different_colours() -> None:
+    assert len({colour(method) for method in METHODS}) == len(METHODS)
+    assert (colour("sci"), colour("m2dp")) == ("#0072B2", "#009E73")  # as ever
+
+
+def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
+    looks = look(["sci-4way", "m2dp", "sci"])
+    assert list(looks) == ["sci-4way", "m2dp", "sci"]
+    assert looks["sci"] == (colour("sci"), "-")
+    assert looks["m2dp"] == (colour("m2dp"), "-")
+    dark, dash = looks["sci-4way"]
+    assert dark == "#002E47"  # 0.4 of 00, 72 and B2
+    assert dash != "-"
+    assert colour("sci-4way") == colour("sci")
+
+
+@pytest.mark.parametrize("name", ["precision_recall", "year", "recall_at"])
+def test_a_model_has_one_colour_in_every_figure(name: str) -> None:
+    fig = FIGURES[name](False)
+    assert fig is not None
+    assert {colour("sci"), colour("m2dp")} <= {to_hex(line.get_color()).upper() for line in fig.axes[0].lines}
+
+
+@pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (5, (1, 5)), (6, (2, 3)), (7, (2, 4)), (10, (2, 5)), (11, (3, 4))])
+def test_panels_leave_few_cells_empty(number: int, grid: tuple[int, int]) -> None:
+    assert balanced(number, 5) == grid
+
+
+def test_an_axis_of_shares_begins_at_the_tenth_below_and_ends_above_one() -> None:
+    assert share_limits([0.47, np.nan], 0.8) == pytest.approx((0.4 - 0.02 * 0.6, 1 + 0.03 * 0.6))
+    assert share_limits([np.nan]) == pytest.approx((0.898, 1.003))
+
+
+def test_names_at_the_end_stand_apart_below_the_top_and_at_the_last_value_there_is() -> None:
+    # Four of them crowd at the top; 0.2 keeps its place, though its last value is missing; a line of nothing has no name.
+    axis = Figure().subplots()
+    axis.set_ylim(0, 1)
+    lines = [(str(end), "k", np.array([[0.0, end], [1.0, end]])) for end in (0.95, 0.98, 0.2, 1.0, 0.9, np.nan)]
+    lines[2][2][1, 1] = np.nan
+    name_ends(axis, lines, gap=0.1)
+    found = {text.get_text(): text.xy[1] for text in axis.texts}
+    assert found == pytest.approx({"0.9": 0.7, "0.95": 0.8, "0.98": 0.9, "1.0": 1.0, "0.2": 0.2})
+
+
+def test_a_long_name_is_folded() -> None:
+    assert [folded(name) for name in ("sci", "scan_context_all", "pointnetvlad-4way")] == [
+        *("sci", "scan_context\n_all", "pointnetvlad\n-4way")
+    ]
+
+
+@pytest.mark.parametrize("draw", [lambda: year([], "2012-01-15", False), lambda: curves.precision_recall([], "cells", False)])
+def test_a_figure_of_nothing_is_refused(draw: Callable[[], Figure]) -> None:
+    with pytest.raises(InputError, match="at least one result"):
+        draw()
+
+
+def test_a_sequence_that_training_never_saw_can_be_drawn() -> None:
+    assert "–" in words(curves.precision_recall([NOTHING], "cells", False))
+    histogram = novelty.histograms([NOTHING], "cells", False)
+    assert "AUROC –" in words(histogram)
+    assert not histogram.axes[0].lines  # the threshold lies beyond all novelties
+    assert not curves.recall_at([NOTHING], False).axes[0].lines
+    assert np.isnan(year([NOTHING], "2012-01-15", False).axes[0].lines[0].get_ydata()).all()
+    assert reliability.diagram([NOTHING], False) is None
