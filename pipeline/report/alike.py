@@ -1,0 +1,28 @@
+"""By how many columns to roll one Scan Context so that it looks most like another."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+HIGHEST_M = 15.0
+"""Heights above it count as it, as in the colour images."""
+
+
+def spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex64]:
+    """Along the sectors (view, ring, frequency), of heights (view, ring, sector) a little blurred."""
+    clipped = np.clip(heights_m, 0.0, HIGHEST_M).astype(np.float64)
+    blurred = uniform_filter(clipped, (0, 3, 3), mode=("nearest", "nearest", "wrap"))
+    found: NDArray[np.complex64] = np.fft.rfft(blurred - blurred.mean(axis=(1, 2), keepdims=True), axis=2).astype(np.complex64)
+    return found
+
+
+def best_shifts(queries: NDArray[np.complex64], views: NDArray[np.complex64], sectors: int) -> NDArray[np.int64]:
+    """Columns (view,) to roll each view by so that it correlates best with its query; both are given by their spectra."""
+    correlation = np.fft.irfft((queries * views.conj()).sum(axis=1), sectors, axis=1)
+    best: NDArray[np.int64] = correlation.round(6).argmax(axis=1)
+    return best
+
+
+def best_shift(query: NDArray[np.float32], view: NDArray[np.float32]) -> int:
+    """The same for one pair of heights (ring, sector)."""
+    return int(best_shifts(spectra(query[None]), spectra(view[None]), view.shape[1])[0])

@@ -1,0 +1,146 @@
+"""What the map of a study shows: queries, answers and views, as typed arrays and pictures in base64, which map.js reads back."""
+
+import io
+from base64 import b64encode
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import KDTree
+
+from pipeline import schemas, store
+from pipeline.errors import ArtifactError
+from pipeline.frames import yaw
+from pipeline.report.alike import best_shifts, spectra
+from pipeline.report.study import Result, Study, by_sequence, dates
+from pipeline.views.scan_context import colours, quantize
+
+NONE = 0xFFFF_FFFF
+"""The training row of an answer without a position."""
+COLUMNS = 16
+"""Views beside each other in a picture."""
+OUTCOMES = {"hit": "#6BB6E8", "miss": "#EFA31D", "false alarm": "#B2182B", "correct rejection": "#1B3C73"}
+"""Name to colour, in the order of the codes of `Judgement.outcome`."""
+
+
+def chart(study: Study) -> dict[str, Any]:
+    """All that the map of a study shows; without pictures where no model looks at Scan Contexts."""
+    found = ((model, Views.read(study.find("views", study.train, model))) for model in study.models)
+    looking, train = next(((model, views) for model, views in found if views), ("", None))
+    training = Training(train, KDTree(study.train_xy_m))
+    days, sequences = dates(study.results), []
+    answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
+    for sequence, results in by_sequence(study.results).items():
+        views = Views.read(study.find("views", sequence, looking)) if train else None
+        label = f"{days[sequence]}, {results[0].days:+d} d"
+        sequences.append({"name": sequence, "label": label, **_queries(study, results[0], views, training)})
+        for result in results:
+            answers[result.model][sequence] = _answers(study, result, views, training)
+    return {
+        "simulated": study.simulated,
+        "best": study.best,
+        "correct_m": study.distance.correct_m,
+        "outcomes": [{"name": name, "colour": colour} for name, colour in OUTCOMES.items()],
+        "path": packed(study.train_xy_m, "f4"),
+        "train": train.picture if train else None,
+        "sequences": sequences,
+        "answers": {model: given for model, given in answers.items() if given},
+    }
+
+
+def packed(array: NDArray[Any], dtype: str) -> dict[str, str]:
+    """An array as map.js reads it back: its type and its bytes, lowest first, in base64."""
+    return {"dtype": dtype, "base64": b64encode(np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()).decode()}
+
+
+@dataclass(frozen=True)
+class Views:
+    """The Scan Contexts of one sequence, to be shown and to be compared."""
+
+    picture: dict[str, Any]
+    spectra: NDArray[np.complex64]
+    sectors: int
+
+    @classmethod
+    def read(cls, path: Path) -> Self | None:
+        """None where the artifact is missing or holds other views."""
+        try:
+            heights_m = store.read(path, schemas.VIEWS).load("images")
+        except ArtifactError:
+            return None
+        rings, sectors = heights_m.shape[1:]
+        own = {"png": b64encode(picture(heights_m)).decode(), "columns": COLUMNS, "rings": rings, "sectors": sectors}
+        return cls(own, spectra(heights_m), sectors)
+
+
+def picture(heights_m: NDArray[np.float32]) -> bytes:
+    """A PNG with a palette of views (view, ring, sector), row by row, ring 0 of each on top."""
+    views, rings, sectors = heights_m.shape
+    pixels = np.pad(quantize(heights_m), ((0, -views % COLUMNS), (0, 0), (0, 0)))
+    sheet = Image.fromarray(pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors))
+    sheet.putpalette(colours("jet").tobytes())
+    file = io.BytesIO()
+    sheet.save(file, "PNG", optimize=True)
+    return file.getvalue()
+
+
+@dataclass(frozen=True)
+class Training:
+    """What positions are looked up in."""
+
+    views: Views | None
+    tree: KDTree
+
+    def nearest(self, xy_m: NDArray[np.float64], views: Views | None) -> dict[str, dict[str, str]]:
+        """The training row nearest to each position (q, 2), and by how many columns to roll its view to look like the query."""
+        rows, shifts = np.full(len(xy_m), NONE, np.int64), np.zeros(len(xy_m), np.int64)
+        finite = np.isfinite(xy_m).all(axis=1)
+        rows[finite] = self.tree.query(xy_m[finite])[1]
+        if views and self.views:
+            shifts[finite] = best_shifts(views.spectra[finite], self.views.spectra[rows[finite]], views.sectors)
+        return {"row": packed(rows, "u4"), "shift": packed(shifts, "u2")}
+
+
+def _queries(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
+    """What is true of the queries of a sequence, whatever the model."""
+    evaluation = result.evaluation
+    path = study.find("views", result.sequence, result.model)
+    return {
+        "xy": packed(evaluation.xy_m, "f4"),
+        "heading": packed(np.rad2deg(yaw(store.read(path, *schemas.LOOKED_AT).load("world_T_anchor"))), "f4"),
+        "nearest_m": packed(evaluation.nearest_m, "f4"),
+        **training.nearest(evaluation.xy_m, views),
+        "views": views.picture if views else None,
+    }
+
+
+def _answers(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
+    """What one model answered to them, and the outcomes."""
+    evaluation = result.evaluation
+    judged = {
+        name: {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
+        for name, by in (("distance", evaluation.distance), ("cells", evaluation.cells))
+    }
+    return {
+        **judged,
+        "xy": packed(evaluation.answer_xy_m, "f4"),
+        "heading": _headings(study, result),
+        "novelty": packed(evaluation.novelty[:, 0], "f4"),
+        "kind": evaluation.kinds[0],
+        "threshold": evaluation.reject_from[0],
+        **training.nearest(evaluation.answer_xy_m, views),
+    }
+
+
+def _headings(study: Study, result: Result) -> dict[str, str] | None:
+    """The headings (q,) of the first answers; None where the model gives none."""
+    if not np.isfinite(result.evaluation.heading_error_deg).any():
+        return None
+    try:
+        heading_deg = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS).load("heading_deg")
+    except ArtifactError:
+        return None
+    return packed(heading_deg.reshape(len(heading_deg), -1)[:, 0], "f4")

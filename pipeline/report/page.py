@@ -1,0 +1,118 @@
+"""The report as one HTML file that needs nothing else: no server, no network, no other file."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import quote
+
+import yaml
+from markupsafe import Markup
+
+from pipeline.report.map import chart
+from pipeline.report.render import anchor, part, template, words
+from pipeline.report.section import Section
+from pipeline.report.study import Study, by_sequence
+
+SCRIPTS = ("tables.js", "vendor/d3-zoom.min.js", "map.js")
+LISTS = ("conf/studies.yaml", "conf/lists.yaml")
+"""Parameters of every stage, but of no number."""
+SIZE = "@megabytes@"
+"""Stands in the page until its size is known."""
+POINT_PX = 96 / 72
+ENLARGED = 1.2
+"""Times its printed size a figure is on a wide screen."""
+UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
+"""What a data URL in double quotes may hold as it is: a page is a quarter smaller than with base64."""
+
+
+class Lock(Protocol):
+    """What the dvc.lock files say of artifacts."""
+
+    def of(self, path: str) -> tuple[str, str]:
+        """The md5 and the stage of an artifact; empty where unknown."""
+        ...
+
+    def params(self, stage: str) -> Mapping[str, Any]:
+        """The parameters of a stage, by file."""
+        ...
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as an image of its own, so that no id in it meets one of another."""
+
+    url: Markup
+    wide_px: int
+
+    @classmethod
+    def of(cls, svg: str) -> "Picture":
+        """From an SVG file's text."""
+        width = re.search(r'<svg[^>]*?\bwidth="([\d.]+)pt"', svg)
+        url = "data:image/svg+xml," + quote(re.sub(r"\s+", " ", svg), safe=UNQUOTED)
+        return cls(Markup(url), round(float(width[1]) * POINT_PX * ENLARGED) if width else 860)
+
+
+def html(studies: Sequence[Study], sections: Sequence[Section], missing: Sequence[str], lock: Lock) -> str:
+    """The whole file, of these studies and sections alone; `missing` says what could not be reported, a line each."""
+    lines, pictures = [*missing], dict[Path, Picture]()
+    for path in (one.path for section in sections for one in section.illustrations if one.on_page):
+        try:
+            pictures[path] = Picture.of(path.read_text(encoding="utf-8"))
+        except OSError:
+            lines.append(words("page", "no_figure", path=path))
+    artifacts = {path: (*lock.of(path), recipe) for path, recipe in _artifacts(studies, sections).items()}
+    stages = [stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage]
+    page = template(
+        "page.html.j2",
+        studies=studies,
+        sections=[(section, _simulated(section, studies)) for section in sections],
+        pictures=pictures,
+        charts={anchor(study.name, study.grid): _json(chart(study)) for study in studies},
+        missing=lines,
+        artifacts=artifacts,
+        stages={stage: _yaml(lock.params(stage)) for stage in stages},
+        css=Markup(part("page.css")),
+        scripts=Markup("\n").join(Markup(part(name)) for name in SCRIPTS),
+        megabytes=SIZE,
+    )
+    return page.replace(SIZE, f"{len(page.encode()) / 1e6:.1f}")
+
+
+def _simulated(section: Section, studies: Sequence[Study]) -> bool:
+    """Whether its data are: as it says itself, else as its study says, and any study where none is named."""
+    own = [study for study in studies if f"{section.name}-".startswith(f"{anchor(study.name, study.grid)}-")]
+    return bool(section.values.get("simulated", any(study.simulated for study in own or studies)))
+
+
+def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[str, Mapping[str, str]]:
+    """The path of each artifact that a number is from to the recipe that it was trained with, empty if it is no model."""
+    recipes: dict[str, Mapping[str, str]] = {}
+    for study in studies:
+        recipes |= {path.as_posix(): {} for path in _inputs(study)}
+        for model, learned in study.models.items():
+            shown = {name: value for name, value in learned.recipe.items() if not name.startswith("_")}
+            recipes[study.find("train", model=model).as_posix()] = shown
+    named = [path for section in sections for path in section.sources]
+    named += [cell.source for one in sections for table in one.tables for row in table.rows for cell in row if cell.source]
+    return recipes | {path: {} for path in named if path not in recipes}
+
+
+def _inputs(study: Study) -> Iterator[Path]:
+    """What its models were trained and tested with."""
+    driven = (study.train, *by_sequence(study.results))
+    yield from (study.find(kind, sequence) for kind in ("submaps", "labels") for sequence in driven)
+    yield from (study.find("views", sequence, model) for model in study.models for sequence in driven)
+    yield from (study.find(kind, one.sequence, one.model) for one in study.results for kind in ("localize", "evaluate"))
+
+
+def _json(value: Any) -> Markup:
+    """Data for a script element, which no text in them can end early."""
+    return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def _yaml(parameters: Mapping[str, Any]) -> str:
+    own = {file: values for file, values in parameters.items() if file not in LISTS}
+    return yaml.safe_dump(own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)

@@ -1,0 +1,243 @@
+// The map: where each query of a test day was taken, what a model answered, and what was seen at both ends.
+(() => {
+  const get = (name) => document.getElementById(`map-${name}`);
+  const canvas = get("canvas"), pen = canvas.getContext("2d"), plane = d3.select(canvas);
+  const choices = Object.fromEntries(["study", "model", "sequence", "by"].map((name) => [name, get(name)]));
+  if (!choices.study.options.length) return;
+  document.getElementById("mapped").hidden = false;
+
+  const NONE = 0xffffffff; // the training row of an answer without a position
+  const QUIET = { name: "not judged", colour: "#c9c8c2", says: "between seen and unseen" };
+  const SAYS = ["accepted, and right", "rejected although seen", "accepted, and wrong or unseen", "rejected, and unseen"];
+  const TYPES = { f4: Float32Array, u4: Uint32Array, u2: Uint16Array, u1: Uint8Array, i2: Int16Array, i1: Int8Array };
+  const revive = (_, value) => value && value.base64 !== undefined
+    ? new TYPES[value.dtype](Uint8Array.from(atob(value.base64), (letter) => letter.charCodeAt(0)).buffer) : value;
+  const make = (name, text = "", attributes = {}) => Object.assign(document.createElement(name), { textContent: text }, attributes);
+  const studies = new Map(), images = new Map();
+  let study, day, answers, kinds, points = [], chosen = -1, view = d3.zoomIdentity;
+
+  const image = (sheet) => { // the picture of all views of a sequence
+    if (!images.has(sheet)) {
+      const loading = new Image();
+      images.set(sheet, new Promise((done) => { loading.onload = () => done(loading); }));
+      loading.src = `data:image/png;base64,${sheet.png}`;
+    }
+    return images.get(sheet);
+  };
+  const refill = (select, options, wanted) => {
+    select.replaceChildren(...options.map(([value, label]) => make("option", label, { value })));
+    if (options.some(([value]) => value === wanted)) select.value = wanted;
+  };
+
+  function chooseStudy() {
+    const name = choices.study.value;
+    if (!studies.has(name)) studies.set(name, JSON.parse(document.getElementById(name).textContent, revive));
+    study = studies.get(name);
+    refill(choices.model, Object.keys(study.answers).map((model) => [model, model]), study.best);
+    get("simulated").hidden = !study.simulated;
+    chosen = -1;
+    chooseModel();
+    showAll();
+  }
+  function chooseModel() {
+    const tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
+    refill(choices.sequence, tested.map(({ name, label }) => [name, label]), choices.sequence.value);
+    chooseDay();
+  }
+  function chooseDay() {
+    const before = day;
+    day = study.sequences.find(({ name }) => name === choices.sequence.value);
+    answers = study.answers[choices.model.value][day.name];
+    if (day !== before) chosen = -1;
+    colour();
+  }
+  function colour() {
+    const [hit, , alarm, rejection] = study.outcomes, by = choices.by.value;
+    const first = [
+      { name: "right", colour: hit.colour, says: `within ${study.correct_m} m` },
+      { name: "wrong", colour: alarm.colour, says: "seen, but placed elsewhere", wrong: true },
+      { name: "unseen", colour: rejection.colour, says: "no answer could be right" }, QUIET];
+    const outcomes = [...study.outcomes.map((one, i) => ({ ...one, says: SAYS[i], wrong: i === 1 || i === 2 })), QUIET];
+    kinds = by === "answer" ? first : outcomes;
+    const { outcome, rank, seen } = answers[by === "answer" ? "distance" : by];
+    points = Array.from(outcome, (code, i) => by !== "answer" ? code : code === 4 ? 3 : !seen[i] ? 2 : rank[i] === 0 ? 0 : 1);
+    const entry = (tint, shape, text, title) => {
+      const item = make("li", "", { title });
+      item.append(make("i", "", { className: shape, style: `background: ${tint}` }), text);
+      return item;
+    };
+    const counts = kinds.map((_, kind) => points.filter((one) => one === kind).length);
+    const shown = kinds.map((kind, i) => [kind, counts[i]]).filter(([kind, count]) => count || kind !== QUIET);
+    get("legend").replaceChildren(...shown.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
+      entry("#cfcec8", "line", "training path", "where training drove"));
+    choose(chosen);
+  }
+
+  // The plane is in metres, y downwards; `view` takes it to the pixels of the canvas, so that its scale is pixels per metre.
+  const onScreen = (xy, i) => view.apply([xy[2 * i], -xy[2 * i + 1]]);
+  const zoom = d3.zoom().clickDistance(6)
+    .filter((event) => event.type === "wheel" ? document.activeElement === canvas || event.ctrlKey : !event.button && !event.ctrlKey)
+    .on("zoom", (event) => { view = event.transform; draw(); });
+  plane.call(zoom);
+  function showAll() {
+    const range = (axis) => {
+      let [low, high] = [Infinity, -Infinity];
+      for (const xy of [study.path, day.xy]) for (let i = axis; i < xy.length; i += 2) [low, high] = [Math.min(low, xy[i]), Math.max(high, xy[i])];
+      return [low, high];
+    };
+    const [[left, right], [low, high]] = [range(0), range(1)], { clientWidth: width, clientHeight: height } = canvas;
+    const scale = Math.min((width - 56) / Math.max(right - left, 1), (height - 56) / Math.max(high - low, 1));
+    zoom.scaleExtent([scale / 2, 200]);
+    plane.call(zoom.transform, d3.zoomIdentity.translate(width / 2, height / 2).scale(scale).translate(-(left + right) / 2, (low + high) / 2));
+  }
+  function draw() {
+    const { clientWidth: width, clientHeight: height } = canvas, ratio = window.devicePixelRatio || 1;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.lineJoin = pen.lineCap = "round";
+    pen.strokeStyle = "#cfcec8";
+    pen.lineWidth = 4;
+    pen.beginPath();
+    for (let i = 0, path = study.path; 2 * i < path.length; i++) {
+      const jump = i && Math.hypot(path[2 * i] - path[2 * i - 2], path[2 * i + 1] - path[2 * i - 1]) > 30;
+      pen[i && !jump ? "lineTo" : "moveTo"](...onScreen(path, i));
+    }
+    pen.stroke();
+    const size = Math.min(Math.max(1.1 * view.k, 2.6), 7);
+    const order = [...kinds.keys()].reverse().sort((a, b) => Boolean(kinds[a].wrong) - Boolean(kinds[b].wrong)); // wrong ones on top
+    for (const kind of order) {
+      pen.fillStyle = kinds[kind].colour;
+      points.forEach((one, i) => one === kind && disc(onScreen(day.xy, i), size, "fill"));
+    }
+    if (chosen >= 0) drawChosen(size);
+    drawScale(height);
+  }
+  function disc(centre, radius, how) {
+    pen.beginPath();
+    pen.arc(...centre, radius, 0, 2 * Math.PI);
+    pen[how]();
+  }
+  function line(...corners) {
+    pen.beginPath();
+    corners.forEach((corner, i) => pen[i ? "lineTo" : "moveTo"](...corner));
+  }
+  function drawChosen(size) {
+    const from = onScreen(day.xy, chosen);
+    pen.strokeStyle = pen.fillStyle = "#111";
+    if (answers.row[chosen] !== NONE) {
+      const [x, y] = onScreen(answers.xy, chosen);
+      pen.lineWidth = 1.6;
+      line(from, [x, y]);
+      pen.stroke();
+      line([x, y - 6], [x + 6, y], [x, y + 6], [x - 6, y]);
+      pen.fill();
+    }
+    pen.lineWidth = 2;
+    disc(from, size + 4, "stroke");
+  }
+  function drawScale(height) {
+    const wanted = 130 / view.k, power = 10 ** Math.floor(Math.log10(wanted));
+    const length = Math.max(...[1, 2, 5].map((step) => step * power).filter((step) => step <= wanted));
+    pen.strokeStyle = pen.fillStyle = "#333";
+    pen.lineWidth = 2;
+    line([14, height - 14], [14 + length * view.k, height - 14]);
+    pen.stroke();
+    pen.font = "12px sans-serif";
+    pen.fillText(`${length} m`, 14, height - 20);
+  }
+
+  const metres = (value) => `${value.toFixed(value < 9.95 ? 1 : 0)} m`;
+  const degrees = (value) => `${Math.round(value)}°`.replace("-", "−");
+  const around = (value) => 180 - ((((180 - value) % 360) + 360) % 360);
+  function facts(i) {
+    const kind = kinds[points[i]], by = choices.by.value === "cells" ? "cells" : "distance", rank = answers[by].rank[i];
+    const error_m = Math.hypot(answers.xy[2 * i] - day.xy[2 * i], answers.xy[2 * i + 1] - day.xy[2 * i + 1]);
+    const { threshold } = answers, novelty = answers.novelty[i];
+    const limit = threshold < -1e38 ? "the model rejects everything" : threshold > 1e38 ? "the model accepts everything"
+      : `${novelty >= threshold ? "rejected" : "accepted"}: threshold ${threshold.toPrecision(3)}`;
+    const truth = degrees(day.heading[i]), given = answers.heading ? answers.heading[i] : NaN;
+    return [
+      ["Outcome", `${kind.name}: ${kind.says}`],
+      ["Error", answers.row[i] === NONE ? "the answer has no position" : `${metres(error_m)} from query to answer`],
+      ["Novelty", `${novelty.toPrecision(3)} (${answers.kind}); ${limit}`],
+      ["Heading", isFinite(given) ? `${degrees(given)}, true ${truth}, off by ${degrees(Math.abs(around(given - day.heading[i])))}` : `not given; true ${truth}`],
+      ["True place", !answers[by].seen[i] ? `unseen, by ${by}` : rank < 0 ? `not ranked, by ${by}` : `rank ${rank + 1}, by ${by}`],
+      ["Training pose", `${metres(day.nearest_m[i])} away at the nearest`],
+    ];
+  }
+  function choose(i) {
+    chosen = i;
+    const hint = make("p", "Choose a query on the map, or step along the drive."), list = make("dl");
+    for (const [name, value] of i < 0 ? [] : facts(i)) {
+      const entry = make("div");
+      entry.append(make("dt", name), make("dd", value));
+      list.append(entry);
+    }
+    get("query").replaceChildren(...(i < 0 ? [hint] : [make("h3", `Query ${i + 1} of ${points.length}`), list]));
+    get("views").replaceChildren(...(i < 0 ? [] : views(i)));
+    draw();
+  }
+  function views(i) {
+    if (!day.views || !study.train) return [make("p", "No model of this study looks at Scan Contexts, so no view is shown.", { className: "quiet" })];
+    const rolled = (shift) => shift ? `, rolled by ${degrees(around(shift * 360 / day.views.sectors))} to look most like the query` : "";
+    const shown = [[day.views, i, 0, "The query"]];
+    const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `Training view nearest to ${what}${rolled(shift[i])}`]);
+    if (answers.row[i] !== NONE) training(answers, "the answer");
+    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "where it truly is");
+    const figures = shown.map(([sheet, row, shift, caption]) => {
+      const figure = make("figure", "", { className: "view" });
+      const painted = make("canvas", "", { width: sheet.sectors, height: sheet.rings, role: "img", ariaLabel: caption });
+      figure.append(painted, make("figcaption", caption));
+      image(sheet).then((loaded) => paint(painted.getContext("2d"), loaded, sheet, row, shift));
+      return figure;
+    });
+    const note = "Scan Contexts, whatever the model looks at: azimuth to the right from straight ahead over the left, range upwards to 80 m, "
+      + "heights from blue (0 m) to red (15 m).";
+    return [...figures, make("p", note, { className: "quiet" })];
+  }
+  function paint(brush, loaded, { rings, sectors, columns }, row, shift) {
+    const left = (row % columns) * sectors, top = Math.floor(row / columns) * rings, rest = sectors - shift;
+    brush.imageSmoothingEnabled = false;
+    brush.setTransform(1, 0, 0, -1, 0, rings); // the nearest ring at the bottom
+    brush.drawImage(loaded, left, top, rest, rings, shift, 0, rest, rings);
+    if (shift) brush.drawImage(loaded, left + rest, top, shift, rings, 0, 0, shift, rings);
+  }
+  function step(by, wanted = () => true) {
+    const count = points.length;
+    for (let n = 1, i = chosen < 0 && by < 0 ? 0 : chosen; n <= count; n++) {
+      i = (i + by + count) % count;
+      if (!wanted(i)) continue;
+      const [x, y] = onScreen(day.xy, i); // keep the chosen query in sight
+      const inside = x >= 20 && y >= 20 && x <= canvas.clientWidth - 20 && y <= canvas.clientHeight - 20;
+      if (!inside) plane.call(zoom.translateTo, day.xy[2 * i], -day.xy[2 * i + 1]);
+      return choose(i);
+    }
+  }
+  canvas.addEventListener("click", (event) => { // the nearest query within 24 pixels
+    const away = points.map((_, i) => onScreen(day.xy, i)).map(([x, y]) => Math.hypot(x - event.offsetX, y - event.offsetY));
+    const best = away.reduce((least, one, i) => one < (least < 0 ? 24 : away[least]) ? i : least, -1);
+    if (best >= 0) choose(best);
+  });
+  const scaleBy = (factor) => plane.call(zoom.scaleBy, factor);
+  const keys = {
+    ArrowRight: () => step(1), ArrowDown: () => step(1), ArrowLeft: () => step(-1), ArrowUp: () => step(-1),
+    "+": () => scaleBy(1.4), "=": () => scaleBy(1.4), "-": () => scaleBy(1 / 1.4), 0: showAll,
+  };
+  canvas.addEventListener("keydown", (event) => {
+    if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+  const buttons = { in: keys["+"], out: keys["-"], all: showAll, next: keys.ArrowRight, previous: keys.ArrowLeft,
+    wrong: () => step(1, (i) => kinds[points[i]].wrong) };
+  for (const [name, act] of Object.entries(buttons)) get(name).addEventListener("click", act);
+  for (const [name, act] of Object.entries({ study: chooseStudy, model: chooseModel, sequence: chooseDay, by: colour })) choices[name].addEventListener("change", act);
+  chooseStudy();
+  let size = [canvas.clientWidth, canvas.clientHeight];
+  new ResizeObserver(() => { // what was in the middle stays there
+    const before = size;
+    size = [canvas.clientWidth, canvas.clientHeight];
+    plane.call(zoom.translateBy, (size[0] - before[0]) / 2 / view.k, (size[1] - before[1]) / 2 / view.k);
+  }).observe(canvas);
+})();

@@ -1,0 +1,235 @@
+"""The page of a small study: what it shows, what it says is missing, and that it works in a browser without a network."""
+
+import io
+import json
+import re
+import shutil
+import subprocess
+from base64 import b64decode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pipeline.report import render
+from pipeline.report.alike import best_shift, best_shifts, spectra
+from pipeline.report.map import COLUMNS, NONE, chart, picture
+from pipeline.report.page import Picture, html
+from pipeline.views.scan_context import quantize
+from tests.report.site import EVIL, SVG, TRAIN, WORDS, XY_M, Lock, heights, sections, study
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+LISTEN = """<script>
+window.faults = [];
+addEventListener("error", (event) => faults.push(event.message));
+addEventListener("unhandledrejection", (event) => faults.push(String(event.reason)));
+document.addEventListener("securitypolicyviolation", (event) => faults.push(event.blockedURI));
+console.error = console.warn = (...words) => faults.push(words.join(" "));
+</script>"""
+WORK = """<script>
+addEventListener("load", () => {
+  const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas");
+  const rows = (table) => [...table.tBodies[0].rows, ...table.tFoot.rows].map((row) => row.cells[0].textContent.trim());
+  const table = document.querySelector("#campus-10m-turned table"), heads = table.tHead.rows[0].cells;
+  const click = (head) => { head.firstElementChild.click(); return [head.getAttribute("aria-sort"), rows(table)]; };
+  const sorted = [1, 1, 1, 0].map((column) => click(heads[column]));
+  const words = (parent) => [...parent.children].map((one) => one.textContent);
+  const facts = () => Object.fromEntries([...document.querySelectorAll("#map-query dl div")].map(words));
+  const heading = () => document.querySelector("#map-query h3").textContent;
+  const red = () => { // pixels of the colour of wrong answers
+    const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height), found = [];
+    for (let i = 0; i < data.length; i += 4) {
+      if (data[i] === 178 && data[i + 1] === 24 && data[i + 2] === 43) found.push([i / 4 % width, Math.floor(i / 4 / width)]);
+    }
+    return found;
+  };
+  const turn = { deltaY: -300, clientX: 200, clientY: 200, bubbles: true, cancelable: true };
+  const wheel = () => !canvas.dispatchEvent(new WheelEvent("wheel", turn));
+  const legend = words(get("legend")), wrong = red(), box = canvas.getBoundingClientRect();
+  get("next").click();
+  const first = facts();
+  get("wrong").click();
+  const misplaced = [heading(), facts()];
+  const [x, y] = wrong[Math.floor(wrong.length / 2)];
+  canvas.dispatchEvent(new MouseEvent("click", { clientX: box.left + 1 + x, clientY: box.top + 1 + y, bubbles: true }));
+  const picked = heading();
+  const scrolled = wheel();
+  canvas.focus();
+  const before = canvas.toDataURL(), zoomed = [scrolled, wheel(), canvas.toDataURL() !== before];
+  get("all").click();
+  get("by").value = "cells";
+  get("by").dispatchEvent(new Event("change"));
+  const cells = words(get("legend"));
+  canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
+  const back = heading();
+  get("wrong").click();
+  setTimeout(() => {
+    const seen = (image) => new Set(image.getContext("2d").getImageData(0, 0, 120, 40).data).size;
+    const views = [...document.querySelectorAll("#map-views canvas")].map(seen);
+    const wide = document.documentElement.scrollWidth - innerWidth, shown = { sorted, legend, cells, views, wide };
+    document.title = JSON.stringify({ faults, evil: window.evil, ...shown, wrong: wrong.length, first, misplaced, picked, zoomed, back });
+  }, 300);
+});
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the artifacts lie; the words are the page's own and some for the study."""
+    texts = (Path(render.__file__).with_name("templates") / name for name in ("words.yaml", "page.words.yaml"))
+    page = next(found for text in texts if text.is_file() and (found := yaml.safe_load(text.read_text())).get("page"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render, "_words", lambda: {"page": page["page"], **WORDS})
+        yield tmp_path_factory.mktemp("page") / "artifacts"
+
+
+@pytest.fixture(scope="module")
+def page(root: Path) -> str:
+    one = study(root)
+    return html([one], sections(root), ["no `ageing` of town"], Lock())
+
+
+def test_the_page_asks_nothing_of_the_network(page: str) -> None:
+    assert "default-src 'none'" in page
+    assert re.findall(r'(?:src|srcset|data-src)="(?!data:)[^"]*"', page) == []
+    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|<link(?! rel=\"icon\" href=\"data:,\")", page)
+    papers = {"https://doi.org/10.1109/LRA.2019.2897340", "https://doi.org/10.1109/IROS.2018.8593562"}
+    assert set(re.findall(r'href="(\w+:[^"]*)"', page)) == {"data:,", *papers}
+
+
+def test_every_link_within_the_page_leads_somewhere_once(page: str) -> None:
+    names = re.findall(r'\sid="([^"]+)"', page)
+    assert len(names) == len(set(names))
+    assert set(re.findall(r'href="#([^"]*)"', page)) <= set(names)
+    assert '<a href="#campus-10m-turned">Turned &lt;headings&gt;</a>' in page.partition("</nav>")[0]
+
+
+def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, page: str) -> None:
+    place = render.anchor("at", f"{root}/evaluate/campus/10m/sci/2012-02-04.zarr")
+    cell = '<span class="number"><span>0.810</span><b class="mark">+</b><small>[.70, .90]</small></span>'
+    assert f'data-key="0.81"><a href="#{place}">{cell}</a>' in page
+    assert '<a href="#campus-10m-turned-source"><span class="number"><span>10.90' in page  # no artifact of its own
+    assert re.search(r'train/campus/10m/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
+    assert "<dt>epochs</dt><dd>2</dd>" in page
+    assert "_target_" not in page
+    assert "seed: 7" in page
+    assert "conf/lists.yaml" not in page
+    assert "<dt>trained with</dt><dd>sci 1, 2</dd>" in page
+
+
+def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
+    assert page.count('<p class="banner">Simulated, not recorded data</p>') == 3  # the answer, the set-up and the study
+    assert EVIL not in page
+    assert page.count("a &lt;/script&gt;&lt;script&gt;") >= 4
+    assert "late &lt;b&gt;" in page
+
+
+def test_a_section_shows_its_first_table_and_folds_the_others(page: str) -> None:
+    section = page.partition('<section id="campus-10m-turned"')[2].partition("</section>")[0]
+    first, fold, others = section.partition("Further tables")
+    assert fold
+    assert "AUC by <code>case</code>" in first
+    assert "AUROC by <code>case</code>" in others
+    assert first.count("<li>") == 1  # the second finding
+    assert first.count("<tfoot>") == 1
+
+
+def test_the_page_shows_what_it_is_given_and_says_what_is_missing(root: Path, page: str) -> None:
+    missing = page.partition("What is not in this page")[2]
+    assert "no <code>ageing</code> of town" in missing
+    assert "lost.svg: no such figure; <code>dvc repro</code> draws it" in missing
+    fewer = html([study(root)], sections(root)[:2], [], Lock())  # the figures of the third still lie in the folder
+    assert "Turned" not in fewer
+    assert "Nothing is missing." in fewer
+    assert "There is no study to show." in html([], [], [], Lock())
+    assert html([study(root)], sections(root), ["no `ageing` of town"], Lock()) == page
+
+
+def test_a_section_as_markdown(root: Path) -> None:
+    section = sections(root)[2]
+    text = render.template("section.md.j2", section=section, simulated=True, folder=root)
+    head = "# Turned <headings>\n\n**Simulated, not recorded data.**\n\nDoes it *matter*?"
+    assert text.startswith(f"{head}\n\n{EVIL}\n\n- {EVIL}\n\n## How")
+    assert f"## How turned\n\n![How turned](turned.svg)\n\nRead it so. {EVIL}\n\n## How turned\n" in text
+    assert f"## AUC by `case`\n\n{section.tables[0].markdown()}\n## AUROC by" in text
+    assert text.endswith("\n\nSources: `artifacts/turned.zarr`\n")
+
+
+def test_a_figure_is_an_image_of_its_own() -> None:
+    one = Picture.of(SVG + "\n%é")
+    assert one.wide_px == 115  # 72 pt are 96 px, shown at 1.2 times that
+    assert one.url.endswith("</svg> %25%C3%A9")
+    assert not set('"#&') & set(one.url)
+
+
+def test_a_picture_holds_every_view_as_quantized() -> None:
+    images = heights(COLUMNS + 3)
+    image = Image.open(io.BytesIO(picture(images)))
+    assert (image.mode, image.size) == ("P", (COLUMNS * 120, 80))
+    assert image.getpalette()[:3] == [0, 0, 131]  # an empty bin (METHODS 2.1)
+    for n in (0, COLUMNS - 1, COLUMNS, COLUMNS + 2):
+        row, column = divmod(n, COLUMNS)
+        assert (np.asarray(image)[40 * row : 40 * row + 40, 120 * column : 120 * column + 120] == quantize(images[n])).all()
+
+
+def test_views_are_rolled_to_where_they_look_most_alike() -> None:
+    images, by = heights(4), [0, 7, 60, 119]
+    turned = np.stack([np.roll(image, columns, axis=1) for image, columns in zip(images, by, strict=True)])
+    assert best_shifts(spectra(turned), spectra(images), 120).tolist() == by
+    assert [best_shift(one, other) for one, other in zip(turned, images, strict=True)] == by
+
+
+def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
+    path_xy_m = np.stack([np.arange(70_000.0) - 69_990, np.zeros(70_000)], axis=1)  # the query at x = 0 is nearest to row 69,990
+    one = study(tmp_path, path_xy_m)
+    shutil.rmtree(one.find("views", TRAIN, "sci"))
+    one.results[0].evaluation.answer_xy_m[6] = np.nan
+    shown = chart(one)
+    true, answered = shown["sequences"][0]["row"], shown["answers"]["sci"]["2012-02-04"]["row"]
+    assert true["dtype"] == answered["dtype"] == "u4"
+    assert np.frombuffer(b64decode(true["base64"]), "<u4")[0] == 69_990
+    assert np.frombuffer(b64decode(answered["base64"]), "<u4").tolist()[-1] == NONE
+    positions = np.frombuffer(b64decode(shown["sequences"][0]["xy"]["base64"]), "<f4")
+    assert np.array_equal(positions, XY_M.ravel())
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tmp_path: Path) -> None:
+    seen = browsed(page, tmp_path)
+    assert seen["faults"] == []
+    assert "evil" not in seen
+    assert seen["sorted"] == [
+        ["descending", ["late <b>", "sci", "m2dp", "mean"]],
+        ["ascending", ["sci", "late <b>", "m2dp", "mean"]],
+        [None, ["sci", "m2dp", "late <b>", "mean"]],
+        ["ascending", ["late <b>", "m2dp", "sci", "mean"]],
+    ]
+    assert seen["legend"] == ["right 4", "wrong 1", "unseen 2", "training path"]
+    assert seen["wrong"] > 10  # a right answer at the same spot does not cover the wrong one
+    assert (seen["first"]["Outcome"], seen["first"]["Error"]) == ("right: within 12 m", "1.0 m from query to answer")
+    assert seen["first"]["Novelty"] == "0.100 (entropy); accepted: threshold 0.500"
+    assert (seen["misplaced"][0], seen["misplaced"][1]["Error"]) == ("Query 3 of 7", "200 m from query to answer")
+    assert seen["picked"] == "Query 2 of 7"
+    assert seen["zoomed"] == [False, True, True]  # the wheel scrolls the page until the map has the focus
+    assert seen["cells"] == ["hit 2", "miss 1", "false alarm 3", "correct rejection 1", "training path"]
+    assert seen["back"] == "Query 1 of 7"
+    assert len(seen["views"]) == 2
+    assert min(seen["views"]) > 50  # many colours
+    assert seen["wide"] <= 0
+
+
+def browsed(page: str, folder: Path) -> Any:
+    """What a script that clicks through a copy of the page puts into its title."""
+    copy = folder / "page.html"
+    copy.write_text(page.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{WORK}</body>"), encoding="utf-8")
+    quiet = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+    own = (f"--user-data-dir={folder / 'profile'}", "--disable-sync", "--disable-component-update", "--window-size=390,844")
+    asked = [str(BROWSER), *quiet, *own, "--virtual-time-budget=5000", "--dump-dom", copy.as_uri()]
+    shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
+    title = re.search("<title>(.*?)</title>", shown, re.DOTALL)
+    assert title
+    return json.loads(title[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
