@@ -4,13 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-HIGHEST_M = 15.0
-"""Heights above it count as it, as in the colour images."""
-
 
 def spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Along the sectors (view, ring, frequency), of heights (view, ring, sector) a little blurred."""
-    clipped = np.clip(heights_m, 0.0, HIGHEST_M).astype(np.float64)
+    clipped = np.clip(heights_m, 0.0, 15.0).astype(np.float64)  # as in the colour images
     blurred = uniform_filter(clipped, (0, 3, 3), mode=("nearest", "nearest", "wrap"))
     found: NDArray[np.complex64] = np.fft.rfft(blurred - blurred.mean(axis=(1, 2), keepdims=True), axis=2).astype(np.complex64)
     return found

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
+from pipeline.evaluation.judgement import Evaluation, Judgement
 from pipeline.frames import yaw
 from pipeline.report.alike import best_shifts, spectra
 from pipeline.report.study import Result, Study, by_sequence, dates
@@ -35,10 +36,10 @@ def chart(study: Study) -> dict[str, Any]:
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
         views = Views.read(study.find("views", sequence, looking)) if train else None
-        label = f"{days[sequence]}, {results[0].days:+d} d"
-        sequences.append({"name": sequence, "label": label, **_queries(study, results[0], views, training)})
-        for result in results:
-            answers[result.model][sequence] = _answers(study, result, views, training)
+        named = {"name": sequence, "label": f"{days[sequence]}, {results[0].days:+d} d"}
+        sequences.append(named | _queries(study, results[0], views, training))
+        for one in results:
+            answers[one.model][sequence] = _answers(one.evaluation, views, training) | {"heading": _headings(study, one)}
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -62,7 +63,6 @@ class Views:
 
     picture: dict[str, Any]
     spectra: NDArray[np.complex64]
-    sectors: int
 
     @classmethod
     def read(cls, path: Path) -> Self | None:
@@ -71,9 +71,9 @@ class Views:
             heights_m = store.read(path, schemas.VIEWS).load("images")
         except ArtifactError:
             return None
-        rings, sectors = heights_m.shape[1:]
-        own = {"png": b64encode(picture(heights_m)).decode(), "columns": COLUMNS, "rings": rings, "sectors": sectors}
-        return cls(own, spectra(heights_m), sectors)
+        _, rings, sectors = heights_m.shape
+        png = b64encode(picture(heights_m)).decode()
+        return cls({"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}, spectra(heights_m))
 
 
 def picture(heights_m: NDArray[np.float32]) -> bytes:
@@ -100,7 +100,7 @@ class Training:
         finite = np.isfinite(xy_m).all(axis=1)
         rows[finite] = self.tree.query(xy_m[finite])[1]
         if views and self.views:
-            shifts[finite] = best_shifts(views.spectra[finite], self.views.spectra[rows[finite]], views.sectors)
+            shifts[finite] = best_shifts(views.spectra[finite], self.views.spectra[rows[finite]], views.picture["sectors"])
         return {"row": packed(rows, "u4"), "shift": packed(shifts, "u2")}
 
 
@@ -117,17 +117,16 @@ def _queries(study: Study, result: Result, views: Views | None, training: Traini
     }
 
 
-def _answers(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
-    """What one model answered to them, and the outcomes."""
-    evaluation = result.evaluation
-    judged = {
-        name: {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
-        for name, by in (("distance", evaluation.distance), ("cells", evaluation.cells))
-    }
+def _answers(evaluation: Evaluation, views: Views | None, training: Training) -> dict[str, Any]:
+    """What one model answered to them, and the outcomes by both protocols."""
+
+    def judged(by: Judgement) -> dict[str, dict[str, str]]:
+        return {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
+
     return {
-        **judged,
+        "distance": judged(evaluation.distance),
+        "cells": judged(evaluation.cells),
         "xy": packed(evaluation.answer_xy_m, "f4"),
-        "heading": _headings(study, result),
         "novelty": packed(evaluation.novelty[:, 0], "f4"),
         "kind": evaluation.kinds[0],
         "threshold": evaluation.reject_from[0],
@@ -137,10 +136,8 @@ def _answers(study: Study, result: Result, views: Views | None, training: Traini
 
 def _headings(study: Study, result: Result) -> dict[str, str] | None:
     """The headings (q,) of the first answers; None where the model gives none."""
-    if not np.isfinite(result.evaluation.heading_error_deg).any():
-        return None
     try:
         heading_deg = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS).load("heading_deg")
     except ArtifactError:
         return None
-    return packed(heading_deg.reshape(len(heading_deg), -1)[:, 0], "f4")
+    return packed(heading_deg.reshape(len(heading_deg), -1)[:, 0], "f4") if np.isfinite(heading_deg).any() else None

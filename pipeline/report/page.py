@@ -21,9 +21,8 @@ LISTS = ("conf/studies.yaml", "conf/lists.yaml")
 """Parameters of every stage, but of no number."""
 SIZE = "@megabytes@"
 """Stands in the page until its size is known."""
-POINT_PX = 96 / 72
-ENLARGED = 1.2
-"""Times its printed size a figure is on a wide screen."""
+POINT_PX = 1.2 * 96 / 72
+"""A figure is shown at 1.2 times its printed size where there is room."""
 UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 """What a data URL in double quotes may hold as it is: a page is a quarter smaller than with base64."""
 
@@ -33,11 +32,9 @@ class Lock(Protocol):
 
     def of(self, path: str) -> tuple[str, str]:
         """The md5 and the stage of an artifact; empty where unknown."""
-        ...
 
     def params(self, stage: str) -> Mapping[str, Any]:
         """The parameters of a stage, by file."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,7 @@ class Picture:
         """From an SVG file's text."""
         width = re.search(r'<svg[^>]*?\bwidth="([\d.]+)pt"', svg)
         url = "data:image/svg+xml," + quote(re.sub(r"\s+", " ", svg), safe=UNQUOTED)
-        return cls(Markup(url), round(float(width[1]) * POINT_PX * ENLARGED) if width else 860)
+        return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
 
 
 def html(studies: Sequence[Study], sections: Sequence[Section], missing: Sequence[str], lock: Lock) -> str:
@@ -113,6 +110,6 @@ def _json(value: Any) -> Markup:
     return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
-def _yaml(parameters: Mapping[str, Any]) -> str:
-    own = {file: values for file, values in parameters.items() if file not in LISTS}
+def _yaml(files: Mapping[str, Any]) -> str:
+    own = {file: values for file, values in files.items() if file not in LISTS}
     return yaml.safe_dump(own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)

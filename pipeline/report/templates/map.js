@@ -17,11 +17,8 @@
   let study, day, answers, kinds, points = [], chosen = -1, view = d3.zoomIdentity;
 
   const image = (sheet) => { // the picture of all views of a sequence
-    if (!images.has(sheet)) {
-      const loading = new Image();
-      images.set(sheet, new Promise((done) => { loading.onload = () => done(loading); }));
-      loading.src = `data:image/png;base64,${sheet.png}`;
-    }
+    const load = (done) => make("img", "", { onload: (event) => done(event.target), src: `data:image/png;base64,${sheet.png}` });
+    if (!images.has(sheet)) images.set(sheet, new Promise(load));
     return images.get(sheet);
   };
   const refill = (select, options, wanted) => {
@@ -35,18 +32,13 @@
     study = studies.get(name);
     refill(choices.model, Object.keys(study.answers).map((model) => [model, model]), study.best);
     get("simulated").hidden = !study.simulated;
-    chosen = -1;
-    chooseModel();
+    chooseDay();
     showAll();
   }
-  function chooseModel() {
-    const tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
+  function chooseDay() { // one of those that the model was tested on
+    const before = day, tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
     refill(choices.sequence, tested.map(({ name, label }) => [name, label]), choices.sequence.value);
-    chooseDay();
-  }
-  function chooseDay() {
-    const before = day;
-    day = study.sequences.find(({ name }) => name === choices.sequence.value);
+    day = tested.find(({ name }) => name === choices.sequence.value);
     answers = study.answers[choices.model.value][day.name];
     if (day !== before) chosen = -1;
     colour();
@@ -66,9 +58,8 @@
       item.append(make("i", "", { className: shape, style: `background: ${tint}` }), text);
       return item;
     };
-    const counts = kinds.map((_, kind) => points.filter((one) => one === kind).length);
-    const shown = kinds.map((kind, i) => [kind, counts[i]]).filter(([kind, count]) => count || kind !== QUIET);
-    get("legend").replaceChildren(...shown.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
+    const counted = kinds.map((kind, i) => [kind, points.filter((one) => one === i).length]).filter(([kind, count]) => count || kind !== QUIET);
+    get("legend").replaceChildren(...counted.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
       entry("#cfcec8", "line", "training path", "where training drove"));
     choose(chosen);
   }
@@ -80,11 +71,8 @@
     .on("zoom", (event) => { view = event.transform; draw(); });
   plane.call(zoom);
   function showAll() {
-    const range = (axis) => {
-      let [low, high] = [Infinity, -Infinity];
-      for (const xy of [study.path, day.xy]) for (let i = axis; i < xy.length; i += 2) [low, high] = [Math.min(low, xy[i]), Math.max(high, xy[i])];
-      return [low, high];
-    };
+    const range = (axis) => [...study.path, ...day.xy].filter((_, i) => i % 2 === axis)
+      .reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
     const [[left, right], [low, high]] = [range(0), range(1)], { clientWidth: width, clientHeight: height } = canvas;
     const scale = Math.min((width - 56) / Math.max(right - left, 1), (height - 56) / Math.max(high - low, 1));
     zoom.scaleExtent([scale / 2, 200]);
@@ -92,12 +80,10 @@
   }
   function draw() {
     const { clientWidth: width, clientHeight: height } = canvas, ratio = window.devicePixelRatio || 1;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
+    [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.lineJoin = pen.lineCap = "round";
-    pen.strokeStyle = "#cfcec8";
-    pen.lineWidth = 4;
+    colourPen("#cfcec8", 4);
     pen.beginPath();
     for (let i = 0, path = study.path; 2 * i < path.length; i++) {
       const jump = i && Math.hypot(path[2 * i] - path[2 * i - 2], path[2 * i + 1] - path[2 * i - 1]) > 30;
@@ -105,44 +91,43 @@
     }
     pen.stroke();
     const size = Math.min(Math.max(1.1 * view.k, 2.6), 7);
-    const order = [...kinds.keys()].reverse().sort((a, b) => Boolean(kinds[a].wrong) - Boolean(kinds[b].wrong)); // wrong ones on top
-    for (const kind of order) {
-      pen.fillStyle = kinds[kind].colour;
-      points.forEach((one, i) => one === kind && disc(onScreen(day.xy, i), size, "fill"));
+    const upwards = [...kinds].reverse().sort((a, b) => Boolean(a.wrong) - Boolean(b.wrong)); // what went wrong lies on top
+    for (const kind of upwards) {
+      pen.fillStyle = kind.colour;
+      points.forEach((one, i) => kinds[one] === kind && disc(onScreen(day.xy, i), size, "fill"));
     }
     if (chosen >= 0) drawChosen(size);
     drawScale(height);
+  }
+  function colourPen(colour, width) {
+    pen.strokeStyle = pen.fillStyle = colour;
+    pen.lineWidth = width;
   }
   function disc(centre, radius, how) {
     pen.beginPath();
     pen.arc(...centre, radius, 0, 2 * Math.PI);
     pen[how]();
   }
-  function line(...corners) {
+  function line(how, ...corners) {
     pen.beginPath();
     corners.forEach((corner, i) => pen[i ? "lineTo" : "moveTo"](...corner));
+    pen[how]();
   }
-  function drawChosen(size) {
+  function drawChosen(size) { // a ring around the query, a line to a diamond at the answer
     const from = onScreen(day.xy, chosen);
-    pen.strokeStyle = pen.fillStyle = "#111";
+    colourPen("#111", 1.6);
     if (answers.row[chosen] !== NONE) {
       const [x, y] = onScreen(answers.xy, chosen);
-      pen.lineWidth = 1.6;
-      line(from, [x, y]);
-      pen.stroke();
-      line([x, y - 6], [x + 6, y], [x, y + 6], [x - 6, y]);
-      pen.fill();
+      line("stroke", from, [x, y]);
+      line("fill", [x, y - 6], [x + 6, y], [x, y + 6], [x - 6, y]);
     }
-    pen.lineWidth = 2;
     disc(from, size + 4, "stroke");
   }
-  function drawScale(height) {
+  function drawScale(height) { // the longest of 1, 2, 5, 10, … metres that fits into 130 pixels
     const wanted = 130 / view.k, power = 10 ** Math.floor(Math.log10(wanted));
     const length = Math.max(...[1, 2, 5].map((step) => step * power).filter((step) => step <= wanted));
-    pen.strokeStyle = pen.fillStyle = "#333";
-    pen.lineWidth = 2;
-    line([14, height - 14], [14 + length * view.k, height - 14]);
-    pen.stroke();
+    colourPen("#333", 2);
+    line("stroke", [14, height - 14], [14 + length * view.k, height - 14]);
     pen.font = "12px sans-serif";
     pen.fillText(`${length} m`, 14, height - 20);
   }
@@ -169,11 +154,11 @@
   function choose(i) {
     chosen = i;
     const hint = make("p", "Choose a query on the map, or step along the drive."), list = make("dl");
-    for (const [name, value] of i < 0 ? [] : facts(i)) {
+    list.append(...(i < 0 ? [] : facts(i)).map(([name, value]) => {
       const entry = make("div");
       entry.append(make("dt", name), make("dd", value));
-      list.append(entry);
-    }
+      return entry;
+    }));
     get("query").replaceChildren(...(i < 0 ? [hint] : [make("h3", `Query ${i + 1} of ${points.length}`), list]));
     get("views").replaceChildren(...(i < 0 ? [] : views(i)));
     draw();
@@ -192,9 +177,7 @@
       image(sheet).then((loaded) => paint(painted.getContext("2d"), loaded, sheet, row, shift));
       return figure;
     });
-    const note = "Scan Contexts, whatever the model looks at: azimuth to the right from straight ahead over the left, range upwards to 80 m, "
-      + "heights from blue (0 m) to red (15 m).";
-    return [...figures, make("p", note, { className: "quiet" })];
+    return [...figures, make("p", document.getElementById("mapped").dataset.note, { className: "quiet" })];
   }
   function paint(brush, loaded, { rings, sectors, columns }, row, shift) {
     const left = (row % columns) * sectors, top = Math.floor(row / columns) * rings, rest = sectors - shift;
@@ -208,9 +191,8 @@
     for (let n = 1, i = chosen < 0 && by < 0 ? 0 : chosen; n <= count; n++) {
       i = (i + by + count) % count;
       if (!wanted(i)) continue;
-      const [x, y] = onScreen(day.xy, i); // keep the chosen query in sight
-      const inside = x >= 20 && y >= 20 && x <= canvas.clientWidth - 20 && y <= canvas.clientHeight - 20;
-      if (!inside) plane.call(zoom.translateTo, day.xy[2 * i], -day.xy[2 * i + 1]);
+      const [x, y] = onScreen(day.xy, i), inside = (at, length) => at >= 20 && at <= length - 20; // keep the chosen query in sight
+      if (!inside(x, canvas.clientWidth) || !inside(y, canvas.clientHeight)) plane.call(zoom.translateTo, day.xy[2 * i], -day.xy[2 * i + 1]);
       return choose(i);
     }
   }
@@ -219,20 +201,16 @@
     const best = away.reduce((least, one, i) => one < (least < 0 ? 24 : away[least]) ? i : least, -1);
     if (best >= 0) choose(best);
   });
-  const scaleBy = (factor) => plane.call(zoom.scaleBy, factor);
-  const keys = {
-    ArrowRight: () => step(1), ArrowDown: () => step(1), ArrowLeft: () => step(-1), ArrowUp: () => step(-1),
-    "+": () => scaleBy(1.4), "=": () => scaleBy(1.4), "-": () => scaleBy(1 / 1.4), 0: showAll,
-  };
+  const acts = { in: () => plane.call(zoom.scaleBy, 1.4), out: () => plane.call(zoom.scaleBy, 1 / 1.4), all: showAll,
+    next: () => step(1), previous: () => step(-1), wrong: () => step(1, (i) => kinds[points[i]].wrong) };
+  const keys = { ArrowRight: "next", ArrowDown: "next", ArrowLeft: "previous", ArrowUp: "previous", "+": "in", "=": "in", "-": "out", 0: "all" };
   canvas.addEventListener("keydown", (event) => {
     if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    keys[event.key]();
+    acts[keys[event.key]]();
   });
-  const buttons = { in: keys["+"], out: keys["-"], all: showAll, next: keys.ArrowRight, previous: keys.ArrowLeft,
-    wrong: () => step(1, (i) => kinds[points[i]].wrong) };
-  for (const [name, act] of Object.entries(buttons)) get(name).addEventListener("click", act);
-  for (const [name, act] of Object.entries({ study: chooseStudy, model: chooseModel, sequence: chooseDay, by: colour })) choices[name].addEventListener("change", act);
+  for (const [name, act] of Object.entries(acts)) get(name).addEventListener("click", act);
+  for (const [name, act] of Object.entries({ study: chooseStudy, model: chooseDay, sequence: chooseDay, by: colour })) choices[name].addEventListener("change", act);
   chooseStudy();
   let size = [canvas.clientWidth, canvas.clientHeight];
   new ResizeObserver(() => { // what was in the middle stays there
