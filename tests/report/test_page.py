@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from base64 import b64decode
 from collections.abc import Iterator
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -20,58 +21,54 @@ from pipeline.report.alike import best_shift, best_shifts, spectra
 from pipeline.report.map import COLUMNS, NONE, chart, picture
 from pipeline.report.page import Picture, html
 from pipeline.views.scan_context import quantize
-from tests.report.site import EVIL, SVG, TRAIN, WORDS, XY_M, Lock, heights, sections, study
+from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, heights, sections, study
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 LISTEN = """<script>
 window.faults = [];
-addEventListener("error", (event) => faults.push(event.message));
-addEventListener("unhandledrejection", (event) => faults.push(String(event.reason)));
-document.addEventListener("securitypolicyviolation", (event) => faults.push(event.blockedURI));
+const listen = (kind, say) => addEventListener(kind, (event) => faults.push(say(event)));
+listen("error", (event) => event.message);
+listen("unhandledrejection", (event) => String(event.reason));
+listen("securitypolicyviolation", (event) => event.blockedURI);
 console.error = console.warn = (...words) => faults.push(words.join(" "));
 </script>"""
 WORK = """<script>
 addEventListener("load", () => {
-  const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas");
-  const rows = (table) => [...table.tBodies[0].rows, ...table.tFoot.rows].map((row) => row.cells[0].textContent.trim());
-  const table = document.querySelector("#campus-10m-turned table"), heads = table.tHead.rows[0].cells;
-  const click = (head) => { head.firstElementChild.click(); return [head.getAttribute("aria-sort"), rows(table)]; };
-  const sorted = [1, 1, 1, 0].map((column) => click(heads[column]));
+  const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas"), shown = { faults, evil: window.evil };
+  const table = document.querySelector("#campus-10m-turned table");
+  const rows = () => [...table.tBodies[0].rows, ...table.tFoot.rows].map((row) => row.cells[0].textContent.trim());
+  const sort = (head) => { head.firstElementChild.click(); return [head.getAttribute("aria-sort"), rows()]; };
+  shown.sorted = [1, 1, 1, 0].map((column) => sort(table.tHead.rows[0].cells[column]));
   const words = (parent) => [...parent.children].map((one) => one.textContent);
-  const facts = () => Object.fromEntries([...document.querySelectorAll("#map-query dl div")].map(words));
-  const heading = () => document.querySelector("#map-query h3").textContent;
-  const red = () => { // pixels of the colour of wrong answers
-    const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height), found = [];
-    for (let i = 0; i < data.length; i += 4) {
-      if (data[i] === 178 && data[i + 1] === 24 && data[i + 2] === 43) found.push([i / 4 % width, Math.floor(i / 4 / width)]);
-    }
-    return found;
-  };
-  const turn = { deltaY: -300, clientX: 200, clientY: 200, bubbles: true, cancelable: true };
-  const wheel = () => !canvas.dispatchEvent(new WheelEvent("wheel", turn));
-  const legend = words(get("legend")), wrong = red(), box = canvas.getBoundingClientRect();
+  const query = () => [get("query").firstChild.textContent, Object.fromEntries([...get("query").lastChild.children].map(words))];
+  const box = canvas.getBoundingClientRect(), { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const isRed = (_, i) => data[4 * i] === 178 && data[4 * i + 1] === 24 && data[4 * i + 2] === 43; // of wrong answers
+  const red = [...Array(data.length / 4).keys()].filter(isRed), middle = red[Math.floor(red.length / 2)];
+  const [x, y] = [box.left + 1 + middle % canvas.width, box.top + 1 + middle / canvas.width];
+  const at = { clientX: x, clientY: y, bubbles: true, cancelable: true };
+  const wheel = () => !canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, ...at }));
+  shown.legends = [words(get("legend"))];
+  shown.red = red.length;
   get("next").click();
-  const first = facts();
+  shown.first = query();
   get("wrong").click();
-  const misplaced = [heading(), facts()];
-  const [x, y] = wrong[Math.floor(wrong.length / 2)];
-  canvas.dispatchEvent(new MouseEvent("click", { clientX: box.left + 1 + x, clientY: box.top + 1 + y, bubbles: true }));
-  const picked = heading();
-  const scrolled = wheel();
+  shown.wrong = query();
+  canvas.dispatchEvent(new MouseEvent("click", at));
+  shown.picked = query()[0];
+  const scrolled = wheel(), before = canvas.toDataURL();
   canvas.focus();
-  const before = canvas.toDataURL(), zoomed = [scrolled, wheel(), canvas.toDataURL() !== before];
-  get("all").click();
+  shown.zoomed = [scrolled, wheel(), canvas.toDataURL() !== before];
   get("by").value = "cells";
   get("by").dispatchEvent(new Event("change"));
-  const cells = words(get("legend"));
+  shown.legends.push(words(get("legend")));
   canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
-  const back = heading();
+  shown.back = query()[0];
   get("wrong").click();
   setTimeout(() => {
-    const seen = (image) => new Set(image.getContext("2d").getImageData(0, 0, 120, 40).data).size;
-    const views = [...document.querySelectorAll("#map-views canvas")].map(seen);
-    const wide = document.documentElement.scrollWidth - innerWidth, shown = { sorted, legend, cells, views, wide };
-    document.title = JSON.stringify({ faults, evil: window.evil, ...shown, wrong: wrong.length, first, misplaced, picked, zoomed, back });
+    const colours = (image) => new Set(image.getContext("2d").getImageData(0, 0, 120, 40).data).size;
+    shown.views = [...get("views").querySelectorAll("canvas")].map(colours);
+    shown.overflow = document.documentElement.scrollWidth - innerWidth;
+    document.title = JSON.stringify(shown);
   }, 300);
 });
 </script>"""
@@ -89,8 +86,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def page(root: Path) -> str:
-    one = study(root)
-    return html([one], sections(root), ["no `ageing` of town"], Lock())
+    return html([study(root)], sections(root), ["no `ageing` of town"], LOCK)
 
 
 def test_the_page_asks_nothing_of_the_network(page: str) -> None:
@@ -109,16 +105,13 @@ def test_every_link_within_the_page_leads_somewhere_once(page: str) -> None:
 
 
 def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, page: str) -> None:
-    place = render.anchor("at", f"{root}/evaluate/campus/10m/sci/2012-02-04.zarr")
+    place = render.anchor("at", f"{root}/evaluate/campus/sci/2012-02-04.zarr")
     cell = '<span class="number"><span>0.810</span><b class="mark">+</b><small>[.70, .90]</small></span>'
     assert f'data-key="0.81"><a href="#{place}">{cell}</a>' in page
     assert '<a href="#campus-10m-turned-source"><span class="number"><span>10.90' in page  # no artifact of its own
-    assert re.search(r'train/campus/10m/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
-    assert "<dt>epochs</dt><dd>2</dd>" in page
-    assert "_target_" not in page
-    assert "seed: 7" in page
-    assert "conf/lists.yaml" not in page
-    assert "<dt>trained with</dt><dd>sci 1, 2</dd>" in page
+    assert re.search(r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
+    assert all(part in page for part in ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "<dt>trained with</dt><dd>sci 1, 2</dd>"))
+    assert not any(part in page for part in ("_target_", "conf/lists.yaml"))
 
 
 def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
@@ -129,24 +122,21 @@ def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
 
 
 def test_a_section_shows_its_first_table_and_folds_the_others(page: str) -> None:
-    section = page.partition('<section id="campus-10m-turned"')[2].partition("</section>")[0]
-    first, fold, others = section.partition("Further tables")
-    assert fold
+    first, _, others = page.partition('<section id="campus-10m-turned"')[2].partition("Further tables")
     assert "AUC by <code>case</code>" in first
     assert "AUROC by <code>case</code>" in others
-    assert first.count("<li>") == 1  # the second finding
-    assert first.count("<tfoot>") == 1
+    assert first.count("<li>") == first.count("<tfoot>") == 1  # the second finding; the means
 
 
 def test_the_page_shows_what_it_is_given_and_says_what_is_missing(root: Path, page: str) -> None:
     missing = page.partition("What is not in this page")[2]
     assert "no <code>ageing</code> of town" in missing
     assert "lost.svg: no such figure; <code>dvc repro</code> draws it" in missing
-    fewer = html([study(root)], sections(root)[:2], [], Lock())  # the figures of the third still lie in the folder
+    fewer = html([study(root)], sections(root)[:2], [], LOCK)  # the figures of the third still lie in the folder
     assert "Turned" not in fewer
     assert "Nothing is missing." in fewer
-    assert "There is no study to show." in html([], [], [], Lock())
-    assert html([study(root)], sections(root), ["no `ageing` of town"], Lock()) == page
+    assert "There is no study to show." in html([], [], [], LOCK)
+    assert html([study(root)], sections(root), ["no `ageing` of town"], LOCK) == page
 
 
 def test_a_section_as_markdown(root: Path) -> None:
@@ -190,11 +180,9 @@ def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
     one.results[0].evaluation.answer_xy_m[6] = np.nan
     shown = chart(one)
     true, answered = shown["sequences"][0]["row"], shown["answers"]["sci"]["2012-02-04"]["row"]
-    assert true["dtype"] == answered["dtype"] == "u4"
-    assert np.frombuffer(b64decode(true["base64"]), "<u4")[0] == 69_990
-    assert np.frombuffer(b64decode(answered["base64"]), "<u4").tolist()[-1] == NONE
-    positions = np.frombuffer(b64decode(shown["sequences"][0]["xy"]["base64"]), "<f4")
-    assert np.array_equal(positions, XY_M.ravel())
+    positions = shown["sequences"][0]["xy"]
+    first, last, xy = (np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}") for one in (true, answered, positions))
+    assert (first[0], last[-1], xy.tolist()) == (69_990, NONE, XY_M.ravel().tolist())
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
@@ -208,28 +196,25 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tm
         [None, ["sci", "m2dp", "late <b>", "mean"]],
         ["ascending", ["late <b>", "m2dp", "sci", "mean"]],
     ]
-    assert seen["legend"] == ["right 4", "wrong 1", "unseen 2", "training path"]
-    assert seen["wrong"] > 10  # a right answer at the same spot does not cover the wrong one
-    assert (seen["first"]["Outcome"], seen["first"]["Error"]) == ("right: within 12 m", "1.0 m from query to answer")
-    assert seen["first"]["Novelty"] == "0.100 (entropy); accepted: threshold 0.500"
-    assert (seen["misplaced"][0], seen["misplaced"][1]["Error"]) == ("Query 3 of 7", "200 m from query to answer")
-    assert seen["picked"] == "Query 2 of 7"
+    by_cells = ["hit 2", "miss 1", "false alarm 3", "correct rejection 1", "training path"]
+    assert seen["legends"] == [["right 4", "wrong 1", "unseen 2", "training path"], by_cells]
+    assert seen["red"] > 10  # a right answer at the same spot does not cover the wrong one
+    assert seen["first"][1]["Outcome"] == "right: within 12 m"
+    assert seen["first"][1]["Novelty"] == "0.100 (entropy); accepted: threshold 0.500"
+    assert (seen["wrong"][0], seen["wrong"][1]["Error"]) == ("Query 3 of 7", "200 m from query to answer")
+    assert (seen["picked"], seen["back"]) == ("Query 2 of 7", "Query 1 of 7")
     assert seen["zoomed"] == [False, True, True]  # the wheel scrolls the page until the map has the focus
-    assert seen["cells"] == ["hit 2", "miss 1", "false alarm 3", "correct rejection 1", "training path"]
-    assert seen["back"] == "Query 1 of 7"
     assert len(seen["views"]) == 2
     assert min(seen["views"]) > 50  # many colours
-    assert seen["wide"] <= 0
+    assert seen["overflow"] <= 0
 
 
 def browsed(page: str, folder: Path) -> Any:
-    """What a script that clicks through a copy of the page puts into its title."""
+    """What a script that clicks through a copy of the page puts into its title, 390 pixels wide."""
     copy = folder / "page.html"
     copy.write_text(page.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{WORK}</body>"), encoding="utf-8")
-    quiet = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
-    own = (f"--user-data-dir={folder / 'profile'}", "--disable-sync", "--disable-component-update", "--window-size=390,844")
-    asked = [str(BROWSER), *quiet, *own, "--virtual-time-budget=5000", "--dump-dom", copy.as_uri()]
+    flags = "--headless=new --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync"
+    own = (f"--user-data-dir={folder / 'profile'}", "--window-size=390,844", "--virtual-time-budget=5000", "--dump-dom")
+    asked = [str(BROWSER), *flags.split(), *own, copy.as_uri()]
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
-    title = re.search("<title>(.*?)</title>", shown, re.DOTALL)
-    assert title
-    return json.loads(title[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    return json.loads(unescape(shown.partition("<title>")[2].partition("</title>")[0]))
