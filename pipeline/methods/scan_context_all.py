@@ -6,26 +6,19 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
-from pipeline.matching.database import Database, DescriptorMethod
+from pipeline.matching.database import Database
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.matching.shifts import Spectra
+from pipeline.matching.shifts import ShiftMethod, Spectra
 from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
-class ScanContextAll(DescriptorMethod):
+class ScanContextAll(ShiftMethod):
     """The exhaustive search; nothing is trained."""
 
     view: str = "scan_context"
     least_engaged: float = 0.0
-    """A shift counts if it engages at least this share of the columns that the pair's fullest shift engages. The authors' 0 lets
-    one column that both have win, which a sensor that sees half the circle meets often; .9 mends that."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.least_engaged <= 1:
-            raise ConfigError(f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1")
+    """See `ShiftMethod`."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's spectra."""
