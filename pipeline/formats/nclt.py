@@ -25,11 +25,6 @@ ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOME
 """Where a reader looks for them below the data set's root."""
 
 
-def pose_rows(path: Path) -> NDArray[np.float64]:
-    """Rows (n, 7) of a pose file: utime, x, y, z, roll, pitch, heading; NaN where the file says so."""
-    return np.loadtxt(path, delimiter=",", ndmin=2)
-
-
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
     """Write `utimes` (n,) and `ned_xyzrph` (n, 6) as the data set does: no header, comma separated."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""NCLT: velodyne_sync scans, velodyne_hits.bin, ground truth and wheel odometry (METHODS 7.1).
+"""NCLT: velodyne_sync scans, ground truth and wheel odometry (METHODS 7.1).
 
 The files' frames are north-east-down; everything handed out is x forward (north), y left (west), z up.
 """
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
@@ -71,87 +70,6 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     world_T_body = np.full((len(rows), 4, 4), np.nan)
     world_T_body[known] = flip_ned(pose(rows[known, 1:4], rows[known, 4:7]))
     return Trajectory(stamps_ns, world_T_body, max_gap_s)
-
-
-@dataclass(frozen=True)
-class Hits:
-    """A whole velodyne_hits.bin: raw returns in the sensor's frame (z up), not motion compensated."""
-
-    points_m: NDArray[np.float64]
-    """(hit, 3)."""
-    intensity: NDArray[np.uint8]
-    laser: NDArray[np.uint8]
-    utimes: NDArray[np.int64]
-    """(packet,) microseconds since 1970."""
-    offsets: NDArray[np.int64]
-    """(packet+1,) packet i is hits offsets[i]:offsets[i+1]."""
-
-
-def read_velodyne_hits(path: str | Path) -> Hits:
-    """Every packet of a velodyne_hits.bin; raises LogError with the byte where a packet is broken."""
-    path = Path(path)
-    data = _mapped(path)
-    words = data[: len(data) // 2 * 2].view("<u2")
-    starts, offsets, end = _packets(words)
-    if 2 * end != len(data):
-        raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short")
-    hits = int(offsets[-1])
-    points, utimes = np.empty((hits, 3)), np.empty(len(starts), np.uint64)
-    intensity, laser = np.empty(hits, np.uint8), np.empty(hits, np.uint8)
-    _unpack(words, starts, offsets, points.reshape(-1), intensity, laser, utimes)
-    if (utimes >= log.LATEST_NS // 1000).any():
-        raise LogError(f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is damaged")
-    return Hits(points, intensity, laser, utimes.astype(np.int64), offsets)
-
-
-def _mapped(path: Path) -> NDArray[np.uint8]:
-    """A file's bytes, gigabytes perhaps, without a copy of them."""
-    try:
-        return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.empty(0, np.uint8)
-    except (FileNotFoundError, IsADirectoryError):
-        raise LogError(f"{path}: no such file") from None
-
-
-@njit(cache=True, nogil=True)
-def _packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """First word and first hit of each packet (of hits: one more, the end), and the word after the last whole one."""
-    starts, offsets = np.empty(len(words) // 12 + 1, np.int64), np.empty(len(words) // 12 + 1, np.int64)
-    found, at = np.int64(0), np.int64(0)
-    offsets[0] = 0
-    while at + 12 <= len(words):
-        magic = True
-        for word in range(4):
-            magic &= words[at + word] == nclt.PACKET_MAGIC
-        hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
-        if not magic or at + 12 + 4 * hits > len(words):
-            break
-        starts[found], offsets[found + 1] = at, offsets[found] + hits
-        found += 1
-        at += 12 + 4 * hits
-    return starts[:found].copy(), offsets[: found + 1].copy(), at
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _unpack(
-    words: NDArray[np.uint16],
-    starts: NDArray[np.int64],
-    offsets: NDArray[np.int64],
-    points: NDArray[np.float64],
-    intensity: NDArray[np.uint8],
-    laser: NDArray[np.uint8],
-    utimes: NDArray[np.uint64],
-) -> None:
-    """Every packet's stamp and hits into flat `points` (3 n,) and the rest (n,)."""
-    for packet in range(starts.shape[0]):
-        start, first, end = starts[packet], offsets[packet], offsets[packet + 1]
-        utimes[packet] = 0
-        for word in range(4):
-            utimes[packet] |= np.uint64(words[start + 6 + word]) << np.uint64(16 * word)
-        hits = words[start + 12 : start + 12 + 4 * (end - first)]
-        nclt.metres(hits, points[3 * first : 3 * end])
-        for i in range(end - first):
-            intensity[first + i] = hits[4 * i + 3] & 0xFF
-            laser[first + i] = hits[4 * i + 3] >> 8
 
 
 def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:

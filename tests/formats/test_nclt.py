@@ -33,7 +33,7 @@ def test_poses_come_back(tmp_path: Path) -> None:
     path = tmp_path / "new" / "groundtruth.csv"
     rows = np.array([[1, 2, 3, 0.1, 0.2, 0.3], [1.5, np.nan, 3, 0, 0, 0], [-1e3, 12.345678, 0, 0, 0, -3]])
     nclt.write_pose_rows(path, np.array([1_326_030_975_000_000, 1_326_030_975_000_001, 1_326_030_976_000_000]), rows)
-    np.testing.assert_allclose(nclt.pose_rows(path)[:, 1:], rows, rtol=1e-8)
+    np.testing.assert_allclose(np.loadtxt(path, delimiter=",")[:, 1:], rows, rtol=1e-8)
     truth = read_poses(path)
     assert truth.stamps_ns.tolist() == [1_326_030_975_000_000_000, 1_326_030_975_000_001_000, 1_326_030_976_000_000_000]
     assert np.isfinite(truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]

@@ -20,7 +20,7 @@ from pipeline.errors import YearlocError
 from pipeline.readers.folder import Folder, read_scan
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Log, Reader
-from pipeline.readers.nclt import Nclt, read_poses, read_velodyne_hits, read_velodyne_sync
+from pipeline.readers.nclt import Nclt, read_poses, read_velodyne_sync
 from tests.readers.damage import ANY, of_any_file
 
 COUNT = itertools.count()
@@ -198,7 +198,7 @@ def test_the_files_that_are_damaged_are_good_ones(tmp_path: Path, name: str) -> 
     assert len(read_scan(tmp_path / name, 4, np.eye(4))) in (1, 2, 3)
 
 
-@pytest.mark.parametrize("read", [read_velodyne_sync, read_velodyne_hits, read_velodyne, read_poses])
+@pytest.mark.parametrize("read", [read_velodyne_sync, read_velodyne, read_poses])
 @given(data=st.data())
 @settings(max_examples=200, deadline=None, derandomize=True)
 def test_a_file_of_hits_is_read_or_refused(

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.errors import LogError
 from pipeline.frames import rpy, yaw
-from pipeline.readers.nclt import Nclt, read_poses, read_velodyne_hits, read_velodyne_sync
+from pipeline.readers.nclt import Nclt, read_poses, read_velodyne_sync
 
 DATE = "2012-01-08"
 START = 1_326_030_975_000_000
@@ -45,7 +45,7 @@ def test_a_scan_that_is_cut_short_is_refused(tmp_path: Path, length: int) -> Non
         read_velodyne_sync(path)
 
 
-@pytest.mark.parametrize("read", [read_velodyne_sync, read_velodyne_hits, read_poses])
+@pytest.mark.parametrize("read", [read_velodyne_sync, read_poses])
 def test_a_missing_file_is_named(tmp_path: Path, read: Callable[[Path], object]) -> None:
     with pytest.raises(LogError, match=r"nowhere: no such file"):
         read(tmp_path / "nowhere")
@@ -56,65 +56,6 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
     assert points.shape == (23_546, 3)
     near = np.linalg.norm(points[:, :2], axis=1) < 6
     assert -0.3 < np.percentile(points[near, 2], 5) < 0.15  # the body's origin is about on the ground
-
-
-# Raw packets
-
-
-def packet(utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4) -> bytes:
-    head = np.array(magic, "<u2").tobytes() + np.array([len(hits)], "<u4").tobytes() + np.array([utime], "<u8").tobytes()
-    return head + bytes(4) + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
-
-
-TWO = packet(START, (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)) + packet(START + 5, (0, 0, 65_535, 1, 2))
-
-
-def test_packets_are_read_one_after_the_other(tmp_path: Path) -> None:
-    path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(TWO)
-    hits = read_velodyne_hits(path)
-    np.testing.assert_allclose(hits.points_m, [[0, -1, 1], [0.005, 0, 0], [-100, 100, -227.675]], atol=1e-9)
-    assert hits.intensity.tolist() == [9, 255, 1]
-    assert hits.laser.tolist() == [31, 0, 2]
-    assert hits.utimes.tolist() == [START, START + 5]
-    assert hits.offsets.tolist() == [0, 2, 3]
-
-
-def test_a_header_and_a_hit_are_32_bytes() -> None:
-    assert len(packet(START, (0, 0, 0, 0, 0))) == 32
-
-
-def test_a_packet_may_be_empty(tmp_path: Path) -> None:
-    path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(packet(1) + packet(2, (20_000, 20_000, 20_000, 0, 0)))
-    assert read_velodyne_hits(path).offsets.tolist() == [0, 0, 1]
-
-
-@pytest.mark.parametrize(
-    ("data", "byte"),
-    [
-        (packet(1, magic=(44_444, 44_444, 44_443, 44_444)), 0),
-        (TWO[:40] + b"\0" + TWO[41:], 40),  # the second packet starts at byte 24 + 2 · 8 = 40
-        (TWO[:-1], 40),
-        (TWO[:-8], 40),
-        (TWO[:30], 0),
-        (TWO + b"\x9c", 72),
-        (TWO + TWO[:20], 72),
-        (TWO[:8] + b"\xff\xff\xff\xff" + TWO[12:], 0),  # claims four thousand million hits
-    ],
-)
-def test_a_broken_packet_is_named_by_its_byte(tmp_path: Path, data: bytes, byte: int) -> None:
-    path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(data)
-    with pytest.raises(LogError, match=f"no whole packet at byte {byte};"):
-        read_velodyne_hits(path)
-
-
-def test_a_packet_stamped_beyond_all_time_is_an_error_of_the_log(tmp_path: Path) -> None:
-    path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(packet(2**63 + 1))
-    with pytest.raises(LogError):
-        read_velodyne_hits(path)
 
 
 # Poses
