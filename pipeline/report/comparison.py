@@ -1,7 +1,7 @@
 """Models compared over cases, sequences, seeds and repeats: values picked from the table of results, never computed anew."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -126,6 +126,8 @@ class Comparison:
 
     table: pd.DataFrame
     """Rows of the table of results; raises InputError for none."""
+    n_way: Mapping[str, int] = field(default_factory=dict)
+    """Model to the N of its N-way training."""
 
     def __post_init__(self) -> None:
         if self.table.empty:
@@ -175,11 +177,29 @@ class Comparison:
         """The most that a kind of case has."""
         return int(self._rows["repeat"].max()) + 1
 
+    def ways(self) -> dict[int, str]:
+        """N to model, ascending, of the method with most models that were trained N ways."""
+        of: dict[str, dict[int, str]] = {}
+        for model in self.models:
+            if model in self.n_way:
+                of.setdefault(model.partition("-")[0], {})[self.n_way[model]] = model
+        return dict(sorted(max(of.values(), key=len).items())) if of else {}
+
     def found(self, model: str, kind: Kind, measure: Measure) -> Found:
         """One number of one model in one kind of case."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            key = (model, seed, self.sequences[sequence], repeat, kind.change, kind.level, kind.shadow, measure.protocol, measure.name)
+            key = (
+                model,
+                seed,
+                self.sequences[sequence],
+                repeat,
+                kind.change,
+                kind.level,
+                kind.shadow,
+                measure.protocol,
+                measure.name,
+            )
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
             return Found(values)

@@ -1,4 +1,4 @@
-"""Fills the templates: words.yaml holds titles, captions and sentences; *.j2 the markdown report, the page and the terminal's text."""
+"""Fills the templates: words.yaml holds titles, captions and sentences, the *.j2 files the markdown report and the page."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A section of a report: what is asked, what was found, figures and tables, and where the numbers lie. Templates write its words."""
+"""A section of a report: a question, what was found, figures, tables, and where the numbers lie. Templates write its words."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -161,6 +161,10 @@ class Study:
         names = [model.name for method in self.words["methods"] for model in models_of(method)]
         return {name: self.find("train", model=name) for name in names}
 
+    def recipe(self, model: str) -> Mapping[str, str]:
+        """The parameters that a model was trained with."""
+        return store.read_recipe(self.find("train", model=model))
+
     @cached_property
     def results(self) -> list[Result]:
         """Each of the families on each test sequence."""
@@ -185,7 +189,9 @@ class Study:
     @cached_property
     def ranked(self) -> list[str]:
         """The models, those that place most right first."""
-        means = {m: np.nanmean([one.number("distance", "recall_at_1") for one in group]) for m, group in by_model(self.results).items()}
+        means = {
+            m: np.nanmean([one.number("distance", "recall_at_1") for one in group]) for m, group in by_model(self.results).items()
+        }
         return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
 
     @cached_property
