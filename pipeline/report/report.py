@@ -1,0 +1,64 @@
+"""The whole report: markdown and figures of every study, and one HTML page for a reader."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pipeline.errors import ArtifactError
+from pipeline.evaluation.events import Bands
+from pipeline.report import page
+from pipeline.report.render import template
+from pipeline.report.section import Section
+from pipeline.report.sections import cases, viewpoints, year
+from pipeline.report.study import Study
+from pipeline.running.lock import DvcLock
+from pipeline.studies.expansion import asks_about_the_year, on_bird_views
+from pipeline.views.birdview import BirdView
+
+MANIFEST = "figures.json"
+"""Which figure files a study has, and whose they are: MLflow shows them beside the model and the sequence."""
+
+
+def write(
+    folder: Path, artifacts: Path, studies: Mapping[str, Any], table: pd.DataFrame, bands: Bands, view: Callable[[str], BirdView]
+) -> str:
+    """Write every study's report and page.html into `folder`; returns a line that says what.
+
+    `view` gives the bird-view of a name of conf/view.
+    """
+    every, sections, missing = [], list[Section](), list[str]()
+    for name, words in studies.items():
+        for grid in words["grids"]:
+            study = Study(artifacts, name, words, grid, table[table["study"] == name])
+            own = folder / name / grid
+            own.mkdir(parents=True)
+            found = list(_sections(study, own, bands, view))
+            values = {"study": study, "sections": found, "folder": own}
+            (own / "report.md").write_text(template("report.md.j2", **values))
+            files = [
+                {"file": one.path.name, "model": one.values.get("model", ""), "sequence": one.values.get("sequence", "")}
+                for section in found
+                for one in section.illustrations
+            ]
+            (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n")
+            sections += found
+            every += [study] if asks_about_the_year(words) else []
+    if not sections:
+        raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
+    path = folder / "page.html"
+    path.write_text(page.html(every, sections, missing, DvcLock.read(artifacts.parent)), encoding="utf-8")
+    figures = sum(len(section.illustrations) for section in sections)
+    return f"{len(sections)} sections and {figures} figures of {len(studies)} studies; page.html has {path.stat().st_size / 1e6:.1f} MB"
+
+
+def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], BirdView]) -> Iterator[Section]:
+    if asks_about_the_year(study.words):
+        yield from year.sections(study, folder)
+        yield from cases.sections(study, folder, bands)
+    if methods := on_bird_views(study.words["methods"]):
+        yield viewpoints.section(study, folder, view(methods[0]["view"]))
+
+
