@@ -29,7 +29,7 @@ OUTCOMES = {"hit": "#6BB6E8", "miss": "#EFA31D", "false alarm": "#B2182B", "corr
 
 def chart(study: Study) -> dict[str, Any]:
     """All that the map of a study shows; without pictures where no model looks at Scan Contexts."""
-    found = ((model, Views.read(study.find("views", study.train, model))) for model in study.models)
+    found = ((model, Views.read(*(study.find("views", one, model) for one in study.train.split()))) for model in study.models)
     looking, train = next(((model, views) for model, views in found if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
     days, sequences = dates(study.results), []
@@ -59,16 +59,16 @@ def packed(array: NDArray[Any], dtype: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Views:
-    """The Scan Contexts of one sequence, to be shown and to be compared."""
+    """The Scan Contexts of a sequence, or of all of training, to be shown and to be compared."""
 
     picture: dict[str, Any]
     spectra: NDArray[np.complex64]
 
     @classmethod
-    def read(cls, path: Path) -> Self | None:
-        """None where the artifact is missing or holds other views."""
+    def read(cls, *paths: Path) -> Self | None:
+        """Of artifacts behind each other; None where one is missing or holds other views."""
         try:
-            heights_m = store.read(path, schemas.VIEWS).load("images")
+            heights_m = np.concatenate([store.read(path, schemas.VIEWS).load("images") for path in paths])
         except ArtifactError:
             return None
         _, rings, sectors = heights_m.shape

@@ -88,21 +88,21 @@ def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[st
     """The path of each artifact that a number is from to the recipe that it was trained with, empty if it is no model."""
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
-        recipes |= {path.as_posix(): {} for path in _inputs(study)}
-        for model, learned in study.models.items():
-            shown = {name: value for name, value in learned.recipe.items() if not name.startswith("_")}
-            recipes[study.find("train", model=model).as_posix()] = shown
+        recipes |= {path: {} for path in _inputs(study)}
+        for model in (name for name, path in study.trained.items() if path.is_file()):
+            shown = {name: value for name, value in study.recipe(model).items() if not name.startswith("_")}
+            recipes[study.source("train", model=model)] = shown
     named = [path for section in sections for path in section.sources]
     named += [cell.source for one in sections for table in one.tables for row in table.rows for cell in row if cell.source]
     return recipes | {path: {} for path in named if path not in recipes}
 
 
-def _inputs(study: Study) -> Iterator[Path]:
+def _inputs(study: Study) -> Iterator[str]:
     """What its models were trained and tested with."""
-    driven = (study.train, *by_sequence(study.results))
-    yield from (study.find(kind, sequence) for kind in ("submaps", "labels") for sequence in driven)
-    yield from (study.find("views", sequence, model) for model in study.models for sequence in driven)
-    yield from (study.find(kind, one.sequence, one.model) for one in study.results for kind in ("localize", "evaluate"))
+    driven = (*study.train.split(), *by_sequence(study.results))
+    yield from (study.source(kind, sequence) for kind in ("submaps", "labels") for sequence in driven)
+    yield from (study.source("views", sequence, model) for model in study.models for sequence in driven)
+    yield from (study.source(kind, one.sequence, one.model) for one in study.results for kind in ("localize", "evaluate"))
 
 
 def _json(value: Any) -> Markup:

@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 
 from pipeline import schemas, store
+from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Cell, Table, number, word
 
-TRAIN, TESTS = "2012-01-15", {"2012-02-04": 20, "2012-03-17": 62}
+TRAIN, TESTS = ("2012-01-15", "2012-01-22"), {"2012-02-04": 20, "2012-03-17": 62}
 LOOKS = {"m2dp": schemas.SIGNATURES, "sci": schemas.VIEWS}
 XY_M = np.array([(0, 0), (10, 0), (10, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 """Queries 2 and 3 of 7 lie on each other: one is placed right, the other 200 m off."""
 ANSWERS_XY_M = XY_M + np.array([(1, 0), (1, 0), (200, 0), (6, 0), (1, 0), (1, 0), (1, 0)])
-PATH_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
+PATH_XY_M = np.stack([np.linspace(100, 0, 50), np.zeros(50)], axis=1)
+"""Training drove it on two days, 25 submaps each."""
 SVG = '<svg width="72pt" height="36pt" xmlns="http://www.w3.org/2000/svg"><path id="p" d="M0 0h72" stroke="#f00"/></svg>'
 EVIL = 'a </script><script>window.evil = 1</script> & "b"'
 WORDS: dict[str, Any] = {
@@ -52,17 +54,19 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
 
     tests, given = [{"sequence": day, "days": days} for day, days in TESTS.items()], evaluation()
     results = [SimpleNamespace(model=model, evaluation=given, **test) for model in LOOKS for test in tests]
-    for model, day in product(LOOKS, (TRAIN, *TESTS)) if not (root / "views").exists() else ():
-        rows = 50 if day == TRAIN else 7
+    for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
+        rows = 25 if day in TRAIN else 7
         with store.write(find("views", day, model), LOOKS[model]) as draft:
             draft.put("images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32))
             draft.put("stamps_ns", np.arange(rows))
             draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
-    models = {"m2dp": SimpleNamespace(recipe={}), "sci": SimpleNamespace(recipe={"epochs": "2", "_target_": "Sci"})}
-    one = SimpleNamespace(
-        name="campus", grid="10m", cell_m=10.0, simulated=True, train=TRAIN, best="sci", models=models, find=find
-    )
-    one.distance, one.train_xy_m, one.results = Distance(correct_m=12.0), path_xy_m, results
+    one = SimpleNamespace(name="campus", grid="10m", cell_m=10.0, simulated=True, train=" ".join(TRAIN), best="sci", find=find)
+    one.distance, one.bootstrap, one.train_xy_m, one.results = Distance(correct_m=12.0), Bootstrap(), path_xy_m, results
+    one.models, one.trained = dict.fromkeys(LOOKS), {"sci": find("train", model="sci"), "not_there": find("train")}
+    one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
+    one.source = lambda *names, **model: find(*names, **model).as_posix()
+    one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
+    one.trained["sci"].touch()
     return one
 
 

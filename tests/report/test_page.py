@@ -108,7 +108,10 @@ def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, p
     assert f'data-key="0.81"><a href="#{place}">{cell}</a>' in page
     assert '<a href="#campus-10m-turned-source"><span class="number"><span>10.90' in page  # no artifact of its own
     assert re.search(r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
-    assert all(part in page for part in ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "<dt>trained with</dt><dd>sci 1, 2</dd>"))
+    assert all(
+        part in page
+        for part in ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "1,000 resamples", "<dt>trained with</dt><dd>sci 1, 2</dd>")
+    )
     assert not any(part in page for part in ("_target_", "conf/lists.yaml"))
 
 
@@ -174,7 +177,7 @@ def test_views_are_rolled_to_where_they_look_most_alike() -> None:
 def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
     path_xy_m = np.stack([np.arange(70_000.0) - 69_990, np.zeros(70_000)], axis=1)  # the query at x = 0 is nearest to row 69,990
     one = study(tmp_path, path_xy_m)
-    shutil.rmtree(one.find("views", TRAIN, "sci"))
+    shutil.rmtree(one.find("views", TRAIN[0], "sci"))
     one.results[0].evaluation.answer_xy_m[6] = np.nan
     shown = chart(one)
     true, answered = shown["sequences"][0]["row"], shown["answers"]["sci"]["2012-02-04"]["row"]
