@@ -1,4 +1,4 @@
-"""The chain of stages that dvc.yaml describes, written out for one list of names."""
+"""The steps of dvc.yaml, its `foreach` lists expanded."""
 
 import re
 import shlex
@@ -27,18 +27,18 @@ class Step:
 
     @cached_property
     def overrides(self) -> dict[str, str]:
-        """What its command line says, unquoted."""
+        """The key=value words of its command line, unquoted."""
         pairs = (word.partition("=") for word in shlex.split(self.command)[3:])
         return {key: value.strip("'") for key, _, value in pairs}
 
     @cached_property
     def choices(self) -> dict[str, str]:
-        """Those that choose a file of a group, such as grid=10m."""
+        """Overrides that choose a file of a group, such as grid=10m."""
         return {key: value for key, value in self.overrides.items() if f"conf/{key}/{value}.yaml" in self.params}
 
     @cached_property
     def fields(self) -> dict[str, str]:
-        """The others: paths, and names such as the sequence's."""
+        """The other overrides: paths, and names such as the sequence's."""
         return {key: value for key, value in self.overrides.items() if key not in self.choices}
 
 

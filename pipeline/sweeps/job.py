@@ -1,4 +1,4 @@
-"""One job of a sweep: every artifact that it needs, taken from DVC, from an earlier job, or built."""
+"""One job of a sweep: takes each artifact from DVC or from an earlier job, or builds it."""
 
 import json
 from collections import Counter
@@ -8,37 +8,37 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.running.provenance import fingerprint
+from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, code, inputs, producers
-from pipeline.sweeps.ledger import Ledger, digest
-from pipeline.sweeps.shelf import Shelf
+from pipeline.sweeps.lock import DvcLock, digest
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a job gives to a step."""
+    """A step's parameters in one job."""
 
     values: Mapping[str, Any]
-    """All parameters that its result depends on."""
+    """Every parameter that the result depends on."""
     usual: bool
-    """They are those of the files in conf/."""
+    """Whether they equal those of the files in conf/."""
 
 
 class Job:
-    """Finds or builds artifacts; `reused` and `built` count them by stage.
+    """Finds or builds artifacts; `from_dvc`, `from_sweeps` and `built` count them by stage.
 
-    `settings` says what parameters a step gets; `run` runs it, given its paths and names as {field: value}.
+    `settings` gives a step's parameters; `run` executes it with its paths and names as {field: value}.
     """
 
     def __init__(
         self,
         steps: Sequence[Step],
-        ledger: Ledger,
-        shelf: Shelf,
+        lock: DvcLock,
+        cache: ArtifactCache,
         settings: Callable[[Step], Settings],
         run: Callable[[Step, Mapping[str, str]], None],
     ) -> None:
         self._makers = producers(steps)
-        self._ledger, self._shelf, self._settings, self._run = ledger, shelf, settings, run
+        self._lock, self._cache, self._settings, self._run = lock, cache, settings, run
         self._keys: dict[str, str] = {}
         self._needed: dict[str, dict[str, Step]] = {}
         self._found: dict[str, Path] = {}
@@ -69,17 +69,17 @@ class Job:
         return self._settings(step).usual and all(map(self.usual, self._inputs(step).values()))
 
     def _obtain(self, step: Step) -> list[Path]:
-        if self.usual(step) and self._ledger.vouches(step, self._makers) and self._ledger.intact(step):
+        if self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
         names = [PurePosixPath(out).name for out in step.outs]
 
         def build(folder: Path) -> None:
             paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs(step)}
-            made = {out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)}
-            self._run(step, self._given(step, paths | made, lambda parts: self._shelf.gather(parts).as_posix()))
+            written = {out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)}
+            self._run(step, self._given(step, paths | written, lambda parts: self._cache.gather(parts).as_posix()))
 
-        folder, built = self._shelf.get(step.stage, self.key(step), names, build)
+        folder, built = self._cache.get(step.stage, self.key(step), names, build)
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
 
@@ -89,7 +89,7 @@ class Job:
         return self._needed[step.command]
 
     def _given(self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]) -> dict[str, str]:
-        """A step's fields with something else in place of each artifact's path, of one within it, or of a folder full of them."""
+        """A step's fields with each path of an artifact, of a part of one or of a folder of several replaced by `stands_for`."""
 
         def other(value: str) -> str:
             path = PurePosixPath(value)

@@ -1,4 +1,4 @@
-"""What one job of a sweep was told, what came of it, and where its artifacts came from: a file of JSON."""
+"""One job of a sweep as JSON: its overrides, its metrics or its error, and which artifacts it built or reused."""
 
 import json
 from collections import Counter
@@ -12,16 +12,16 @@ from pipeline import store
 
 @dataclass(frozen=True)
 class Record:
-    """One job, finished or failed; jobs may run on other machines, so they tell of themselves in files."""
+    """One job, finished or failed; jobs may run on other machines, so each writes a file."""
 
     number: int
     overrides: Mapping[str, str]
-    """All that Hydra was told, such as {"grid.cell_m": "5", "method": "sci"}."""
+    """Hydra's overrides, such as {"grid.cell_m": "5", "method": "sci"}."""
     dataset: str
     simulated: bool
     method: str
     database: str
-    """MLflow's, to be told by whoever gathers the jobs."""
+    """MLflow's database, written once all jobs have ended."""
     error: str | None = None
     """Why it failed, in one line."""
     numbers: Mapping[str, Mapping[str, Any]] | None = None
@@ -45,13 +45,13 @@ class Record:
 
 
 def read(folder: Path) -> list[Record]:
-    """All that the jobs of one sweep left in a folder, in their order."""
+    """The records of a sweep's folder, by job number."""
     records = [Record(**json.loads(path.read_text())) for path in folder.glob("*.json")]
     return sorted(records, key=lambda record: record.number)
 
 
 def cost(records: Sequence[Record]) -> str:
-    """What the jobs took and built, in a line."""
+    """One line: artifacts reused and built, failed jobs and CPU time."""
     parts = []
     for name in ("from_dvc", "from_sweeps", "built"):
         of: Counter[str] = sum((Counter(getattr(record, name)) for record in records), Counter())

@@ -24,10 +24,10 @@ from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.matching.rejection import Evidence
 from pipeline.sweeps.chain import Step, expand
+from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.job import Job
-from pipeline.sweeps.ledger import Ledger
+from pipeline.sweeps.lock import DvcLock
 from pipeline.sweeps.record import Record
-from pipeline.sweeps.shelf import Shelf
 from stages import ROOT
 from stages._studies import studies
 from stages.sweep.settings import Composer, listed, own_fields
@@ -72,7 +72,7 @@ def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: 
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    found = Job(steps, Ledger(ROOT), Shelf(SWEEPS), composer.settings, run)
+    found = Job(steps, DvcLock(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
     train, localize, evaluate = (next(step for step in steps if step.stage == name) for name in ("train", "localize", "evaluate"))
     numbers = json.loads(found.path(evaluate.outs[1]).read_text())
     model = store.read_model(found.path(train.outs[0]))

@@ -1,4 +1,4 @@
-"""A job takes what it can from DVC and from the shelf, and builds what its settings touch."""
+"""A job takes what it can from DVC and from the cache, and builds what its settings touch."""
 
 import hashlib
 from collections.abc import Mapping
@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job, Settings
-from pipeline.sweeps.ledger import Ledger, digest
-from pipeline.sweeps.shelf import Shelf
+from pipeline.sweeps.lock import DvcLock, digest
 
 CHAIN = yaml.safe_load("""
 stages:
@@ -85,7 +85,7 @@ class Project:
         def settings(step: Step) -> Settings:
             return Settings(self.values(step, **changes), self.values(step, **changes) == self.values(step))
 
-        return Job(self.steps, Ledger(self.root), Shelf(Path(".sweeps")), settings, self.run)
+        return Job(self.steps, DvcLock(self.root), ArtifactCache(Path(".sweeps")), settings, self.run)
 
 
 MODEL = "artifacts/train/model.txt"
@@ -194,10 +194,10 @@ def test_artifacts_from_several_places_are_shown_in_one_folder(tmp_path: Path) -
     for key in ("a", "b"):
         (tmp_path / key).mkdir()
         (tmp_path / key / "day").write_text(key)
-    shelf = Shelf(tmp_path / "shelf")
+    cache = ArtifactCache(tmp_path / "cache")
     parts = {"monday": str(tmp_path / "a/day"), "friday": str(tmp_path / "b/day")}
-    folder = shelf.gather(parts)
-    assert shelf.gather(parts) == folder
+    folder = cache.gather(parts)
+    assert cache.gather(parts) == folder
     assert [(folder / name).read_text() for name in ("monday", "friday")] == ["a", "b"]
 
 

@@ -1,4 +1,4 @@
-"""Artifacts of sweeps, each under a key of all that made it: built once, by whoever comes first, and kept."""
+"""Artifacts built by sweeps, stored by a digest of their code, parameters and inputs, so each is built once."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +11,7 @@ from pipeline.running.provenance import fingerprint
 
 
 @dataclass(frozen=True)
-class Shelf:
+class ArtifactCache:
     """A folder with one entry a key, such as `train/0f3c…/sci.safetensors`.
 
     Every file of an entry is written whole or not at all, so an entry is finished when all of them are there; a lock
@@ -21,7 +21,7 @@ class Shelf:
     root: Path
 
     def get(self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]) -> tuple[Path, bool]:
-        """The entry's folder, with the files `names` in it, and whether `build` had to fill it."""
+        """The entry's folder, which holds the files `names`, and whether `build` was called to write them."""
         folder = self.root / kind / key
         if self._finished(folder, names):
             return folder, False
@@ -33,7 +33,7 @@ class Shelf:
         return folder, True
 
     def gather(self, parts: Mapping[str, str]) -> Path:
-        """A folder that shows each path under a name of its own."""
+        """A folder of symbolic links: name to path."""
         folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in parts.items():

@@ -1,4 +1,4 @@
-"""The shelf: whoever comes first builds, everybody else waits and reads."""
+"""The cache: whoever comes first builds, everybody else waits and reads."""
 
 import subprocess
 import sys
@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.sweeps.shelf import Shelf
+from pipeline.sweeps.cache import ArtifactCache
 
 BUILDER = """
 import sys, time
 from pathlib import Path
-from pipeline.sweeps.shelf import Shelf
+from pipeline.sweeps.cache import ArtifactCache
 
 def fill(folder):
     with (folder / "builders").open("a") as trace:
@@ -21,7 +21,7 @@ def fill(folder):
         (folder / name).write_text(folder.name * 1000)
 
 for key in ("key0", "key1", "key2", "key3"):
-    folder, _ = Shelf(Path(sys.argv[1])).get("train", key, ("a", "b"), fill)
+    folder, _ = ArtifactCache(Path(sys.argv[1])).get("train", key, ("a", "b"), fill)
     assert all((folder / name).read_text() == key * 1000 for name in ("a", "b"))
 """
 """Builds slowly, in two files, leaving a trace of who was here; then reads what it asked for."""
@@ -35,24 +35,24 @@ def fill(folder: Path) -> None:
 
 
 def test_what_is_there_is_not_built_again(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
-    folder, built = shelf.get("views", "k", ("a", "b"), fill)
+    cache = ArtifactCache(tmp_path)
+    folder, built = cache.get("views", "k", ("a", "b"), fill)
     assert built
     assert folder == tmp_path / "views/k"
-    assert shelf.get("views", "k", ("a", "b"), fill) == (folder, False)
+    assert cache.get("views", "k", ("a", "b"), fill) == (folder, False)
     assert (folder / "builders").read_text() == "x"
 
 
 def test_half_an_entry_is_built_again(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
+    cache = ArtifactCache(tmp_path)
 
     def killed(folder: Path) -> None:
         (folder / "a").write_text("k")
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        shelf.get("evaluate", "k", ("a", "b"), killed)
-    _, built = shelf.get("evaluate", "k", ("a", "b"), fill)
+        cache.get("evaluate", "k", ("a", "b"), killed)
+    _, built = cache.get("evaluate", "k", ("a", "b"), fill)
     assert built
 
 

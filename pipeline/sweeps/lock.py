@@ -1,4 +1,4 @@
-"""What dvc.lock vouches for: artifacts made by this code, with these parameters, from inputs that it vouches for too."""
+"""Whether an artifact is up to date by dvc.lock: same command, code, parameters and inputs, and its inputs up to date too."""
 
 import hashlib
 import json
@@ -14,34 +14,34 @@ from pipeline.sweeps.chain import Step, code, inputs
 
 
 class Yaml(yaml.SafeLoader):
-    """Reads numbers as DVC writes them: 2e-05 is one in YAML 1.2, which PyYAML takes for a word."""
+    """Reads numbers as DVC writes them: 2e-05 is a number in YAML 1.2 and a string to PyYAML."""
 
 
 Yaml.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789"))
 IGNORED = ("__pycache__", ".numba")
 
 
-class Ledger:
-    """The project's dvc.lock, as it stood when this was made."""
+class DvcLock:
+    """The project's dvc.lock, read once."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
         try:
             stages = (yaml.load((root / "dvc.lock").read_text(), Yaml) or {})["stages"].values()
         except (FileNotFoundError, yaml.YAMLError, KeyError, TypeError, AttributeError):
-            stages = ()  # nothing is vouched for, so a sweep builds all that it needs
-        self._made = {out["path"]: entry for entry in stages for out in entry.get("outs", ())}
+            stages = ()  # no artifact is up to date, so a sweep builds all that it needs
+        self._recipes = {out["path"]: entry for entry in stages for out in entry.get("outs", ())}
         self._digest = cache(lambda path: digest(root / path))
         self._vouched: dict[str, bool] = {}
 
     def vouches(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        """Whether DVC would find this step's recipe unchanged; what its artifact holds by now is not looked at."""
+        """Whether `dvc status` would report nothing for this step; the artifact's own content is checked by `intact`."""
         if step.command not in self._vouched:
             self._vouched[step.command] = self._unchanged(step, makers)
         return self._vouched[step.command]
 
     def _unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        entry = self._made.get(step.outs[0]) if step.outs else None
+        entry = self._recipes.get(step.outs[0]) if step.outs else None
         if entry is None or entry["cmd"] != step.command:
             return False
         recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
@@ -56,11 +56,11 @@ class Ledger:
         )
 
     def intact(self, step: Step) -> bool:
-        """Whether the artifacts of a step are on disk as they were made."""
+        """Whether the artifacts of a step have the digests that dvc.lock recorded."""
         return all(self._digest(out) == self._recorded(out) for out in step.outs)
 
     def _recorded(self, path: str) -> str | None:
-        outs = self._made[path]["outs"] if path in self._made else ()
+        outs = self._recipes[path]["outs"] if path in self._recipes else ()
         return next((out["md5"] for out in outs if out["path"] == path), None)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
