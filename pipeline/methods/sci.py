@@ -10,32 +10,33 @@ from pipeline.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
 from pipeline.networks.circle import rolled
-from pipeline.networks.classifier import Classifier, Known, Look
+from pipeline.networks.classifier import Classifier
 from pipeline.networks.lenet import LeNet, device
+from pipeline.networks.prediction import Prediction, TrainingEmbeddings
 
 
 @dataclass(frozen=True)
 class Sci(Classifier):
-    """The paper's recipe."""
+    """The paper's network and training."""
 
     n_way: int = 2
     """Copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed."""
 
     def network(self, places: int, rings: int, sectors: int) -> LeNet:
-        """Table I's."""
+        """The network of the paper's Table I."""
         return LeNet(places, rings, sectors, self.channels, self.dropout, self.batch_norm_momentum)
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[tuple[Tensor, Tensor]], int]:
-        """Every trained view at every heading, once, in a new order; raises ConfigError where n_way does not divide sectors."""
+        """Every trained view at its `n_way` headings, shuffled; raises ConfigError where n_way does not divide the sectors."""
         if self.n_way < 1 or heights.shape[2] % self.n_way:
             raise ConfigError(f"method.n_way={self.n_way}: must divide the {heights.shape[2]} sectors of the view")
         copies = len(trained) * self.n_way
 
         def epoch(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
             for chosen in torch.split(torch.randperm(copies, generator=order), self.batch):
-                if len(chosen) > 1 or copies == 1:  # a batch of one says nothing of the statistics
+                if len(chosen) > 1 or copies == 1:  # batch norms need two
                     yield self.images(self._turned(heights, trained, chosen)), places[trained[chosen // self.n_way]].to(device())
 
         return epoch, -(-copies // self.batch)
@@ -46,16 +47,16 @@ class Sci(Classifier):
         return rolled(heights[trained[chosen // self.n_way]], turns)
 
     @torch.inference_mode()
-    def look(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Look:
-        """Logits and what the last layer looks at; a class is a place, so nothing tells a heading."""
+    def predict(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+        """Logits and features; a class is a place, so there is no heading."""
         net.eval()
         embedded = torch.cat([self.embedded(net, part) for part in torch.split(heights, self.batch)])
         logits = net.head[3:](embedded).cpu()
         if forgotten is not None:
             logits = logits.masked_fill(forgotten, -torch.inf)
-        return Look(logits, nn.functional.normalize(embedded).cpu(), torch.full((len(heights),), torch.nan))
+        return Prediction(logits, nn.functional.normalize(embedded).cpu(), torch.full((len(heights),), torch.nan))
 
-    def known(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> Known:
-        """Every trained view at every heading that was learned."""
+    def embed_training(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
+        """Every trained view at each of its `n_way` headings."""
         turned = self._turned(heights, trained, torch.arange(len(trained) * self.n_way))
-        return Known(self.look(net, turned).features, trained.repeat_interleave(self.n_way))
+        return TrainingEmbeddings(self.predict(net, turned).features, trained.repeat_interleave(self.n_way))

@@ -1,8 +1,8 @@
-"""A network over Scan Context Images that takes places for classes: what SCI and its ring share (METHODS 2)."""
+"""A network over Scan Context Images whose classes are places: the part that SCI and its ring share (METHODS 2)."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -18,36 +18,15 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import determined, temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
+from pipeline.networks.prediction import Kinds, Prediction, TrainingEmbeddings
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
 
-Kinds = dict[str, NDArray[np.float64]]
-
-
-class Look(NamedTuple):
-    """What a network makes of n images."""
-
-    logits: Tensor
-    """(n, places)"""
-    features: Tensor
-    """(n, 64) of length 1: what its last layer looks at."""
-    heading_deg: Tensor
-    """(n,) NaN, if it tells none."""
-
-
-class Known(NamedTuple):
-    """Training views as the network sees them."""
-
-    features: Tensor
-    """(m, 64) of length 1."""
-    rows: Tensor
-    """(m,) the view that each is of."""
-
 
 @dataclass(frozen=True)
 class Classifier(ABC):
-    """The settings of both, a training that is judged on held-out blocks, and answers by softmax."""
+    """Settings, training judged on held-out blocks, and answers by softmax; a method adds its network and its batches."""
 
     view: str = "scan_context"
     colormap: Literal["jet", "grey"] = "jet"
@@ -82,22 +61,25 @@ class Classifier(ABC):
 
     @abstractmethod
     def network(self, places: int, rings: int, sectors: int) -> nn.Module:
-        """The network, as it is initialised."""
+        """The network before training."""
 
     @abstractmethod
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Any], int]:
-        """Those of an epoch of the rows `trained`, and how many they are."""
+        """The batches of an epoch over the rows `trained` (m,), and how many there are."""
 
     @abstractmethod
-    def look(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Look:
-        """Of quantized heights (n, rings, sectors); places may be `forgotten` (n, places)."""
+    def predict(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+        """Outputs for quantized heights (n, rings, sectors); places `forgotten` (n, places) get a logit of −∞."""
 
     @abstractmethod
-    def known(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> Known:
-        """What the model remembers of its training views."""
+    def embed_training(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
+        """Features of the training views, which the nearest one to a query is found by."""
 
     def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
-        """The kinds of novelty, the one in use first."""
+        """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
+
+        The one in use comes first.
+        """
         return novelties(logits, softness, likeness)
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
@@ -111,7 +93,7 @@ class Classifier(ABC):
         batches, steps = self.batches(heights, views, classes, trained)
 
         def judge(net: nn.Module) -> tuple[float, float]:
-            logits = self.look(net, heights[held]).logits
+            logits = self.predict(net, heights[held]).logits
             loss = nn.functional.cross_entropy(logits, classes[held])
             return float(loss), float((logits.argmax(1) == classes[held]).float().mean())
 
@@ -135,26 +117,25 @@ class Classifier(ABC):
             )
             net.load_state_dict(result.weights)
             forgotten = torch.from_numpy(near(xy[held], place_xy, self.neighbour_m))
-            known = self.known(net, heights, views, trained)
-            seen, unseen = self.look(net, heights[held]), self.look(net, heights[held], forgotten)
-        of_training = torch.isin(known.rows, trained)
-        memory, memory_xy = known.features.numpy(), xy[known.rows.numpy()]
-        close = near(xy[held], memory_xy[of_training], self.neighbour_m)
-        likeness = [(one.features.numpy() @ memory[of_training].T).astype(np.float64) for one in (seen, unseen)]
-        scores, others = (one.logits.numpy().astype(np.float64) for one in (seen, unseen))
-        softness = temperature(scores, places[held])
-        if not determined(softness, scores, places[held]):
-            line = f"the {len(scores)} held-out views fix no temperature, {softness:.3g} is used"
+            memory = self.embed_training(net, heights, views, trained)
+            seen, unseen = self.predict(net, heights[held]), self.predict(net, heights[held], forgotten)
+        memory_xy, of_training = xy[memory.rows.numpy()], torch.isin(memory.rows, trained)
+        softness = temperature(_scores(seen), places[held])
+        if not determined(softness, _scores(seen), places[held]):
+            line = f"the {int(held.sum())} held-out views fix no temperature, {softness:.3g} is used"
             progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
+        features = memory.features[of_training].numpy()
+        cosines, others = ((one.features.numpy() @ features.T).astype(np.float64) for one in (seen, unseen))
+        others[near(xy[held], memory_xy[of_training], self.neighbour_m)] = -1
         evidence = Evidence(
-            scores.argmax(axis=1) == places[held],
-            self.novelties(scores, softness, likeness[0].max(axis=1)),
-            self.novelties(others, softness, np.where(close, -1, likeness[1]).max(axis=1)),
+            _scores(seen).argmax(axis=1) == places[held],
+            self.novelties(_scores(seen), softness, cosines.max(axis=1)),
+            self.novelties(_scores(unseen), softness, others.max(axis=1)),
         )
         return {
             **{f"net/{name}": value.cpu().contiguous().numpy() for name, value in result.weights.items()},
             "place_xy_m": place_xy,
-            "memory": memory,
+            "memory": memory.features.numpy(),
             "memory_xy_m": memory_xy,
             "temperature": np.array(softness),
             **evidence.arrays(),
@@ -168,9 +149,8 @@ class Classifier(ABC):
         place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
         net = self.network(len(place_xy), rings, sectors)
-        net.load_state_dict(
-            {n.removeprefix("net/"): torch.from_numpy(v.copy()) for n, v in model.items() if n.startswith("net/")}
-        )
+        weights = {name.removeprefix("net/"): array for name, array in model.items() if name.startswith("net/")}
+        net.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
         net.to(device())
         memory = torch.from_numpy(model["memory"].copy())
 
@@ -179,10 +159,10 @@ class Classifier(ABC):
             if heights.shape[1:] != (rings, sectors):
                 raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
             with loop.reproducible(self.threads):
-                found = self.look(net, heights)
+                found = self.predict(net, heights)
                 likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
             likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
-            scores = found.logits.numpy().astype(np.float64)
+            scores = _scores(found)
             probability, novelty = softmax(scores, axis=1), self.novelties(scores, softness, likeness)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
             return Ranking(
@@ -198,15 +178,18 @@ class Classifier(ABC):
         return localize
 
     def step(self, answer: Any, batch: Any) -> tuple[Tensor, Tensor, int]:
-        """The loss that is trained for."""
+        """Mean loss of a batch, how many of its views are right, and of how many; cross-entropy by default."""
         return loop.classify(answer, batch)
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the answers (n, k, 2) lie: at the means of their places' views; the likest training view is at (n, 2)."""
+        """World positions (n, k, 2) of the answers: by default the mean position `places_m` (n, k, 2) of each place's views.
+
+        `likest_m` (n, 2) is the position of the training view most like the query.
+        """
         return places_m
 
     def embedded(self, net: Any, heights: Tensor) -> Tensor:
-        """What the last layer looks at of quantized heights (n, rings, sectors), at the precision of training."""
+        """Inputs of the last layer for quantized heights (n, rings, sectors), at the precision of training."""
         with loop.autocast(device(), self.precision):
             seen: Tensor = net.embed(self.images(heights))
             return seen.float()
@@ -224,3 +207,8 @@ class Classifier(ABC):
     def channels(self) -> int:
         """Of a coloured image."""
         return len(colours(self.colormap)[0])
+
+
+def _scores(prediction: Prediction) -> NDArray[np.float64]:
+    """Logits (n, places)."""
+    return prediction.logits.numpy().astype(np.float64)

@@ -32,7 +32,7 @@ CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 
 @dataclass(frozen=True)
 class Fit:
-    """What training ended with: the weights of the best epoch, and how every epoch went."""
+    """Result of a training: the weights of the best epoch, and the curves of all epochs."""
 
     weights: dict[str, Tensor]
     curves: NDArray[np.float64]
@@ -54,7 +54,7 @@ def reproducible(threads: int) -> Iterator[None]:
 
 
 def autocast(where: torch.device, precision: Literal["auto", "bf16", "f32"]) -> torch.autocast:
-    """bfloat16 arithmetic where it is asked for, or fast: any GPU, and processors that have the instructions."""
+    """bfloat16 arithmetic if `precision` says so; with auto on any GPU, and on processors that have the instructions."""
     fast = where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
     return torch.autocast(where.type, torch.bfloat16, enabled=precision == "bf16" or (precision == "auto" and bool(fast)))
 
@@ -131,12 +131,12 @@ def fit(
 
 
 def _best(curves: NDArray[np.float64]) -> int:
-    """The epoch to keep: the loss has no say, since a network grows over-confident while it goes on to rank better."""
+    """The epoch of highest held-out accuracy, of equals the last; the loss rises while the ranking still improves."""
     return len(curves) - 1 - int(curves[::-1, 3].argmax())
 
 
 def constant(progress: float) -> float:
-    """All of the learning rate, all the time."""
+    """The full learning rate throughout."""
     return 1.0
 
 
@@ -159,7 +159,7 @@ SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {"one_cycle": one_cycle
 
 
 def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer], more: Mapping[str, Tensor]) -> None:
-    """Write a checkpoint of a training: its network, its optimisers' moments, each under its name, and what else it needs."""
+    """Write a checkpoint: the network, the moments of each optimiser, and `more`."""
     tensors = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
     for optimizer_name, optimizer in optimizers.items():
         for index, state in optimizer.state_dict()["state"].items():
@@ -169,7 +169,7 @@ def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimi
 
 
 def resume(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, Tensor]:
-    """Put a checkpoint back into a network and its optimisers; returns what else it holds."""
+    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file."""
     tensors: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
     net.load_state_dict(_taken(tensors, NET))
     for optimizer_name, optimizer in optimizers.items():
@@ -177,17 +177,15 @@ def resume(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Opti
         weights: list[Tensor] = [weight for group in optimizer.param_groups for weight in group["params"]]
         for name, value in _taken(tensors, f"{optimizer_name}/").items():
             index, _, field = name.partition("/")
-            like = (
-                value.cpu() if field == "step" else torch.empty_like(weights[int(index)]).copy_(value)
-            )  # its strides, so its rounding
-            state.setdefault(int(index), {})[field] = like
+            like = torch.empty_like(weights[int(index)])  # with its strides, on which rounding depends
+            state.setdefault(int(index), {})[field] = value.cpu() if field == "step" else like.copy_(value)
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     return tensors
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[None]:
-    """What goes wrong while a checkpoint is read is told as one line."""
+    """Converts errors from reading a checkpoint into an ArtifactError."""
     try:
         yield
     except (SafetensorError, KeyError, RuntimeError) as error:
@@ -195,5 +193,5 @@ def whole(path: Path) -> Iterator[None]:
 
 
 def _taken(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Those of a prefix, without it; they leave the others."""
+    """Removes and returns the tensors of a prefix, under their names without it."""
     return {name.removeprefix(prefix): tensors.pop(name) for name in list(tensors) if name.startswith(prefix)}

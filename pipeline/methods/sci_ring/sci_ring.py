@@ -1,4 +1,4 @@
-"""SCI on a ring: places at headings as the classes of one softmax, so every answer tells where it looks (METHODS 8)."""
+"""SCI on a ring: one softmax over places × headings, so an answer has a heading too (METHODS 8)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,27 +14,27 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.sci_ring.ring import Ring
 from pipeline.networks import loop
 from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
-from pipeline.networks.classifier import Classifier, Kinds, Known, Look
+from pipeline.networks.classifier import Classifier
 from pipeline.networks.lenet import device
+from pipeline.networks.prediction import Kinds, Prediction, TrainingEmbeddings
 
 HEADING_SOFTNESS = 2.0
-"""The first place's headings are weighed at this temperature: the mean of sharper chances leans to the nearest of them, as
-held-out blocks of two simulated worlds showed."""
+"""Temperature of the softmax over the first place's headings, whose circular mean is the answer: at 1 the mean is drawn to the
+nearest heading. Chosen on held-out blocks of two simulated worlds."""
 Batch = tuple[Tensor, Tensor, Tensor]
-"""Images (b, channels, rings, sectors), their places (b,) and their yaw (b,) in headings, a fraction of which may be left."""
+"""Images (b, channels, rings, sectors), their places (b,) and their yaw (b,) in (fractional) headings."""
 
 
 @dataclass(frozen=True)
 class SciRing(Classifier):
-    """Ours; neither paper's. Its view has columns that turn counter-clockwise, a number that 8 divides."""
+    """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
 
     epochs: int = 400
     """In one each training view is shown once, turned at random: two are as long as one of two-way SCI."""
     yaw_noise_deg: float = 0.0
-    """Standard deviation of what is added to the yaw of each training view, to study how well it must be known."""
-
+    """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
     erased_deg: float = 0.0
-    """A wedge of up to this width is emptied in each training view, as if what stood there were gone."""
+    """A wedge of up to this width is set to 0 in each training view, as after a demolition."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -48,12 +48,12 @@ class SciRing(Classifier):
         return Ring(places, rings, sectors, self.channels, self.dropout, self.batch_norm_momentum)
 
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
-        """Every trained view once, in a new order, each turned by columns of its own and with a wedge of its own gone."""
+        """Every trained view once, shuffled, each turned by a random number of columns and with a random wedge set to 0."""
         sectors, columns = heights.shape[2], self._columns(views, heights.shape[2])
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
             for chosen in torch.split(trained[torch.randperm(len(trained), generator=order)], self.batch):
-                if len(chosen) > 1 or len(trained) == 1:  # a batch of one says nothing of the statistics
+                if len(chosen) > 1 or len(trained) == 1:  # batch norms need two
                     turns = torch.randint(sectors, (len(chosen),), generator=order)
                     turned = rolled(heights[chosen], turns)
                     if self.erased_deg:
@@ -69,7 +69,7 @@ class SciRing(Classifier):
         return epoch, -(-len(trained) // self.batch)
 
     def _columns(self, views: Rows, sectors: int) -> Tensor:
-        """The yaw (n,) of training views in columns, with the noise that is studied."""
+        """The yaw (n,) of training views in columns, with `yaw_noise_deg`."""
         noise_deg = np.random.default_rng(self.seed).normal(0, self.yaw_noise_deg, len(views.world_T_anchor))
         return torch.from_numpy((np.rad2deg(yaw(views.world_T_anchor)) + noise_deg) * (sectors / 360)).float()
 
@@ -83,12 +83,12 @@ class SciRing(Classifier):
         chances = logits.flatten(1).log_softmax(1).view_as(logits)
         first, second, share = neighbours(headings, logits.shape[1])
         each = torch.arange(len(classes), device=classes.device)
-        told = chances[each, first, classes].lerp(chances[each, second, classes], share)
-        return -told.mean(), (logits.logsumexp(1).argmax(1) == classes).sum(), len(classes)
+        likelihood = chances[each, first, classes].lerp(chances[each, second, classes], share)
+        return -likelihood.mean(), (logits.logsumexp(1).argmax(1) == classes).sum(), len(classes)
 
     @torch.inference_mode()
-    def look(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Look:
-        """Logits summed over headings; the heading given the first place, and the features there, between the two next to it."""
+    def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
+        """Logits summed over headings, the heading of the first place, and the features interpolated at that heading."""
         net.eval()
         where, found = device(), []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
@@ -101,24 +101,24 @@ class SciRing(Classifier):
             first, second, share = neighbours(heading_deg * (net.headings / 360), net.headings)
             features = embedded[each, first].lerp(embedded[each, second], share[:, None])
             found.append((scores, nn.functional.normalize(features), heading_deg))
-        return Look(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))
+        return Prediction(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))
 
     @torch.inference_mode()
-    def known(self, net: Ring, heights: Tensor, views: Rows, trained: Tensor) -> Known:
-        """Every view, the held-out ones too, turned to look along +x."""
+    def embed_training(self, net: Ring, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
+        """Every view, held-out ones included, turned to face +x."""
         net.eval()
         north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
-        return Known(nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights)))
+        return TrainingEmbeddings(nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights)))
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The first lies where the likest training view stands, whatever its place; the others at the mean of their views."""
+        """The first answer lies at the training view most like the query, whatever its place; the others at their places' means."""
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
-        """The place's doubt times the features' comes first: new only where both say so.
+        """`combined`, the tempered entropy times the feature distance, comes first.
 
-        Of the two simulated worlds' held-out blocks neither factor alone had as much of both AUROC and area under the curve.
+        On held-out blocks of two simulated worlds neither factor alone reached as high an AUROC and AUC.
         """
         kinds = super().novelties(logits, softness, likeness)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}
