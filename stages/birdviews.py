@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
-from pipeline.views.mapped import Mapped
+from pipeline.views.mapped import MappedViews
 from stages import ProgressBar, stage
 
 AS_DRIVEN = [asdict(Case())]
@@ -32,7 +32,7 @@ def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
         store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS),
         store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS),
     )
-    mapped, blank = Mapped(scans, submaps, instantiate(cfg.view)), 0
+    mapped, blank = MappedViews(scans, submaps, instantiate(cfg.view)), 0
     with store.write(folder / f"{sequence}.zarr", schemas.BIRDVIEWS, cases=AS_DRIVEN) as out:
         for images in mapped:
             out.append("images", images[None])

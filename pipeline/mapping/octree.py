@@ -1,7 +1,8 @@
-"""The dynamic octree: an occupancy map that goes with the robot and forgets as it moves.
+"""The dynamic octree: an occupancy map that moves with the robot and decays with its motion.
 
 Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous Robots 2013); METHODS 4. The
-leaves of the root cube are one dense array, so its memory never grows; an inner node is the highest of its known children.
+leaves of the root cube are one dense array, so its memory never grows. OctoMap's inner nodes, the highest of their children, are
+not kept: nothing reads them.
 """
 
 import math
@@ -28,15 +29,15 @@ class Octree:
     depth: int = 7
     """Levels below the root: 2^depth leaves along an edge."""
     hit: float = 0.7
-    """Probability that a leaf is occupied of which one scan alone saw a point."""
+    """Probability that a leaf is occupied, after one scan with a point in it."""
     miss: float = 0.4
-    """Of a leaf that a ray crossed."""
+    """The same after one ray through it."""
     lowest: float = 0.1192
     highest: float = 0.971
     """Probabilities are clamped to these, so that a leaf can change its mind."""
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
-    """How a motion u, in the deviations below, takes all log-odds towards unknown: by exp(−|u|²/2) a scan; or, whatever the rate
-    of scans, by exp(−|u| sigma_m / per_metre_m); or not at all."""
+    """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or, independent of the scan rate,
+    exp(−|u| sigma_m / per_metre_m); or none."""
     sigma_m: float = 2.0
     sigma_rad: float = 0.5
     per_metre_m: float = 8.0
@@ -155,31 +156,10 @@ class OctreeMap:
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
     def _moved(self, shift: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The box of what is known, lowest and highest leaf (2, 3), once the root cube has moved on by `shift` leaves."""
+        """The box of the known leaves, lowest and highest leaf (2, 3), once the root cube has moved on by `shift` leaves."""
         side = self.octree.side
         low, high = np.maximum(self._known[0] - shift, 0), np.minimum(self._known[1] - shift, side - 1)
         return np.stack([low, high]) if (low <= high).all() else np.array([[side] * 3, [-1] * 3], np.int64)
-
-    def at_depth(self, depth: int) -> NDArray[np.float32]:
-        """Log-odds (2^depth,) * 3 of the nodes of a depth, the root's is 0: the highest of the known leaves in each, or 0."""
-        if not 0 <= depth <= self.octree.depth:
-            raise InputError(f"depth {depth}: the octree's are 0 to {self.octree.depth}")
-        nodes = np.where(self.log_odds == 0, np.float32(-np.inf), self.log_odds)
-        for _ in range(self.octree.depth - depth):
-            nodes = np.maximum(nodes[..., ::2], nodes[..., 1::2])
-            nodes = np.maximum(nodes[:, ::2], nodes[:, 1::2])
-            nodes = np.maximum(nodes[::2], nodes[1::2])
-        return np.where(np.isinf(nodes), np.float32(0), nodes)
-
-    def probability(self, xyz_m: NDArray[np.floating], depth: int | None = None) -> NDArray[np.float64]:
-        """That the leaves, or the nodes of a depth, which hold odometry-frame places (n, 3) are occupied; ½ is unknown."""
-        depth = self.octree.depth if depth is None else depth
-        nodes = self.at_depth(depth)
-        cells = np.floor(np.asarray(xyz_m, np.float64) / self.leaf_m) - self._lowest
-        inside = ((cells >= 0) & (cells < self.octree.side)).all(axis=1)
-        found = np.zeros(len(cells))
-        found[inside] = nodes[tuple((cells[inside].astype(np.int64) >> (self.octree.depth - depth)).T)]
-        return 1 / (1 + np.exp(-found))
 
 
 def log_odds(probability: float) -> float:

@@ -11,12 +11,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 FREE, HIT, SEEN, WALL = np.uint8(1), np.uint8(2), np.uint8(4), np.uint8(8)
-"""What a byte of `marks` says of its leaf: crossed by a ray, holding a point, the end of an earlier ray, beyond the window."""
+"""Bits of a leaf's byte in `marks`: crossed by a ray, holds a point, end of an earlier ray, outside the window."""
 WHOLE, ENDLESS = 2.0**40, 2.0**60
-"""Shares of a ray are whole numbers, which compare and add thrice as fast: all of it; and more than it ever passes."""
+"""Positions along a ray are integers, three times as fast as floats: its end, and a number beyond every border."""
 ZERO, NOTHING, VACANT = np.int64(0), np.float32(0), np.int64(-1)
 REACH = np.int64(1) << 20
-"""Leaves on an axis, either way, that a cell's key has room for; cells beyond the window are told apart by it."""
+"""Leaves on an axis, either way, that the hash key of a cell outside the window has bits for."""
 
 
 def walled(side: int) -> NDArray[np.uint8]:
@@ -42,7 +42,7 @@ def cast(
     beyond: NDArray[np.int64],
     box: NDArray[np.int64],
 ) -> bool:
-    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; False for a point that is nowhere.
+    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; False if one is not finite or out of REACH.
 
     A ray longer than `reach` is cut there and hits nothing. Unless `every_ray`, there is one for each cell that holds points, to
     its middle. `box` (2, 3) becomes the lowest and highest leaf that may be marked.
@@ -167,59 +167,3 @@ def sweep(
                 value += hit if seen & np.int32(HIT) else (miss if seen & np.int32(FREE) else NOTHING)
                 leaves[new + z] = min(max(value, lowest), highest)
                 flat[mark + z] = np.uint8(0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def columns_above(
-    log_odds: NDArray[np.float32],
-    ground: NDArray[np.float64],
-    up: NDArray[np.float64],
-    low: float,
-    high: float,
-    threshold: float,
-) -> NDArray[np.uint8]:
-    """Whether any leaf of a column whose middle is from `low` to below `high` leaves above the ground exceeds a threshold.
-
-    The ground is the plane through `ground` (3,) with the upward normal `up` (3,).
-    """
-    side = log_odds.shape[0]
-    found = np.zeros((side, side), np.uint8)
-    for x in range(side):
-        for y in range(side):
-            level = ground[2] - 0.5 - ((x + 0.5 - ground[0]) * up[0] + (y + 0.5 - ground[1]) * up[1]) / up[2]
-            start = min(max(math.ceil(level + low / up[2]), 0), side)
-            stop = min(max(math.ceil(level + high / up[2]), 0), side)
-            any_above = False
-            for z in range(start, stop):
-                any_above |= log_odds[x, y, z] > threshold
-            found[x, y] = np.uint8(any_above)
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def sampled(
-    columns: NDArray[np.uint8], middle: NDArray[np.float64], yaw_rad: float, width: float, side_px: int, samples: int
-) -> NDArray[np.uint8]:
-    """Each pixel's share of set columns, 0…255, in a heading-up image (side_px, side_px): row 0 front, column 0 left.
-
-    It shows the square of `width` columns around `middle` (2,), whose front looks along `yaw_rad`; a pixel is looked at in
-    samples × samples places.
-    """
-    image = np.empty((side_px, side_px), np.uint8)
-    side, step = columns.shape[0], width / (side_px * samples)
-    front_x, front_y = math.cos(yaw_rad) * step, math.sin(yaw_rad) * step
-    most = samples * samples
-    last = 0.5 * (side_px * samples - 1)
-    for row in range(side_px):
-        for col in range(side_px):
-            count = 0
-            for i in range(samples):
-                front = last - (row * samples + i)
-                for j in range(samples):
-                    left = last - (col * samples + j)
-                    x = math.floor(middle[0] + front * front_x - left * front_y)
-                    y = math.floor(middle[1] + front * front_y + left * front_x)
-                    if 0 <= x < side and 0 <= y < side:
-                        count += columns[x, y]
-            image[row, col] = (510 * count + most) // (2 * most)
-    return image

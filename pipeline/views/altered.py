@@ -1,8 +1,8 @@
-"""Altered queries, drawn: what a method looks at of every submap in each case of an alteration (METHODS 2.8).
+"""Views of altered queries: one of every submap in each case of an alteration (METHODS 2.8).
 
-A submap's points are altered before anything is drawn of them, whatever the view makes of them then. Bird-views are drawn of a
-map that remembers: its scans are altered one by one, each by its own draw, so what one of them lacks an earlier one may show, and
-new walls of the scans before may still be about. A turned robot has the map of one that is not, and stands turned in it.
+The alteration changes a submap's points, and the view is computed from the changed points. A bird-view shows an octree of many
+scans: each scan is altered with its own random numbers, so an earlier scan may fill what the newest one lacks, and leave walls of
+its own. Turned queries reuse the unaltered map; only the pose is rotated.
 """
 
 from collections.abc import Iterator
@@ -16,13 +16,13 @@ from pipeline.frames import Poses, Stamps, pose
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing, View
-from pipeline.views.mapped import Mapped
+from pipeline.views.mapped import MappedViews
 
 Image = tuple[int, Case, NDArray[Any], float]
-"""Row of its submap, the case, what is drawn, and by how many radians the robot is turned to the left."""
+"""Row of the submap, case, image, and the robot's turn to the left in radians."""
 
 
-class Drawn(NamedTuple):
+class AlteredRows(NamedTuple):
     """The rows of one case, as pipeline.matching.ranking.Rows takes them."""
 
     images: NDArray[Any]
@@ -32,26 +32,26 @@ class Drawn(NamedTuple):
     """Turned as the robot is."""
 
 
-def altered(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> dict[Case, Drawn]:
+def altered(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> dict[Case, AlteredRows]:
     """Views of every submap in every case but the one as driven, all of them in memory."""
     stamps_ns, world_T_anchor = submaps.load("stamps_ns"), submaps.load("world_T_anchor")
     images = dict[Case, NDArray[Any]]()
     left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
-    draw = _mapped if isinstance(view, BirdView) else _drawn
+    draw = _from_maps if isinstance(view, BirdView) else _from_points
     for row, case, image, turn_rad in draw(scans, submaps, view, alteration):
         images.setdefault(case, np.empty((len(stamps_ns), *image.shape), image.dtype))[row] = image
         left_rad[case][row] = turn_rad
-    return {case: Drawn(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in left_rad}
+    return {case: AlteredRows(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in left_rad}
 
 
 def turns(left_rad: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) of a robot that has turned to the left (n,) on its place."""
+    """Rotations (n, 4, 4) of a robot to the left (n,) on the spot."""
     still = np.zeros((len(left_rad), 3))
     return pose(still, np.column_stack([still[:, :2], left_rad]))
 
 
-def _drawn(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> Iterator[Image]:
-    """Each submap's points are gathered once, then altered and drawn in each case."""
+def _from_points(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> Iterator[Image]:
+    """Each submap's points are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
         for case in alteration.cases[1:]:
@@ -59,8 +59,8 @@ def _drawn(scans: Artifact, submaps: Artifact, view: View, alteration: Alteratio
             yield row, case, view(left), left_rad
 
 
-def _mapped(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration) -> Iterator[Image]:
-    """Each case grows its own map of all scans, but a turn changes none: those cases stand in the one as driven."""
+def _from_maps(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration) -> Iterator[Image]:
+    """Each case has its own octree of all scans, except turned cases: they reuse the unaltered one, seen from a turned pose."""
     stamps_ns, anchors = scans.load("stamps_ns"), submaps.load("scans")
     as_driven, *others = alteration.cases
     turned = [case for case in others if case.change == TURNED]
@@ -70,7 +70,7 @@ def _mapped(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alte
         def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:
             return alteration.alter(world, points, _rng(alteration, stamps_ns[scan]))[0]
 
-        for row, (points, grown, standing) in enumerate(Mapped(scans, submaps, view, seen).maps()):
+        for row, (points, grown, standing) in enumerate(MappedViews(scans, submaps, view, seen).maps()):
             for case in cases:
                 rng = _rng(alteration, stamps_ns[anchors[row]])
                 left_rad = alteration.alter(case, points, rng)[1] if case in turned else 0.0
@@ -78,5 +78,5 @@ def _mapped(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alte
 
 
 def _rng(alteration: Alteration, stamp_ns: np.int64) -> np.random.Generator:
-    """Anew for each query and case: see pipeline.alterations."""
+    """A fresh generator for each query and case: see pipeline.alterations."""
     return np.random.default_rng((alteration.seed, int(stamp_ns)))

@@ -1,4 +1,4 @@
-"""Bird-views: what stands around the robot as its dynamic octree knows it, seen from above, at headings all around.
+"""Bird-views: the occupied leaves of the dynamic octree around the robot, seen from above, at headings all around.
 
 Yin et al., IROS 2018; METHODS 4.4 and 5.4. The map is turned before it is drawn, never the image.
 """
@@ -13,39 +13,39 @@ from numpy.typing import NDArray
 
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
-from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 from pipeline.running.settings import check, positive
+from pipeline.views import birdview_kernels as kernels
 
 NEAR_M, STEEPEST_DEG, PLANES, POINTS = 0.2, 20.0, 200, 4096
-"""Of the ground's plane: points so near lie on it, it is no steeper, so many are tried, on so many points of a scan at most."""
+"""RANSAC of the ground's plane: inlier distance, largest slope, planes tried, and points of a scan used at most."""
 SAMPLES = 4
-"""A pixel is looked at in so many places along each side; its value is their mean."""
+"""A pixel is the mean of SAMPLES × SAMPLES points in it."""
 
 
 @dataclass(frozen=True)
 class BirdView:
-    """What is drawn of an octree, or of a submap's points alone; the images show the whole width of the root cube."""
+    """Settings of the images of an octree, or of a submap's points alone; an image shows the whole width of the root cube."""
 
     schema: ClassVar[schemas.Schema] = schemas.BIRDVIEWS
     octree: Octree = field(default_factory=Octree)
     """As an Octree, or a mapping of its fields."""
     low_m: float = 0.3
     high_m: float = 5.0
-    """Leaves whose middle is this far above the ground under the robot are drawn: no ground, and what a day does not change."""
+    """Leaves whose middle is from `low_m` to `high_m` above the ground under the robot count: no ground, few moving things."""
     upright: Literal["ground", "vehicle", "odometry"] = "ground"
-    """Whose z axis heights go along: the ground's, a plane through the newest scan, which must be a 3-D one; the vehicle's, which
-    pitches; or odometry's, in which the ground slopes."""
+    """The axis that heights are measured along: the normal of the ground plane in the newest scan, which must be a 3-D one; the
+    vehicle's z axis, which pitches; or odometry's, in which the ground slopes."""
     occupied: float = 0.6
     """A column is occupied if one of these leaves is with a higher probability."""
     headings: int = 16
-    """Of the even ones references are made; the odd ones lie halfway between and ask."""
+    """The even ones are references; the odd ones lie halfway between and are queries."""
     side_px: int = 64
     jitter_m: float = 0.5
-    """Standard deviation, on each axis, of how far off the odd ones are drawn."""
+    """Standard deviation, on each axis, of a shift of the odd ones: METHODS 5.5's slight translation."""
     seed: int = 0
-    """Of that, with each submap's number."""
+    """Of that shift, together with each submap's number."""
 
     def __post_init__(self) -> None:
         if isinstance(self.octree, Mapping):
@@ -122,7 +122,7 @@ class BirdView:
         return up
 
     def offset_m(self, number: int) -> NDArray[np.float64]:
-        """How far forward and to the left (2,) a submap's odd headings are drawn off: METHODS 5.5's slight translation."""
+        """Shift forward and to the left (2,) of a submap's odd headings."""
         return np.random.default_rng((self.seed, number)).normal(0.0, 1.0, 2) * self.jitter_m
 
 

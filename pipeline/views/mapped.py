@@ -1,4 +1,4 @@
-"""Drawing the bird-views of submaps of a map that remembers: every scan of the sequence goes into it, in order (METHODS 4.4)."""
+"""Bird-views of submaps, from one octree that every scan of the sequence is inserted into, in order (METHODS 4.4)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from pipeline.views.birdview import BirdView
 
 
 @dataclass(frozen=True)
-class Mapped:
-    """Draws the rows of a submaps artifact of the octree that the scans up to each one's anchor have grown."""
+class MappedViews:
+    """The bird-views of a submaps artifact; each shows the octree after the scans up to the submap's anchor."""
 
     scans: Artifact
     submaps: Artifact
     view: BirdView
-    altered: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
-    """What is made of the points (n, 3) of a scan of this row before they go into the map, z up from the ground."""
+    alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
+    """Changes the points (n, 3) of a scan, given its row, before they are inserted; z is up from the ground."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
@@ -32,10 +32,10 @@ class Mapped:
             yield self.view.draw(grown, pose, number)
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
-        """At each submap's anchor the points (n, 3) of its scan, the map, which grows on, and where the robot stands (4, 4).
+        """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in it (4, 4).
 
-        Scans are laid out by the log's odometry, by its truth where it has none at all. A scan whose odometry is unknown, as
-        after a break in it, is seen alone, and the map begins anew behind it.
+        The map is one object, which goes on growing. Poses are the log's odometry, or its ground truth where it has no odometry
+        at all. A scan without odometry, as after a break, gets an empty map of its own, and so does the scan after it.
         """
         odom_T_scan = self.scans.load("odom_T_scan")
         if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
@@ -49,7 +49,7 @@ class Mapped:
             pose = (odom_T_scan[row] if known else np.eye(4)) @ scan_T_ground
             grown = grown if known else self.view.octree.grow()
             points = points - scan_T_ground[:3, 3]
-            points = self.altered(row, points) if self.altered else points
+            points = self.alter(row, points) if self.alter else points
             grown.insert(points, pose)
             if anchors[number] == row:
                 yield points, grown, self.view.standing(points, pose)

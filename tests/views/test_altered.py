@@ -22,7 +22,7 @@ from pipeline.running.compute import Compute
 from pipeline.views.altered import altered
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing
-from pipeline.views.mapped import Mapped
+from pipeline.views.mapped import MappedViews
 
 ALL = Several([Turned(repeats=2), Demolition(), Construction()])
 BIRDVIEW = BirdView(octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0)
@@ -145,7 +145,7 @@ def test_a_turned_robot_sees_the_same_world(driven: tuple[store.Artifact, store.
 def test_bird_views_as_driven_are_what_the_stage_draws(tmp_path: Path) -> None:
     scans, submaps = poles(tmp_path)
     drawn = altered(scans, submaps, BIRDVIEW, Fixed())
-    stage = np.stack(list(Mapped(scans, submaps, BIRDVIEW)))
+    stage = np.stack(list(MappedViews(scans, submaps, BIRDVIEW)))
     assert (stage[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]
     np.testing.assert_array_equal(drawn[Case()].images, stage)
 

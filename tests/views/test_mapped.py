@@ -9,7 +9,7 @@ from pipeline import store
 from pipeline.mapping.octree import Octree
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.birdview import BirdView
-from pipeline.views.mapped import Mapped
+from pipeline.views.mapped import MappedViews
 
 VIEW = BirdView(octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0)
 """A leaf is half a metre, a pixel a metre."""
@@ -24,7 +24,7 @@ def at(x_m: float) -> np.ndarray:
     return pose
 
 
-def mapped(folder: Path, odom_T_scan: np.ndarray, ground_m: float = 0.0) -> Mapped:
+def mapped(folder: Path, odom_T_scan: np.ndarray, ground_m: float = 0.0) -> MappedViews:
     """Three scans half a metre apart, each a submap."""
     world_T_scan = np.stack([at(0.0), at(0.5), at(1.0)])
     heights_m = np.arange(0.75, 3.0, 0.25)
@@ -41,10 +41,10 @@ def mapped(folder: Path, odom_T_scan: np.ndarray, ground_m: float = 0.0) -> Mapp
         draft.put("ground_m", np.full(3, ground_m))
         draft.put("used", np.ones(3, bool))
         draft.put("world_T_anchor", world_T_scan)
-    return Mapped(store.read(folder / "scans.zarr", SCANS), store.read(folder / "submaps.zarr", SUBMAPS), VIEW)
+    return MappedViews(store.read(folder / "scans.zarr", SCANS), store.read(folder / "submaps.zarr", SUBMAPS), VIEW)
 
 
-def poles(mapped: Mapped) -> list[int]:
+def poles(mapped: MappedViews) -> list[int]:
     """Bright spots in each submap's straight view."""
     return [int((images[0] > 30).sum()) for images in mapped]
 

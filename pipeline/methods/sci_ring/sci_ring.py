@@ -112,7 +112,7 @@ class SciRing(Classifier):
         return TrainingEmbeddings(nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights)))
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The first answer lies at the training view most like the query, whatever its place; the others at their places' means."""
+        """The first answer lies at the training view most like the query, the others at their places' means."""
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
