@@ -16,7 +16,7 @@ from pipeline.report.section import Illustration, Section
 from pipeline.report.study import Learned, Study
 from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.views.birdview import BirdView
-from pipeline.views.mapped import Mapped
+from pipeline.views.mapped import MappedViews
 
 
 def section(study: Study, folder: Path, view: BirdView) -> Section:
@@ -61,6 +61,6 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 
 def _mapping(study: Study, folder: Path, view: BirdView, sequence: str) -> Path:
     """How the middle one of a sequence's submaps becomes a bird-view."""
-    views = Mapped(study.artifact("scans", sequence), study.artifact("submaps", sequence), view)
+    views = MappedViews(study.artifact("scans", sequence), study.artifact("submaps", sequence), view)
     points, grown, standing = next(islice(views.maps(), len(views) // 2, None))
     return save(birdview.bird_view(points, grown, standing, view, study.simulated), folder / "viewpoints_mapping.svg")
