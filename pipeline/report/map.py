@@ -135,9 +135,10 @@ def _answers(evaluation: Evaluation, views: Views | None, training: Training) ->
 
 
 def _headings(study: Study, result: Result) -> dict[str, str] | None:
-    """The headings (q,) of the first answers; None where the model gives none."""
+    """The headings (q,) of the first answers to the queries as driven, whose rows come first; None where the model gives none."""
     try:
         heading_deg = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS).load("heading_deg")
     except ArtifactError:
         return None
-    return packed(heading_deg.reshape(len(heading_deg), -1)[:, 0], "f4") if np.isfinite(heading_deg).any() else None
+    first_deg = heading_deg.reshape(len(heading_deg), -1)[: len(result.evaluation.xy_m), 0]
+    return packed(first_deg, "f4") if np.isfinite(first_deg).any() else None
