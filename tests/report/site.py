@@ -56,7 +56,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     results = [SimpleNamespace(model=model, evaluation=given, **test) for model in LOOKS for test in tests]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
-        with store.write(find("views", day, model), LOOKS[model], **dict.fromkeys(LOOKS[model].attrs, [])) as draft:
+        with store.write(find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attrs}) as draft:
             draft.put("images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32))
             draft.put("stamps_ns", np.arange(rows))
             draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
