@@ -1,8 +1,8 @@
-"""A simulated place over fifteen months, and the raw logs that a real robot would have recorded there.
+"""A simulated place over fifteen months, and the raw logs that a real robot would record there.
 
-It is tuned for physical plausibility alone, never so that a method wins. Nothing outside this package may know that a log
-is simulated: the pipeline reads the files.
+The parameters are set for physical plausibility only, never in favour of a method. Code outside this package must not know that
+a log is simulated: the pipeline reads its files.
 
 streets, ground → blocks (buildings, greenery) → campus → plan, routes → events → day
-robots (motion, lidar) → drive → raycast → recorder → writers, one a format
+robots (motion, lidar) → drive → raycast → recorder → writers, one per format
 """

@@ -1,4 +1,4 @@
-"""What the data sets call their sequences, and when those were driven."""
+"""The names of the sequences of each data set, and the dates in them."""
 
 import re
 from datetime import UTC, date, datetime
@@ -6,11 +6,11 @@ from datetime import UTC, date, datetime
 from pipeline.errors import ConfigError
 
 KITTI_DATE = date(2011, 9, 26)
-"""A log's number tells no date: all are driven on the day of KITTI's first."""
+"""The date of all logs, that of the first KITTI log, since the number of a log is not a date."""
 
 
 def nclt_date(sequence: str) -> date:
-    """NCLT's name is a date, such as 2012-01-15."""
+    """The date in a name of NCLT, such as 2012-01-15; raises ConfigError."""
     try:
         return date.fromisoformat(sequence)
     except (TypeError, ValueError):
@@ -18,7 +18,7 @@ def nclt_date(sequence: str) -> date:
 
 
 def robotcar_time(sequence: str) -> datetime:
-    """RobotCar's name is a date and a time, such as 2014-07-14-14-49-50."""
+    """The UTC time in a name of RobotCar, such as 2014-07-14-14-49-50; raises ConfigError."""
     try:
         return datetime.strptime(sequence, "%Y-%m-%d-%H-%M-%S").replace(tzinfo=UTC)
     except (TypeError, ValueError):
@@ -26,14 +26,14 @@ def robotcar_time(sequence: str) -> datetime:
 
 
 def kitti_date(sequence: str) -> date:
-    """KITTI's name is a log's number of two digits, such as 00."""
+    """The date of a KITTI log named by its two digits, such as 00; raises ConfigError."""
     if kitti_log(sequence) != sequence:
         raise ConfigError(f"sequence {sequence}: is a part; the table names whole logs, such as '{kitti_log(sequence)}'")
     return KITTI_DATE
 
 
 def kitti_log(sequence: str) -> str:
-    """The log that a sequence, such as 00, 00-a or 00-b, is of."""
+    """The log of a sequence such as 00, 00-a or 00-b; raises ConfigError."""
     named = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
     if not named:
         raise ConfigError(f"sequence {sequence}: expected a log's two digits such as '00', or its part '00-a' or '00-b'")

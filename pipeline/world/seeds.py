@@ -1,4 +1,4 @@
-"""Every random stream of the world, each a generator of its own, so that a new draw in one leaves the others alone."""
+"""The random streams of the world: each has its own generator, so that a new draw in one does not change the others."""
 
 from collections.abc import Callable
 from datetime import date, datetime
@@ -11,7 +11,7 @@ _WORD, _SPREAD = (1 << 64) - 1, 0x9E3779B97F4A7C15
 
 
 class Stream(IntEnum):
-    """What a generator is for; the numbers are part of the world and must never change."""
+    """The purpose of a generator; the numbers are part of the world and must never change."""
 
     STREETS = 1
     GROUND = 2
@@ -32,19 +32,19 @@ class Stream(IntEnum):
 
 
 Noise: TypeAlias = Callable[[Stream], np.random.Generator]
-"""A sequence's own generator of each stream."""
+"""The generator of each stream for one sequence."""
 
 
 def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
-    """The generator of one stream; `when` tells sequences apart by their date and time, never by their place in a table."""
+    """The generator of one stream; sequences are distinguished by their date and time `when`, not by their order in a table."""
     return np.random.default_rng([seed, int(stream), when.toordinal() if when else 0, *_second(when)])
 
 
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
-    """The seed of one scan's rays: rays need no state, so blocks of scans may be computed in any order."""
+    """The seed of the rays of one scan; blocks of scans may be computed in any order."""
     return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ sum(_second(when)) * _SPREAD) & _WORD)
 
 
 def _second(when: date | None) -> list[int]:
-    """The second of the day, where `when` has a time: two drives of one day are two."""
+    """The second of the day if `when` has a time, so that two drives on one day differ."""
     return [3600 * when.hour + 60 * when.minute + when.second] if isinstance(when, datetime) else []

@@ -1,4 +1,4 @@
-"""The simulated world's front door: a place, a year, a robot, and the sequences that it drives there."""
+"""The simulated world: a place, a year, a robot, and the sequences that it records there."""
 
 from collections.abc import Mapping
 from contextlib import closing
@@ -12,14 +12,13 @@ from pipeline.formats.changes import Change
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check
-from pipeline.world.driving.day import dawn
+from pipeline.world.driving.day import simulate_day
 from pipeline.world.driving.drive import drive
 from pipeline.world.driving.entry import Entry
 from pipeline.world.driving.recorder import Recorder, Recording
 from pipeline.world.driving.robots import ROBOTS, Robot
 from pipeline.world.layout.campus import Campus, build_campus
-from pipeline.world.layout.changes import changes_by
-from pipeline.world.layout.events import Event, pass_a_year
+from pipeline.world.layout.events import Event, simulate_year, visible_changes
 from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.routes import Routes, loop_routes, training_routes
 from pipeline.world.names import kitti_log
@@ -28,35 +27,35 @@ from pipeline.world.writers import Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter
 
 BLOCK_RAYS = 400_000
-"""About so many rays are cast at a time."""
+"""Approximate number of rays in a block of scans."""
 LOG_SEEDS, MAX_SEED = 7919, (1 << 20) - 1
 TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A world and the sequences recorded in it; its fields are the keys of conf/world's yamls."""
+    """A world and the sequences recorded in it; its fields are the keys of the yamls in conf/world."""
 
     seed: int
     blocks: int
     """The world has blocks × blocks blocks of about 95 m."""
     route_m: float
-    """How far each sequence drives; with a `route_file`, at most the file's length."""
+    """Length of each sequence; with a `route_file`, at most the length of that route."""
     step_m: float
     """Metres between scans, or sweeps."""
     azimuths: int
-    """Rays per turn of each of the scanner's beams; a push-broom's rays per sweep."""
+    """Rays per turn of each beam of the scanner; for a push-broom, rays per sweep."""
     sequences: Mapping[str, Mapping[str, float]]
-    """Name -> its Entry's words. The first is the training sequence, which no other's words change; its own shares are zeros."""
+    """Name -> settings of its Entry. The first is the training sequence: its shares are 0, and no other one changes it."""
     events_per_km_of_route: float = 3.0
-    """Buildings that go up or come down in fifteen months; 14 is heavy."""
+    """Buildings built or demolished in fifteen months; 14 is very many."""
     near_route: float = 0.6
     """The share of those events near the training route."""
     route_file: str | None = None
-    """The training route from a trajectory file of x, y columns or TUM rows, laid across the world."""
+    """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across the world."""
     robot: Literal["segway", "push_broom_car", "scanner_car"] = "segway"
     logs: Format = "nclt"
-    """The format that it writes."""
+    """The format of the logs."""
 
     def __post_init__(self) -> None:
         check(self, "world")
@@ -75,15 +74,15 @@ class Simulation:
             raise ConfigError("world.events_per_km_of_route must be 0 or more, world.near_route a share")
         if not self.sequences:
             raise ConfigError("world.sequences: needs at least the training sequence")
-        for sequence, words in self.sequences.items():
+        for sequence, settings in self.sequences.items():
             self._robot.departs(sequence)
-            Entry.of(sequence, words)
+            Entry.of(sequence, settings)
         if dict(self.sequences[self.training]) != TRAINING_ENTRY and not self._robot.loops:
             raise ConfigError(f"world.sequences.{self.training}: the first is the training sequence, unseen and reversed are 0")
 
     @property
     def training(self) -> str:
-        """The sequence that the others are measured against."""
+        """The name of the training sequence."""
         return next(iter(self.sequences))
 
     @property
@@ -91,13 +90,13 @@ class Simulation:
         return ROBOTS[self.robot]
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress, truth: Path | None = None) -> Recording:
-        """Drive `sequence` and write its logs into `folder`; what no robot could know below `truth`.
+        """Drive `sequence` and write its logs into `folder`, and labels that no robot could record into `truth`/sequence.
 
-        The bytes follow from the world's parameters, the training entry and the sequence's own name and entry. Raises
-        ConfigError for a sequence that the table lacks, or a route file that cannot be driven.
+        The bytes depend only on the parameters of the world, the training entry, and the name and entry of the sequence. Raises
+        ConfigError for a sequence without an entry, or a route file that cannot be driven.
         """
-        name = self._named(sequence)
-        recorder, plan = self._drive(name, truth / sequence if truth else None)
+        name = self._entry_name(sequence)
+        recorder, plan = self._recorder(name, truth / sequence if truth else None)
         scans = len(recorder.drive.scan_rows)
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
         logs = writer(self.logs, folder, sequence, recorder.lidar)
@@ -106,30 +105,30 @@ class Simulation:
         with closing(logs):
             logs.write_truth(recorder.drive, partial(generator, recorder.seed, when=recorder.when))
             blocks = compute.rows(replace(recorder, logs=None if logs.in_order else logs).block, scans, block)
-            for done in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
+            for done in progress.track(blocks, -(-scans // block), f"driving {sequence}"):
                 points += done.points
                 for scan in done.unwritten:
                     logs.write_scan(*scan)
-        return Recording(scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.sees)
+        return Recording(scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit)
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """What shows on the day of `sequence` and did not when `train`, the world's training sequence, was driven.
+        """The changes visible on the day of `sequence` but not of `train`, the training sequence, in the frame of the truth.
 
-        In the frame of the logs' truth. A scanner car's logs are all of one day: nothing changes. Raises ConfigError.
+        Empty for a scanner car, whose logs are all of one day. Raises ConfigError for another `train`, or an unknown sequence.
         """
         if self._robot.loops:
             return []
         if train != self.training:
             raise ConfigError(f"train={train}: this world changes from the day of its first sequence, {self.training}")
-        campus, events = self._year(self.routes(), Entry.of(sequence, self.sequences[self._named(sequence)]))
-        return changes_by(self._day(sequence), campus, events, origin_m(self.logs)[:2])
+        campus, events = self._year(self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)]))
+        return visible_changes(self._day(sequence), campus, events, origin_m(self.logs)[:2])
 
     def routes(self) -> Routes:
-        """The streets and the training sequence's plan on them."""
+        """The streets, and the plan of the training sequence on them."""
         return training_routes(self.seed, self.blocks, self.route_m, self.route_file, self._robot.streets_only)
 
-    def _way(self, entry: str) -> tuple[Routes, Plan]:
-        """The streets, and a sequence's way: through the one world of all sequences, or through a log's own."""
+    def _plan(self, entry: str) -> tuple[Routes, Plan]:
+        """The streets and the plan of a sequence, in the one world of all sequences or in the own world of a log."""
         robot, wanted = self._robot, self.sequences[entry]
         if robot.loops:
             seed = (self.seed + LOG_SEEDS * (1 + int(entry))) % (MAX_SEED + 1)
@@ -139,28 +138,28 @@ class Simulation:
         own = robot.loops or entry == self.training
         return routes, routes.training if own else routes.test(robot.departs(entry), wanted)
 
-    def _named(self, sequence: str) -> str:
-        """Whose entry a sequence has: its own, or its log's."""
+    def _entry_name(self, sequence: str) -> str:
+        """The name of the entry of a sequence: its own, or that of its log."""
         name = kitti_log(sequence) if self._robot.loops else sequence
         if name not in self.sequences:
             raise ConfigError(f"sequence {sequence}: not in world.sequences ({', '.join(self.sequences)})")
         return name
 
     def _day(self, name: str) -> int:
-        """Days after training."""
+        """Days after the training sequence."""
         return self._robot.departs(name).toordinal() - self._robot.departs(self.training).toordinal()
 
     def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
-        """The campus with all that changes over a sequence's year."""
+        """The campus with all changes over the year of a sequence, and its events."""
         densities = self.events_per_km_of_route, entry.events_per_km
         count, wanted = (round(events_per_km * routes.route_m / 1000) for events_per_km in densities)
         campus, further = build_campus(routes.seed, self.blocks, routes.streets), max(wanted - count, 0)
         line_m = routes.training.line_m
-        return pass_a_year(routes.seed, campus, line_m, count, self.near_route, further, entry.near_route)
+        return simulate_year(routes.seed, campus, line_m, count, self.near_route, further, entry.near_route)
 
-    def _drive(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
-        """Build the world and drive through it."""
-        (routes, plan), entry, robot = self._way(name), Entry.of(name, self.sequences[name]), self._robot
+    def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
+        """Build the world and the drive of a sequence; writes the events of its year below `truth`."""
+        (routes, plan), entry, robot = self._plan(name), Entry.of(name, self.sequences[name]), self._robot
         seed, when, day = routes.seed, robot.departs(name), self._day(name)
         campus, events = self._year(routes, entry)
         line = plan.line_m, campus.ground, routes.route_m, self.step_m
@@ -169,5 +168,5 @@ class Simulation:
         if side:
             side.open()
             side.write_year(day, events, {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage})
-        today = dawn(seed, campus, when, day)
+        today = simulate_day(seed, campus, when, day)
         return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), None, side), plan

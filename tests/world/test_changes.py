@@ -9,8 +9,7 @@ from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
 from pipeline.world.driving.entry import Entry
 from pipeline.world.layout.campus import Campus, shapes_on
-from pipeline.world.layout.changes import changes_by
-from pipeline.world.layout.events import Event
+from pipeline.world.layout.events import Event, visible_changes
 from pipeline.world.layout.greenery import Plant
 from pipeline.world.layout.shapes import Species
 from pipeline.world.simulation import Simulation
@@ -37,8 +36,8 @@ def nobody(campus_and_plan: tuple[Campus, object]) -> Campus:
 )
 def test_a_change_shows_from_its_first_difference(nobody: Campus, what: str, done: float, first: int):
     events = [Event(what, done, 3.0, 4.0)]
-    assert changes_by(first - 1, nobody, events, HERE) == []
-    assert changes_by(first, nobody, events, np.array([10.0, 20.0])) == [Change(what, first, int(np.ceil(done)), 13.0, 24.0)]
+    assert visible_changes(first - 1, nobody, events, HERE) == []
+    assert visible_changes(first, nobody, events, np.array([10.0, 20.0])) == [Change(what, first, int(np.ceil(done)), 13.0, 24.0)]
 
 
 def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
@@ -50,7 +49,7 @@ def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
         replace(oak, trunk_m=0.0, dead_day=60.0),
     )
     grown = replace(nobody, plants=(oak, planted, felled, cleared, bush))
-    told = changes_by(400, grown, [Event("construction", 300.0, 3.0, 4.0)], HERE)
+    told = visible_changes(400, grown, [Event("construction", 300.0, 3.0, 4.0)], HERE)
     assert told == [
         Change("tree", 31, 31, 1.0, 2.0),
         Change("tree", 50, 50, 5.0, 2.0),

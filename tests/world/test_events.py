@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.world.layout.campus import Campus, shapes_on
-from pipeline.world.layout.events import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, Event, pass_a_year
+from pipeline.world.layout.events import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, Event, simulate_year
 from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.layout.streets import distance_to_segments_m
@@ -11,7 +11,7 @@ from pipeline.world.layout.streets import distance_to_segments_m
 @pytest.fixture(scope="module")
 def year(campus_and_plan: tuple[Campus, Plan]) -> tuple[Campus, list[Event]]:
     campus, plan = campus_and_plan
-    return pass_a_year(8, campus, plan.line_m, 6, 1.0)
+    return simulate_year(8, campus, plan.line_m, 6, 1.0)
 
 
 def _boxes_at(campus: Campus, event: Event, day: float, kind: Kind) -> int:
@@ -24,19 +24,12 @@ def _first(events: list[Event], what: str) -> Event:
     return next(event for event in events if event.what == what)
 
 
-def test_a_new_building_stands_from_its_date(year: tuple[Campus, list[Event]]):
+def test_a_mound_gives_way_to_a_new_building(year: tuple[Campus, list[Event]]):
     campus, events = year
     built = _first(events, "construction")
-    assert _boxes_at(campus, built, built.day - 2, Kind.BUILDING) == 0
-    assert _boxes_at(campus, built, built.day + 2, Kind.BUILDING) > 0
-
-
-def test_a_mound_lies_on_the_site_before_the_building(year: tuple[Campus, list[Event]]):
-    campus, events = year
-    built = _first(events, "construction")
-    assert _boxes_at(campus, built, built.day - MOUND_BEFORE_DAYS - 2, Kind.WORKS) == 0
-    assert _boxes_at(campus, built, built.day - MOUND_BEFORE_DAYS + 2, Kind.WORKS) == 1
-    assert _boxes_at(campus, built, built.day + 2, Kind.WORKS) == 0
+    mound_day = built.day - MOUND_BEFORE_DAYS
+    assert [_boxes_at(campus, built, day, Kind.WORKS) for day in (mound_day - 2, mound_day + 2, built.day + 2)] == [0, 1, 0]
+    assert _boxes_at(campus, built, built.day - 2, Kind.BUILDING) == 0 < _boxes_at(campus, built, built.day + 2, Kind.BUILDING)
 
 
 def test_a_site_is_fenced_in_and_no_fence_crosses_a_street(year: tuple[Campus, list[Event]]):
@@ -46,15 +39,10 @@ def test_a_site_is_fenced_in_and_no_fence_crosses_a_street(year: tuple[Campus, l
     fence = next(thing for thing in boards if (thing.x_m, thing.y_m) == (built.x_m, built.y_m))
     assert fence.born_day == built.day - FENCE_BEFORE_DAYS
     for board in boards:
-        corners = np.array(
-            [
-                [part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m]
-                for part in board.parts
-                for u in np.linspace(-1, 1, 60)
-                for v in np.linspace(-1, 1, 60)
-            ]
-        )
-        assert campus.streets.clearance_m(board.to_world(corners)).min() > 0
+        u, v = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
+        for part in board.parts:
+            places = np.stack([part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], -1).reshape(-1, 2)
+            assert campus.streets.clearance_m(board.to_world(places)).min() > 0
 
 
 def test_a_demolished_building_is_gone(year: tuple[Campus, list[Event]]):

@@ -1,20 +1,25 @@
 import numpy as np
 import pytest
 
-from pipeline.world.driving.lidar import hdl32, hdl64, lms151, measure, return_probability
+from pipeline.world.driving.lidar import Lidar, Returns, hdl32, hdl64, lms151, measure
 from pipeline.world.driving.scene import build_scene
 from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
 
 SEED = np.uint64(9)
 RAYS = 20_000
+NOTHING = np.zeros(0, BOX)
+FLAT = Ground(np.zeros((30, 30)), -120.0, -120.0)
+
+
+def scan(lidar: Lidar, boxes: np.ndarray = NOTHING, world_T_body: np.ndarray | None = None) -> Returns:
+    scene = build_scene(boxes, np.zeros(0, CYLINDER), np.zeros(0, CROWN), FLAT)
+    return lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4) if world_T_body is None else world_T_body, SEED)
 
 
 @pytest.mark.parametrize(("range_m", "share"), [(50.0, 0.9394), (100.0, 0.3679), (120.0, 0.1257)])
 def test_returns_fade_with_the_fourth_power_of_the_range(range_m: float, share: float):
-    # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257.
-    assert return_probability(np.array([range_m]), np.array([0.1]), 100.0)[0] == pytest.approx(share, abs=1e-4)
-    # 3 % drop out besides.
+    # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257; 3 % drop out besides.
     back = measure(np.full(RAYS, range_m), np.full(RAYS, 0.1), 0.02, 0.03, 100.0, SEED) > 0
     assert back.mean() == pytest.approx(0.97 * share, abs=0.01)
 
@@ -27,9 +32,7 @@ def test_ranges_are_two_centimetres_noisy():
 
 
 def test_ground_rings_end_near_thirty_metres():
-    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
-    scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    returns = hdl32(720).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    returns = scan(hdl32(720))
     reach_m = np.hypot(*returns.points_m[:, :2].T)
     assert 20 < np.percentile(reach_m, 99.5) < 40
     assert abs(np.median(returns.points_m[:, 2]) + 1.3) < 0.02
@@ -40,21 +43,17 @@ def test_a_tilted_body_sees_level_ground_tilted():
     pitch = np.deg2rad(10.0)
     c, s = np.cos(pitch), np.sin(pitch)
     world_T_body = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1.0]])
-    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
-    scene = build_scene(np.zeros(0, BOX), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    points_m = hdl32(720).scan(scene, np.zeros(0, CYLINDER), world_T_body, SEED).points_m
+    points_m = scan(hdl32(720), world_T_body=world_T_body).points_m
     ahead = points_m[(np.abs(points_m[:, 1]) < 0.5) & (np.abs(points_m[:, 0] - 5) < 0.4)]
     assert len(ahead) > 5
     assert np.median((ahead[:, 2] + 1.3) / ahead[:, 0]) == pytest.approx(np.tan(pitch), abs=0.01)
 
 
+WALL = {"half_length_m": 30.0, "half_width_m": 1.0, "x_m": 0.0, "cos_yaw": 1.0, "reflectance": 0.4, "kind": Kind.BUILDING}
+
+
 def test_lasers_are_numbered_from_the_lowest_beam():
-    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
-    shed = records(
-        BOX, half_length_m=30.0, half_width_m=1.0, x_m=0.0, y_m=9.0, cos_yaw=1.0, top_m=9.0, reflectance=0.4, kind=Kind.BUILDING
-    )
-    scene = build_scene(shed, np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat)
-    returns = hdl32(360).scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    returns = scan(hdl32(360), records(BOX, y_m=9.0, top_m=9.0, **WALL))
     assert set(returns.laser.tolist()) == set(range(32))
     assert set(returns.kind.tolist()) == {Kind.GROUND, Kind.BUILDING}
     elevation = np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T))
@@ -71,13 +70,8 @@ def test_a_push_broom_hangs_as_robotcar_publishes_it():
 
 
 def test_a_sweep_sees_the_ground_below_and_walls_on_both_sides():
-    flat = Ground(np.zeros((30, 30)), -120.0, -120.0)
-    sides = {"half_length_m": 30.0, "half_width_m": 1.0, "x_m": 0.0, "cos_yaw": 1.0, "reflectance": 0.4, "kind": Kind.BUILDING}
-    scene = build_scene(
-        records(BOX, y_m=[11.0, -6.0], top_m=[9.0, 9.0], **sides), np.zeros(0, CYLINDER), np.zeros(0, CROWN), flat
-    )
     lidar = lms151(541)
-    returns = lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4), SEED)
+    returns = scan(lidar, records(BOX, y_m=[11.0, -6.0], top_m=[9.0, 9.0], **WALL))
     assert (returns.points_m[:, 2] == 0).all()
     points_m = returns.points_m @ lidar.body_T_sensor[:3, :3].T + lidar.body_T_sensor[:3, 3]
     ground, wall = returns.kind == Kind.GROUND, returns.kind == Kind.BUILDING

@@ -5,9 +5,9 @@ import pytest
 
 from pipeline.frames import Poses
 from pipeline.world.driving.drive import drive
-from pipeline.world.driving.ins import inertial
+from pipeline.world.driving.ins import simulate_ins
 from pipeline.world.driving.motion import CAR
-from pipeline.world.driving.odometry import integrate, visual
+from pipeline.world.driving.odometry import visual_odometry, wheel_odometry
 from pipeline.world.layout.ground import Ground
 
 FLAT = Ground(np.zeros((600, 40)), -100.0, -100.0)
@@ -23,7 +23,7 @@ def driven() -> Poses:
 
 def test_odometry_starts_at_the_origin_and_drifts_a_few_per_cent(driven: Poses):
     poses = driven[:2400]
-    drifted = integrate(np.random.default_rng(1), poses)
+    drifted = wheel_odometry(np.random.default_rng(1), poses)
     assert drifted[0] == pytest.approx(np.eye(4), abs=1e-9)
     start_T_body = np.linalg.inv(poses[0]) @ poses
     errors_m = np.linalg.norm(drifted[:, :3, 3] - start_T_body[:, :3, 3], axis=1)
@@ -37,7 +37,7 @@ def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
     drifts_m, turns_deg = [], []
     for seed in range(60):
         chained = [np.eye(4)]
-        for motion in visual(np.random.default_rng(seed), driven[:1000]):
+        for motion in visual_odometry(np.random.default_rng(seed), driven[:1000]):
             chained.append(chained[-1] @ motion)
         start, end = np.arange(0, 1000 - WINDOW, 80), np.arange(WINDOW, 1000, 80)
         told = np.linalg.inv(np.array(chained)[end]) @ np.array(chained)[start]
@@ -53,7 +53,7 @@ def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
 
 
 def test_visual_odometry_begins_anew_with_every_image(driven: Poses):
-    motion = visual(np.random.default_rng(1), driven[:100])
+    motion = visual_odometry(np.random.default_rng(1), driven[:100])
     true = np.linalg.inv(driven[:99]) @ driven[1:100]
     assert motion.shape == (99, 4, 4)
     # 1 % of half a metre, and 1 cm × √0.5
@@ -62,7 +62,7 @@ def test_visual_odometry_begins_anew_with_every_image(driven: Poses):
 
 
 def test_an_ins_is_true_but_for_a_few_outages_in_a_kilometre(driven: Poses):
-    told, good = inertial(np.random.default_rng(3), driven)
+    told, good = simulate_ins(np.random.default_rng(3), driven)
     assert told[good] == pytest.approx(driven[good], abs=0)
     starts = np.flatnonzero(good[:-1] & ~good[1:]) + 1
     ends = np.flatnonzero(~good[:-1] & good[1:]) + 1

@@ -6,11 +6,11 @@ import pytest
 from pipeline.world.driving.drive import drive
 from pipeline.world.layout.ground import rolling_ground
 from pipeline.world.layout.plan import plan_loops, plan_test, plan_training
-from pipeline.world.layout.streets import lay_streets
+from pipeline.world.layout.streets import build_streets
 from pipeline.world.seeds import Stream, generator
 
 ROUTE_M = 1200.0
-STREETS = lay_streets(generator(0, Stream.STREETS), 8)
+STREETS = build_streets(generator(0, Stream.STREETS), 8)
 TRAINING = plan_training(generator(0, Stream.TRAINING_PLAN), STREETS, ROUTE_M)
 
 

@@ -3,7 +3,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.world.driving.day import dawn
+from pipeline.world.driving.day import simulate_day
 from pipeline.world.driving.lidar import hdl32
 from pipeline.world.driving.raycast import cast
 from pipeline.world.driving.scene import build_scene
@@ -42,7 +42,7 @@ def test_a_mover_hides_what_is_behind_it():
 
 def test_the_grid_walk_sees_what_brute_force_sees(campus_and_plan: tuple[Campus, Plan]):
     campus, plan = campus_and_plan
-    day = dawn(8, campus, date(2012, 6, 15), 152)
+    day = simulate_day(8, campus, date(2012, 6, 15), 152)
     rng = np.random.default_rng(0)
     rays = hdl32(40).directions
     solid, leaves, ground = [], [], []

@@ -1,13 +1,11 @@
 """Sequences that are hard in one way each: what makes them so, and that nothing else changes."""
 
-import hashlib
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
@@ -18,8 +16,8 @@ from pipeline.world.layout.events import FENCE_BEFORE_DAYS, Event
 from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
+from tests.world.helpers import contents, preset
 
-CONF = Path(__file__).parents[2] / "conf" / "world"
 TRAINING, TEST = "2012-01-15", "2012-02-04"
 FLAT, STRAIGHT_M = Ground(np.zeros((200, 40)), -100.0, -100.0), np.array([[0.0, 0.0], [1300.0, 0.0]])
 HEAVY = Entry(0.08, 0.0, events_per_km=120.0)
@@ -66,12 +64,8 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
     for name, world in (("without", small), ("with", replace(small, sequences=table))):
         for sequence in (TRAINING, TEST):
             world.record(sequence, tmp_path / name / sequence, Compute(workers=1), Progress())
-    digests = [
-        [hashlib.sha256(path.read_bytes()).digest() for path in sorted((tmp_path / name).rglob("*.*")) if path.is_file()]
-        for name in ("without", "with")
-    ]
-    assert digests[0] == digests[1]
-    assert len(digests[0]) == 2 * 27  # 25 scans, the truth, the odometry
+    assert contents(tmp_path / "without") == contents(tmp_path / "with")
+    assert len(contents(tmp_path / "with")) == 2 * 27  # 25 scans, the truth, the odometry
 
 
 @pytest.mark.parametrize("lateral_m", [2.0, -1.0])
@@ -85,18 +79,15 @@ def test_a_lateral_offset_moves_the_whole_drive_and_no_more(lateral_m: float):
 
 @pytest.mark.parametrize(("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")])
 def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
-    keys = yaml.safe_load((CONF / f"{name}.yaml").read_text())
-    keys.pop("_target_")
-    plan = Simulation(**keys)._way(reverse)[1]
+    plan = preset(name)._plan(reverse)[1]
     # At a corner of its route the way across comes within 10 m: about 20 m of each 95 m, when it leads in a like direction.
     assert plan.reversed > 0.9
     assert 0.02 < plan.unseen < 0.15
 
 
-@pytest.mark.parametrize("preset", ["campus_tiny", "campus_demo", "campus_year", "town_tiny", "town_demo", "town_year"])
-def test_stress_is_the_same_in_every_preset(preset: str):
-    table = yaml.safe_load((CONF / f"{preset}.yaml").read_text())["sequences"]
-    assert list(table.values())[-3:] == [
+@pytest.mark.parametrize("name", ["campus_tiny", "campus_demo", "campus_year", "town_tiny", "town_demo", "town_year"])
+def test_stress_is_the_same_in_every_preset(name: str):
+    assert list(preset(name).sequences.values())[-3:] == [
         {"unseen": 0.08, "reversed": 1.0},
         {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5},
         {"unseen": 0.08, "reversed": 0.0, "events_per_km": 14.0, "near_route": 1.0},

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.kitti import Kitti, read_poses
@@ -17,9 +16,8 @@ from pipeline.world.layout.campus import build_campus
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.names import KITTI_DATE
 from pipeline.world.simulation import Simulation
-from tests.world.walls import off_walls_m
+from tests.world.helpers import contents, off_walls_m, preset
 
-CONF = Path(__file__).parents[2] / "conf" / "world"
 READER = Kitti(root_per_sequence=True)
 LOGS = {"00": {"unseen": 0.1, "reversed": 0.3}, "01": {"unseen": 0.1, "reversed": 0.0}}
 
@@ -38,7 +36,7 @@ def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 @pytest.fixture(scope="module")
 def true_poses(suburb: Simulation) -> np.ndarray:
     """World poses (scan, 4, 4) of log 00's lidar."""
-    routes, plan = suburb._way("00")
+    routes, plan = suburb._plan("00")
     ground = build_campus(routes.seed, suburb.blocks, routes.streets).ground
     driven = drive(routes.seed, KITTI_DATE, plan.line_m, ground, suburb.route_m, suburb.step_m, CAR)
     up = np.eye(4)
@@ -86,7 +84,7 @@ def test_the_poses_put_every_wall_point_on_a_wall(suburb: Simulation, logs: tupl
     walls_m = np.concatenate(walls_m)
     assert len(walls_m) > 500
     # 2 cm of noise: 5 sds
-    assert off_walls_m(suburb, "00", walls_m, suburb._way("00")[0]).max() < 0.11
+    assert off_walls_m(suburb, "00", walls_m, suburb._plan("00")[0]).max() < 0.11
 
 
 def test_scans_lie_on_the_road(logs: tuple[Path, Path, Recording]):
@@ -113,13 +111,11 @@ def test_the_second_half_revisits_the_first(suburb: Simulation, logs: tuple[Path
 
 def test_both_parts_are_the_same_bytes_however_computed(suburb: Simulation, logs: tuple[Path, Path, Recording], tmp_path: Path):
     suburb.record("00-b", tmp_path, Compute("processes", 2), Progress())
-    files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
-    assert files == sorted(path.relative_to(logs[0] / "00-a") for path in (logs[0] / "00-a").rglob("*") if path.is_file())
-    assert all((tmp_path / path).read_bytes() == (logs[0] / "00-a" / path).read_bytes() for path in files)
+    assert contents(tmp_path) == contents(logs[0] / "00-a")
 
 
 def test_every_log_has_a_place_of_its_own(suburb: Simulation):
-    streets = [suburb._way(log)[0].streets.nodes_m for log in LOGS]
+    streets = [suburb._plan(log)[0].streets.nodes_m for log in LOGS]
     assert np.abs(streets[0][:5] - streets[1][:5]).max() > 1.0
 
 
@@ -128,8 +124,6 @@ def test_the_table_names_whole_logs(suburb: Simulation, tmp_path: Path):
         suburb.record("02-a", tmp_path, Compute(workers=1), Progress())
 
 
-@pytest.mark.parametrize(("preset", "number"), [("tiny", 2), ("demo", 4)])
-def test_the_presets_hold_logs(preset: str, number: int):
-    keys = yaml.safe_load((CONF / f"suburb_{preset}.yaml").read_text())
-    assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
-    assert list(Simulation(**keys).sequences) == [f"{log:02d}" for log in range(number)]
+@pytest.mark.parametrize(("size", "number"), [("tiny", 2), ("demo", 4)])
+def test_the_presets_hold_logs(size: str, number: int):
+    assert list(preset(f"suburb_{size}").sequences) == [f"{log:02d}" for log in range(number)]

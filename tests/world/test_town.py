@@ -15,16 +15,11 @@ from pipeline.running.progress import Progress
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
-from tests.world.walls import off_walls_m
+from tests.world.helpers import CONF, contents, off_walls_m, preset
 
-CONF = Path(__file__).parents[2] / "conf" / "world"
 TRAINING, TEST = "2014-07-14-14-49-50", "2014-11-25-09-18-32"
 SEQUENCES = {TRAINING: {"unseen": 0.0, "reversed": 0.0}, TEST: {"unseen": 0.1, "reversed": 0.0}}
 CAMERA_M = 1.9411
-
-
-def _digest(root: Path) -> list[tuple[str, bytes]]:
-    return sorted((str(path.relative_to(root)), path.read_bytes()) for path in root.rglob("*") if path.is_file())
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +120,7 @@ def test_odometry_drifts_little_over_a_submap(log: Log):
 @pytest.mark.parametrize("compute", [Compute(workers=2), Compute("processes", 2)])
 def test_no_way_of_computing_changes_a_byte(town: Simulation, logs: tuple[Path, Path], tmp_path: Path, compute: Compute):
     recording = town.record(TEST, tmp_path / TEST, compute, Progress())
-    assert _digest(tmp_path) == _digest(logs[0])
+    assert contents(tmp_path) == contents(logs[0])
     assert str(recording).startswith("1000 sweeps, ")
 
 
@@ -139,12 +134,10 @@ def test_an_unknown_drive_is_one_line_of_error(town: Simulation, tmp_path: Path)
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("preset", "drives"), [("tiny", 5), ("demo", 7), ("year", 14)])
-def test_the_presets_drive_the_papers_dates(preset: str, drives: int):
-    keys = yaml.safe_load((CONF / f"town_{preset}.yaml").read_text())
-    assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
-    world = Simulation(**keys)
+@pytest.mark.parametrize(("size", "drives"), [("tiny", 5), ("demo", 7), ("year", 14)])
+def test_the_presets_drive_the_papers_dates(size: str, drives: int):
+    world = preset(f"town_{size}")
     assert (world.seed, len(world.sequences), world.training) == (1, drives, TRAINING)
     study = yaml.safe_load((CONF.parent / "dataset" / "town.yaml").read_text())["study"]
     assert study["train"] == TRAINING
-    assert [TRAINING, *study["tests"][preset]] == list(world.sequences)[:-3]
+    assert [TRAINING, *study["tests"][size]] == list(world.sequences)[:-3]

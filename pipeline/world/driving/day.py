@@ -1,4 +1,4 @@
-"""The campus on one day: its season, its parked cars, and who and what moves."""
+"""The campus on one day: its season, its parked cars, and its moving people and cars."""
 
 from dataclasses import dataclass
 from datetime import date
@@ -30,18 +30,19 @@ MOVERS_WITHIN_M = 80.0
 
 @dataclass(frozen=True)
 class Traffic:
-    """Things that go up and down a street each; when one reaches the end it starts anew."""
+    """People or cars, each moving along one street; at its end it starts again at the beginning."""
 
     starts_m: NDArray[np.float64]
-    """(n, 2) where each one's street starts, on its own line along it."""
+    """(n, 2) start of the line that each one moves on."""
     spans_m: NDArray[np.float64]
-    """(n, 2) from there to the street's end."""
+    """(n, 2) vector from there to the end of the line."""
     phases: NDArray[np.float64]
+    """(n,) share of the line covered at time 0."""
     speeds_mps: NDArray[np.float64]
-    """(n,) negative towards the street's start."""
+    """(n,) negative towards the start of the line."""
 
     def at(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Places (n, 2) and the unit vectors (n, 2) along their streets."""
+        """Places (n, 2) in metres and the unit vectors (n, 2) along their streets."""
         lengths_m = np.hypot(*self.spans_m.T)
         share = (self.phases + self.speeds_mps * time_s / lengths_m) % 1.0
         return self.starts_m + share[:, None] * self.spans_m, self.spans_m / lengths_m[:, None]
@@ -49,7 +50,7 @@ class Traffic:
 
 @dataclass(frozen=True)
 class Day:
-    """What a scan of this day can see."""
+    """Everything that a scan of this day can hit."""
 
     scene: Scene
     ground: Ground
@@ -58,14 +59,14 @@ class Day:
     drivers: Traffic
 
     def movers(self, time_s: float, robot_m: NDArray[np.float64], keep_off_m: float) -> Records:
-        """People and moving cars, as cylinders, `time_s` into the drive and within sight of `robot_m` (2,), which they avoid."""
+        """People and moving cars as cylinders, `time_s` into the drive, near `robot_m` (2,) but not within `keep_off_m` of it."""
         walkers_m = self.walkers.at(time_s)[0]
         cars_m, along = self.drivers.at(time_s)
         parts_m = (cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]).reshape(-1, 2)
         people = people_at(walkers_m, self.walker_heights_m, self.ground)
         base_m = self.ground.at(parts_m)
-        low_high = {"bottom_m": base_m + 0.2, "top_m": base_m + 1.5, "radius_m": DRIVER_RADIUS_M}
-        cars = records(CYLINDER, x_m=parts_m[:, 0], y_m=parts_m[:, 1], reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **low_high)
+        size = {"bottom_m": base_m + 0.2, "top_m": base_m + 1.5, "radius_m": DRIVER_RADIUS_M}
+        cars = records(CYLINDER, x_m=parts_m[:, 0], y_m=parts_m[:, 1], reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **size)
         movers: Records = np.concatenate([people, cars])
         gap_m = np.hypot(movers["x_m"] - robot_m[0], movers["y_m"] - robot_m[1])
         near: Records = movers[(gap_m < MOVERS_WITHIN_M) & (gap_m - movers["radius_m"] > keep_off_m)]
@@ -79,8 +80,8 @@ def people_at(xy_m: NDArray[np.float64], heights_m: NDArray[np.float64], ground:
     return records(CYLINDER, x_m=xy_m[:, 0], y_m=xy_m[:, 1], reflectance=PERSON_REFLECTANCE, kind=Kind.PERSON, **size)
 
 
-def dawn(seed: int, campus: Campus, when: date, day: int) -> Day:
-    """The campus on the date `when`, `day` days after the training sequence."""
+def simulate_day(seed: int, campus: Campus, when: date, day: int) -> Day:
+    """The campus on the date `when`, which is `day` days after the training sequence."""
     rng = generator(seed, Stream.DAY, when)
     boxes, cylinders, crowns = shapes_on(campus, day)
     boxes = np.concatenate([boxes, _parked_cars(rng, campus, day)])
@@ -103,7 +104,7 @@ def dawn(seed: int, campus: Campus, when: date, day: int) -> Day:
 def _traffic(
     rng: np.random.Generator, campus: Campus, choice: NDArray[np.int64], count: int, speeds_mps: tuple[float, float]
 ) -> tuple[NDArray[np.int64], Traffic]:
-    """The streets of `count` movers, drawn from `choice`, and their traffic along the streets' middle."""
+    """The streets (count,) of random movers, chosen from `choice`, and their traffic along the middle of these streets."""
     rows = choice[rng.integers(0, max(len(choice), 1), count)]
     starts_m, ends_m = campus.streets.starts_m[rows], campus.streets.ends_m[rows]
     phases, signs = rng.random(count), rng.choice([-1, 1], count)
@@ -111,14 +112,14 @@ def _traffic(
 
 
 def _aside(campus: Campus, traffic: tuple[NDArray[np.int64], Traffic], left_m: NDArray[np.float64]) -> Traffic:
-    """The same traffic, `left_m` (n, 1) left of the streets' middle."""
+    """The same traffic, `left_m` (n, 1) left of the middle of the streets."""
     rows, middle = traffic
     left = campus.streets.directions()[1][rows]
     return Traffic(middle.starts_m + left_m * left, middle.spans_m, middle.phases, middle.speeds_mps)
 
 
 def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
-    """Cars in a share of the open slots that differs from day to day and, smoothly, from place to place."""
+    """Cars in random open slots; the share of taken slots differs from day to day and, smoothly, from place to place."""
     slots = np.array([(slot.x_m, slot.y_m, slot.yaw_rad, slot.dead_day) for slot in campus.slots]).reshape(-1, 4)
     phase_x, phase_y = rng.uniform(0, 2 * np.pi, 2)
     occupancy = rng.uniform(*OCCUPANCIES)

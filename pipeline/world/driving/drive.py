@@ -13,14 +13,14 @@ from pipeline.world.layout.ground import Ground
 from pipeline.world.seeds import Stream, generator
 
 LEAD_S = 2.0
-"""How long the truth runs before the first scan and after the last."""
+"""The truth begins so long before the first scan, and ends so long after the last."""
 DEPARTURE = time(14, tzinfo=UTC)
-"""Of a drive whose name tells only its date."""
+"""Time of a drive whose name is only a date."""
 
 LINE_STEP_M = 0.25
 OFFSET_CORRELATION_M, OFFSET_CLIP_M = 25.0, 3.0
 OFFSET_SMOOTHING_M, OFFSET_RESTORED = 20.0, 1.25
-"""The offset is smoothed, so that the robot weaves and does not jitter; the factor gives back the spread that this costs."""
+"""The offset is smoothed, so that the robot weaves and does not jitter; the factor restores the lost standard deviation."""
 
 TILT_CORRELATION_M, TILT_CLIP_DEG = 3.0, 5.0
 HEADING_CORRELATION_M, HEADING_CLIP_DEG = 6.0, 11.5
@@ -32,16 +32,16 @@ PILOT_SIDE_SD_DEG = 20.0
 
 @dataclass(frozen=True)
 class Drive:
-    """True poses at KNOTS_HZ and at every scan's stamp, so that interpolation between rows meets the scans exactly."""
+    """True poses at KNOTS_HZ and at the stamp of every scan, so that interpolation is exact at the scans."""
 
     utimes: Stamps
     """(k,) microseconds since 1970, increasing."""
     world_T_body: Poses
-    """(k, 4, 4) z up, origin on the ground under the robot."""
+    """(k, 4, 4) of the z-up body, whose origin is on the ground under the robot."""
     scan_rows: NDArray[np.int64]
-    """(n,) the rows at which the lidar scans."""
+    """(n,) the rows of the scans."""
     pilot_m: NDArray[np.float64] | None = None
-    """(n, 2) where the pilot walks, in the world, at each scan; None: nobody does."""
+    """(n, 2) position of the pilot in the world at each scan; None: there is no pilot."""
 
     @property
     def scan_utimes(self) -> Stamps:
@@ -75,7 +75,7 @@ def drive(
 ) -> Drive:
     """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every `step_m`.
 
-    It departs at `when`, or on that date at DEPARTURE, and keeps `lateral_m` left of its usual line, but on the street.
+    It departs at `when`, or on that date at DEPARTURE. It drives `lateral_m` left of its usual line, but on the street.
     """
     rng = generator(seed, Stream.DRIVE, when)
     path_m, heading = _path(rng, line_m, motion, lateral_m)
@@ -110,7 +110,7 @@ def drive(
 def _path(
     rng: np.random.Generator, line_m: NDArray[np.float64], motion: Motion, lateral_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (n, 2) every LINE_STEP_M of the path really driven along `line_m`, and the heading (n,) there, unwrapped."""
+    """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings (n,) in radians."""
     middle_m = _resample(line_m)
     middle_m = np.stack([smooth(middle_m[:, axis], round(motion.corner_m / LINE_STEP_M)) for axis in (0, 1)], 1)
     along = np.gradient(middle_m, axis=0)
@@ -140,7 +140,7 @@ def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> NDArray[np
 
 
 def _slope(ground: Ground, xy_m: NDArray[np.float64], heading: NDArray[np.float64], over_m: float) -> NDArray[np.float64]:
-    """Roll and pitch (n, 2) in radians of what stands on the ground at `xy_m` (n, 2); going uphill is a pitch below 0."""
+    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2); uphill is a pitch below 0."""
     ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left = ahead[:, ::-1] * (-1, 1)
     rises_m = [ground.at(xy_m + way) - ground.at(xy_m - way) for way in (left, ahead)]
@@ -150,7 +150,7 @@ def _slope(ground: Ground, xy_m: NDArray[np.float64], heading: NDArray[np.float6
 def _pilot(
     rng: np.random.Generator, xy_m: NDArray[np.float64], heading: NDArray[np.float64], step_m: float
 ) -> NDArray[np.float64]:
-    """Where the pilot walks (n, 2): behind, a little to one side, never quite there."""
+    """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and angle."""
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
     bearing_deg = wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
     range_m = PILOT_BEHIND_M + wander(rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M)

@@ -1,4 +1,4 @@
-"""A sequence's entry in the table of conf/world's yamls: which way it goes, and what makes it hard."""
+"""The settings of one sequence in the yamls of conf/world: its route, and how difficult it is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -11,25 +11,25 @@ from pipeline.world.driving.drive import OFFSET_CLIP_M
 
 @dataclass(frozen=True)
 class Entry:
-    """What a sequence is wanted to be; all but its shares may be left out."""
+    """The settings of a sequence; all but `unseen` and `reversed` are optional."""
 
     unseen: float
-    """The share of its route that the training sequence leaves out; a scanner car's, of its second half against its first."""
+    """The share of its route outside that of the training sequence; for a scanner car, of its second half outside its first."""
     reversed: float
-    """The share of the rest that it drives against the training sequence's direction."""
+    """The share of the rest that it drives opposite to the training sequence."""
     events_per_km: float = 0.0
-    """At least so many events in its year: the world's own, and further ones, none of which shows on the training day."""
+    """Minimum of events in its year: those of the world, and further ones, which are invisible on the training day."""
     near_route: float = 1.0
     """The share of the further events near the training route."""
     lateral_m: float = 0.0
-    """How far left of its usual line it drives; to the right below 0."""
+    """Offset to the left of its usual line; negative to the right."""
 
     @classmethod
-    def of(cls, sequence: str, words: Mapping[str, float]) -> Self:
-        """From the table; raises ConfigError in one line."""
+    def of(cls, sequence: str, settings: Mapping[str, float]) -> Self:
+        """The entry from its settings in the yaml; raises ConfigError."""
         group = f"world.sequences.{sequence}"
         try:
-            entry = cls(**words)
+            entry = cls(**settings)
         except TypeError:
             names = [field.name for field in fields(cls)]
             raise ConfigError(f"{group}: needs unseen and reversed, and takes {', '.join(names[2:-1])} and {names[-1]}") from None

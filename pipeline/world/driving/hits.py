@@ -1,10 +1,11 @@
-"""Where a ray meets one shape: closed forms, one function a shape.
+"""Intersections of a ray with one shape, in closed form, one function per shape.
 
-Each returns (range_m, cosine) with range_m = MISS where it does not. A porous shape returns after a free path of −log(u) over its
-extinction (Beer–Lambert), so foliage needs no leaves, and u comes from a hash: the result depends on no order of evaluation.
+Each returns the range in metres, MISS where the ray does not meet the shape, and the cosine of incidence. In a porous shape the
+free path of a ray is −log(u) / extinction (Beer–Lambert), so foliage needs no single leaves; u comes from a hash, so the result
+does not depend on the order of evaluation.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba import njit
@@ -13,10 +14,13 @@ MISS = -1.0
 LEAF_COSINE = 0.8
 _PARALLEL = 1e-12
 
+Vector: TypeAlias = tuple[float, float, float]
+"""x, y, z in the world."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
-    """A number in (0, 1) that follows from its three arguments alone (splitmix64's finaliser)."""
+    """A pseudo-random number in (0, 1), a function of the three arguments alone (finaliser of splitmix64)."""
     word = (
         np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
         ^ (np.uint64(ray) + np.uint64(0x632BE59BD9B4E019)) * np.uint64(0xBF58476D1CE4E5B9)
@@ -32,7 +36,7 @@ def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """The ranges at which a ray enters and leaves low <= start + range × step <= high; enter > leave where it never does."""
+    """The ranges at which a ray enters and leaves low <= start + range × step <= high; enter > leave if it never enters."""
     if abs(step) < _PARALLEL:
         return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
     a, b = (low - start) / step, (high - start) / step
@@ -40,8 +44,9 @@ def _slab(start: float, step: float, low: float, high: float) -> tuple[float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hit_box(box: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, u: float) -> tuple[float, float]:
-    """Where the ray from o along d enters a box; never from inside."""
+def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
+    """Where the ray enters a box; a ray that starts inside misses it."""
+    (ox, oy, oz), (dx, dy, dz) = origin, direction
     ahead, left = ox - box.x_m, oy - box.y_m
     along, across = dx * box.cos_yaw + dy * box.sin_yaw, dy * box.cos_yaw - dx * box.sin_yaw
     in_x, out_x = _slab(ahead * box.cos_yaw + left * box.sin_yaw, along, -box.half_length_m, box.half_length_m)
@@ -60,8 +65,9 @@ def hit_box(box: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hit_cylinder(cylinder: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> tuple[float, float]:
-    """Where the ray from o along d meets an upright cylinder's side; its caps are open."""
+def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[float, float]:
+    """Where the ray meets the side of an upright cylinder; the caps are open."""
+    (ox, oy, oz), (dx, dy, dz) = origin, direction
     east, north = cylinder.x_m - ox, cylinder.y_m - oy
     level2 = dx * dx + dy * dy
     aside = east * dy - north * dx
@@ -76,8 +82,9 @@ def hit_cylinder(cylinder: Any, ox: float, oy: float, oz: float, dx: float, dy: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hit_crown(crown: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, u: float) -> tuple[float, float]:
-    """Where the ray from o along d is stopped inside a porous ellipsoid."""
+def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
+    """Where the ray is stopped inside a porous ellipsoid."""
+    (ox, oy, oz), (dx, dy, dz) = origin, direction
     px, py = (ox - crown.x_m) / crown.radius_m, (oy - crown.y_m) / crown.radius_m
     vx, vy = dx / crown.radius_m, dy / crown.radius_m
     pz, vz = (oz - crown.z_m) / crown.half_height_m, dz / crown.half_height_m

@@ -1,4 +1,4 @@
-"""The scanners: which rays they fire from where on a robot, and what of that comes back."""
+"""The scanners: their rays, their place on a robot, and a model of range noise and lost returns."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ from pipeline.world.layout.shapes import Records
 
 HDL32_DEG, HDL32_HEIGHT_M = np.linspace(-30.67, 10.67, 32), 1.3
 HDL64_DEG, HDL64_HEIGHT_M = np.concatenate([np.linspace(-24.8, -8.87, 32), np.linspace(-8.33, 2.0, 32)]), 1.73
-"""An HDL-64E's lower half is spaced by half a degree, its upper half by a third."""
+"""The lower half of the beams of an HDL-64E is spaced by half a degree, the upper half by a third."""
 LMS_DEG, LMS_HEIGHT_M = (-135.0, 135.0), 0.9
 CAMERA_HEIGHT_M = LMS_HEIGHT_M + EXTRINSICS["lms_front"][2]
-"""RobotCar's vehicle frame is that of its stereo camera, this high above the ground."""
+"""Height of the stereo camera, the origin of RobotCar's vehicle frame, above the ground."""
 _DROP, _FADE, _NOISE_RADIUS, _NOISE_ANGLE = 900_001, 900_002, 900_003, 900_004
-"""Draws beyond every shape's number, so that they share no random number with foliage."""
+"""Draws larger than the number of any shape, so that they share no random number with foliage."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Returns:
     """One scan, or one sweep."""
 
     points_m: NDArray[np.float64]
-    """(n, 3) in the sensor's frame."""
+    """(n, 3) in metres in the sensor's frame."""
     intensity: NDArray[np.uint8]
     laser: NDArray[np.uint8]
     """(n,) 0 is the lowest beam."""
     kind: NDArray[np.uint8]
-    """(n,) what each point lies on, a `shapes.Kind`."""
+    """(n,) the `shapes.Kind` of the surface of each point."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,16 @@ class Lidar:
     """(ray, 3) unit vectors in the sensor's frame, in the order that they are fired: all beams of one azimuth at once."""
     beams: int
     body_T_sensor: Poses
-    """(4, 4) the body's origin lies on the ground under the robot."""
+    """(4, 4); the origin of the body lies on the ground under the robot."""
     min_range_m: float = 0.9
     max_range_m: float = 90.0
     range_sd_m: float = 0.02
     drop_out: float = 0.03
     reach_m: float = 100.0
-    """How far a surface of reflectance × cosine 0.1 is still likely to return; 100 m makes ground rings end near 30 m."""
+    """Range at which a surface of reflectance × cosine 0.1 returns with probability 1/e; 100 m ends ground rings near 30 m."""
 
     def scan(self, scene: Scene, movers: Records, world_T_body: Poses, seed: np.uint64) -> Returns:
-        """What the scanner records, in one instant, of a robot at `world_T_body` (4, 4)."""
+        """One scan of a robot at `world_T_body` (4, 4), all rays at the same instant."""
         origin = world_T_body[:3, 3] + world_T_body[:3, :3] @ self.body_T_sensor[:3, 3]
         rotation = np.ascontiguousarray(world_T_body[:3, :3] @ self.body_T_sensor[:3, :3])
         true_m, kinds, brightness = cast(scene, movers, origin, rotation, self.directions, self.max_range_m, seed)
@@ -75,7 +75,7 @@ def hdl64(azimuths: int) -> Lidar:
 
 
 def lms151(rays: int) -> Lidar:
-    """A push-broom at a car's front, hung as RobotCar's lms_front: `rays` in its plane z = 0, about its x axis, which is down."""
+    """A push-broom at the front of a car, mounted as lms_front of RobotCar: `rays` in its plane z = 0; its x axis points down."""
     angles = np.deg2rad(np.linspace(*LMS_DEG, rays))
     fan = np.stack([np.cos(angles), np.sin(angles), np.zeros(rays)], 1)
     xyzrpy = np.array([EXTRINSICS["lms_front"]])
@@ -96,11 +96,6 @@ def _raised(height_m: float) -> Poses:
     return np.asarray(pose(np.array([[0.0, 0.0, height_m]]), np.zeros((1, 3)))[0])
 
 
-def return_probability(range_m: NDArray[np.float64], brightness: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
-    """exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1): the law that `measure` draws from."""
-    return np.asarray(np.exp(-((range_m / (reach_m * np.sqrt(np.maximum(brightness, 1e-5) / 0.1))) ** 4)))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(
     true_m: NDArray[np.float64],
@@ -110,7 +105,10 @@ def measure(
     reach_m: float,
     seed: np.uint64,
 ) -> NDArray[np.float64]:
-    """Measured ranges (n,) for true ones (0: nothing there); 0 where nothing comes back."""
+    """Measured ranges (n,) for true ones (0: no surface); 0 where no light returns.
+
+    A return at range r has probability exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1), less the share `drop_out`.
+    """
     measured_m = np.zeros(true_m.shape[0])
     for ray in range(true_m.shape[0]):
         if true_m[ray] <= 0:

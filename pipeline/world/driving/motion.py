@@ -1,4 +1,4 @@
-"""How the robots move along their plans."""
+"""The motion of the robots along their planned routes."""
 
 from dataclasses import dataclass
 
@@ -7,28 +7,28 @@ KNOTS_HZ = 10
 
 @dataclass(frozen=True)
 class Motion:
-    """What a drive makes of a line on the map."""
+    """The parameters of a robot's path and of its rocking (sd: standard deviation)."""
 
     speed_mps: float
     corner_m: float
     """Corners are rounded over this length."""
     keep_right_m: float
     bias_sd_m: float
-    """Of a whole drive's line; `weave_sd_m` is about it."""
+    """Lateral offset of a whole drive; `weave_sd_m` is the deviation about it."""
     weave_sd_m: float
     roll_sd_deg: float
     pitch_sd_deg: float
     heading_sd_deg: float
     wheelbase_m: float
-    """It stands on the ground's slope over this length; 0: it balances upright."""
+    """Length over which it follows the slope of the ground; 0: it balances upright."""
     keep_off_m: float
-    """Nobody comes nearer to its middle."""
+    """People and cars do not come nearer than this to its centre."""
     pilot: bool
-    """Whether somebody walks behind it."""
+    """Whether a person walks behind it."""
 
     @property
     def knot_m(self) -> float:
-        """How far it comes between two poses of the truth."""
+        """Distance between two poses of the truth."""
         return self.speed_mps / KNOTS_HZ
 
 

@@ -1,4 +1,4 @@
-"""What a robot makes of its own motion: the true one with a scale error, a turning bias and white noise."""
+"""Odometry of a robot: its true motion with a scale error, a turning bias and white noise."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,13 +13,13 @@ YAW_SD_DEG_PER_SQRT_M = 0.1
 VISUAL_SLIP_SD_M_PER_SQRT_M = (0.01, 0.005, 0.005)
 VISUAL_YAW_BIAS_SD_DEG_PER_M = 0.008
 VISUAL_TURN_SD_DEG_PER_SQRT_M = (0.02, 0.02, 0.03)
-"""Of roll, pitch and yaw."""
+"""For roll, pitch and yaw."""
 
 
-def integrate(rng: np.random.Generator, world_T_body: Poses) -> Poses:
-    """What wheels and gyroscope sum up: poses (n, 4, 4) in a frame of their own, the body's at the first row.
+def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
+    """Poses (n, 4, 4) integrated from wheels and gyroscope, in the frame of the body at the first row.
 
-    Roll and pitch come from gravity and do not drift; position and heading do.
+    Position and heading drift; roll and pitch do not, since gravity is measured.
     """
     motion = np.linalg.inv(world_T_body[:-1]) @ world_T_body[1:]
     metres = np.linalg.norm(motion[:, :3, 3], axis=1)
@@ -39,8 +39,8 @@ def integrate(rng: np.random.Generator, world_T_body: Poses) -> Poses:
     return np.asarray(np.linalg.inv(level[0]) @ level)
 
 
-def visual(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
-    """What stereo images tell: each pose (n − 1, 4, 4) in the frame of the one before. Every angle drifts."""
+def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
+    """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one; all angles drift."""
     motion = np.linalg.inv(world_T_camera[:-1]) @ world_T_camera[1:]
     metres = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
     scale, bias_deg = 1 + rng.normal(0, SCALE_SD), rng.normal(0, VISUAL_YAW_BIAS_SD_DEG_PER_M)

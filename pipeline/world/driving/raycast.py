@@ -1,13 +1,13 @@
-"""The ray caster: each ray walks the ground's cells (DDA) and asks the shapes in them, until one of them or the ground stops it.
+"""The ray caster: each ray steps through the cells of the ground (DDA) and meets the nearest shape in them, or the ground.
 
-Never parallel inside a scan: blocks of scans are what runs side by side.
+A scan is cast by one thread; blocks of scans run in parallel.
 """
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.world.driving.hits import hash_u, hit_box, hit_crown, hit_cylinder
+from pipeline.world.driving.hits import Vector, hash_u, hit_box, hit_crown, hit_cylinder
 from pipeline.world.driving.scene import Scene
 from pipeline.world.layout.ground import height_at
 from pipeline.world.layout.shapes import Kind, Records
@@ -28,46 +28,37 @@ def cast(
     max_range_m: float,
     seed: np.uint64,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
-    """Cast rays from `origin` (3,) along `directions` (n, 3), unit vectors that `world_R_body` (3, 3) turns into the world.
+    """Cast rays from `origin` (3,) in the world along `directions` (n, 3), unit vectors in the body's frame.
 
-    `movers` are cylinders that no cell lists. Returns each ray's range in metres (0: nothing), the kind of what it met, and
-    that thing's reflectance × cosine of incidence.
+    `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit), the `shapes.Kind` that each
+    ray hit, and its reflectance × cosine of incidence.
     """
     n = directions.shape[0]
     ranges, kinds, brightness = np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
-    ox, oy, oz = origin[0], origin[1], origin[2]
+    start = origin[0], origin[1], origin[2]
     for ray in range(n):
         body = directions[ray]
         dx = world_R_body[0, 0] * body[0] + world_R_body[0, 1] * body[1] + world_R_body[0, 2] * body[2]
         dy = world_R_body[1, 0] * body[0] + world_R_body[1, 1] * body[1] + world_R_body[1, 2] * body[2]
         dz = world_R_body[2, 0] * body[0] + world_R_body[2, 1] * body[1] + world_R_body[2, 2] * body[2]
+        direction = dx, dy, dz
         best, kind, bright = max_range_m, 0, 0.0
         for mover in movers:
-            at, cosine = hit_cylinder(mover, ox, oy, oz, dx, dy, dz)
+            at, cosine = hit_cylinder(mover, start, direction)
             if 0 < at < best:
                 best, kind, bright = at, mover.kind, cosine * mover.reflectance
-        best, kind, bright = _walk(scene, ox, oy, oz, dx, dy, dz, best, kind, bright, ray, seed)
+        best, kind, bright = _first_hit(scene, start, direction, best, kind, bright, ray, seed)
         if kind > 0:
             ranges[ray], kinds[ray], brightness[ray] = best, kind, bright
     return ranges, kinds, brightness
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(
-    scene: Scene,
-    ox: float,
-    oy: float,
-    oz: float,
-    dx: float,
-    dy: float,
-    dz: float,
-    best: float,
-    kind: int,
-    bright: float,
-    ray: int,
-    seed: np.uint64,
+def _first_hit(
+    scene: Scene, origin: Vector, direction: Vector, best: float, kind: int, bright: float, ray: int, seed: np.uint64
 ) -> tuple[float, int, float]:
-    """The nearest thing on the way, given the `best` that is known already."""
+    """Range, kind and reflectance × cosine of the first hit, given those of the nearest mover (`best`, `kind`, `bright`)."""
+    (ox, oy, oz), (dx, dy, dz) = origin, direction
     rows, columns = scene.heights_m.shape[0] - 1, scene.heights_m.shape[1] - 1
     i, j = int(np.floor((ox - scene.x0_m) / scene.cell_m)), int(np.floor((oy - scene.y0_m) / scene.cell_m))
     step_i, step_j = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
@@ -75,19 +66,19 @@ def _walk(
     gap_y = scene.cell_m / abs(dy) if dy != 0 else _NEVER
     next_x = (scene.x0_m + (i + (dx > 0)) * scene.cell_m - ox) / dx if dx != 0 else _NEVER
     next_y = (scene.y0_m + (j + (dy > 0)) * scene.cell_m - oy) / dy if dy != 0 else _NEVER
-    enter, above_in = 0.0, _above(scene, ox, oy, oz)
+    enter, above_in = 0.0, _above_ground(scene, ox, oy, oz)
     while 0 <= i < rows and 0 <= j < columns:
         leave = min(next_x, next_y)
         cell = i * columns + j
         if oz + min(enter * dz, min(leave, best) * dz) <= scene.tops_m[cell]:
             for item in range(scene.starts[cell], scene.starts[cell + 1]):
-                at, cosine, what = _ask(scene, scene.items[item], ox, oy, oz, dx, dy, dz, ray, seed)
+                at, cosine, what = _hit(scene, scene.items[item], origin, direction, ray, seed)
                 if 0 < at < best:
                     best, kind, bright = at, what, cosine
         end = min(leave, best)
-        above_out = _above(scene, ox + end * dx, oy + end * dy, oz + end * dz)
+        above_out = _above_ground(scene, ox + end * dx, oy + end * dy, oz + end * dz)
         if above_out < 0:
-            at = _landing(scene, ox, oy, oz, dx, dy, dz, enter, above_in, end, above_out)
+            at = _ground_hit(scene, origin, direction, enter, above_in, end, above_out)
             fall = (above_in - above_out) / max(end - enter, 1e-6)
             return at, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
         if best <= leave:
@@ -103,50 +94,39 @@ def _walk(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ask(
-    scene: Scene, shape: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, ray: int, seed: np.uint64
-) -> tuple[float, float, int]:
-    """Range, reflectance × cosine and kind of one shape on the ray's way; a range below 0 is a miss."""
+def _hit(scene: Scene, shape: int, origin: Vector, direction: Vector, ray: int, seed: np.uint64) -> tuple[float, float, int]:
+    """Range (below 0: a miss), reflectance × cosine and kind of one shape on the way of a ray."""
     if shape < scene.boxes.shape[0]:
         box = scene.boxes[shape]
         u = hash_u(seed, ray, shape) if box.extinction_per_m > 0 else 1.0
-        at, cosine = hit_box(box, ox, oy, oz, dx, dy, dz, u)
+        at, cosine = hit_box(box, origin, direction, u)
         return at, cosine * box.reflectance, box.kind
     number = shape - scene.boxes.shape[0]
     if number < scene.cylinders.shape[0]:
         cylinder = scene.cylinders[number]
-        at, cosine = hit_cylinder(cylinder, ox, oy, oz, dx, dy, dz)
+        at, cosine = hit_cylinder(cylinder, origin, direction)
         return at, cosine * cylinder.reflectance, cylinder.kind
     crown = scene.crowns[number - scene.cylinders.shape[0]]
-    at, cosine = hit_crown(crown, ox, oy, oz, dx, dy, dz, hash_u(seed, ray, shape))
+    at, cosine = hit_crown(crown, origin, direction, hash_u(seed, ray, shape))
     return at, cosine * crown.reflectance, crown.kind
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _above(scene: Scene, x_m: float, y_m: float, z_m: float) -> float:
-    """How far a point is above the ground."""
+def _above_ground(scene: Scene, x_m: float, y_m: float, z_m: float) -> float:
+    """Height in metres of a point above the ground."""
     return z_m - height_at(scene.heights_m, scene.x0_m, scene.y0_m, scene.cell_m, x_m, y_m)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _landing(
-    scene: Scene,
-    ox: float,
-    oy: float,
-    oz: float,
-    dx: float,
-    dy: float,
-    dz: float,
-    enter: float,
-    above_in: float,
-    end: float,
-    above_out: float,
+def _ground_hit(
+    scene: Scene, origin: Vector, direction: Vector, enter: float, above_in: float, end: float, above_out: float
 ) -> float:
-    """Where between `enter` (above the ground) and `end` (below it) the ray meets the ground: false position."""
+    """Range at which the ray meets the ground, between `enter` above it and `end` below it, by false position."""
+    (ox, oy, oz), (dx, dy, dz) = origin, direction
     at = enter
     for _ in range(_REFINEMENTS):
         at = enter + (end - enter) * above_in / (above_in - above_out) if above_in > 0 else enter
-        above = _above(scene, ox + at * dx, oy + at * dy, oz + at * dz)
+        above = _above_ground(scene, ox + at * dx, oy + at * dy, oz + at * dz)
         if above > 0:
             enter, above_in = at, above
         else:

@@ -1,4 +1,4 @@
-"""One sequence being recorded, a block of scans at a time."""
+"""Records one sequence, one block of scans at a time."""
 
 from dataclasses import dataclass
 from datetime import date
@@ -17,35 +17,35 @@ PILOT_HEIGHT_M = 1.75
 
 @dataclass(frozen=True)
 class Recording:
-    """What a sequence came to."""
+    """Key numbers of a recorded sequence."""
 
     scans: int
     points: int
     metres: float
     """Path length from the first scan to the last."""
     unseen: float
-    """The share of the route on streets that the training sequence leaves out."""
+    """The share of the route outside that of the training sequence."""
     reversed: float
-    """The share of the route on the training sequence's streets that is driven against its direction."""
-    sees: str = "scans"
+    """The share of the rest that is driven opposite to the training sequence."""
+    unit: str = "scans"
 
     def __str__(self) -> str:
-        driven = f"{self.scans} {self.sees}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
+        driven = f"{self.scans} {self.unit}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
         return f"{driven}; planned {self.unseen:.0%} unseen, {self.reversed:.0%} reversed"
 
 
 @dataclass(frozen=True)
 class Block:
-    """What became of a block of scans."""
+    """The result of one block of scans."""
 
     points: int
     unwritten: list[tuple[int, int, Returns]]
-    """Number, utime and returns of the scans that are still to be written, in order."""
+    """Number, utime and returns of the scans that one process must write, in order."""
 
 
 @dataclass(frozen=True)
 class Recorder:
-    """Everything that a worker needs to record any block of a sequence's scans; it can be pickled."""
+    """Everything that a worker needs to record any block of scans of a sequence; it can be sent to other processes."""
 
     seed: int
     when: date
@@ -54,11 +54,11 @@ class Recorder:
     keep_off_m: float
     lidar: Lidar
     logs: Writer | None
-    """None: the scans are handed back, for one process to write."""
+    """None: the scans are returned, and one process writes them."""
     truth: TruthWriter | None
 
     def block(self, start: int, stop: int) -> Block:
-        """Record scans `start` to `stop`."""
+        """Record the scans from `start` up to, but not including, `stop`."""
         points, unwritten = 0, []
         for scan in range(start, stop):
             utime, returns = int(self.drive.scan_utimes[scan]), self._scan(scan)

@@ -1,4 +1,4 @@
-"""The robots: how each moves, what it carries, and whose logs it writes."""
+"""The robots: the motion, the scanner and the log formats of each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,24 +12,25 @@ from pipeline.world.writers import BAGS
 
 @dataclass(frozen=True)
 class Robot:
-    """One of the data sets' robots."""
+    """The robot of one of the data sets."""
 
     motion: Motion
     lidar: Callable[[int], Lidar]
-    """The scanner, given its rays per turn of a beam, or per sweep."""
+    """The scanner for a number of rays per turn of each beam, or per sweep."""
     departs: Callable[[str], date]
-    """When a sequence of that name was driven; raises ConfigError for no such name."""
+    """The date or time of a sequence from its name; raises ConfigError for any other name."""
     logs: tuple[str, ...]
-    """The formats that hold what it records."""
-    sees: str = "scans"
+    """The formats that it can write."""
+    unit: str = "scans"
+    """What it records: scans or sweeps."""
     streets_only: bool = False
-    """Whether all ways of its world are roads."""
+    """Whether its world has roads but no footpaths."""
     loops: bool = False
-    """Whether each log is a place of its own, whose second half drives the first half's streets again."""
+    """Whether each log is a world of its own, where the second half drives the streets of the first half again."""
 
 
 ROBOTS = {
     "segway": Robot(SEGWAY, hdl32, nclt_date, ("nclt", *BAGS)),
-    "push_broom_car": Robot(CAR, lms151, robotcar_time, ("robotcar",), sees="sweeps", streets_only=True),
+    "push_broom_car": Robot(CAR, lms151, robotcar_time, ("robotcar",), unit="sweeps", streets_only=True),
     "scanner_car": Robot(CAR, hdl64, kitti_date, ("kitti", *BAGS), streets_only=True, loops=True),
 }

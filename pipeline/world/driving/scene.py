@@ -1,4 +1,4 @@
-"""One day's shapes, sorted into the ground's cells, so that a ray asks only those that it passes."""
+"""The shapes of one day, sorted into the cells of the ground, so that a ray is tested only against shapes in its cells."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from pipeline.world.layout.shapes import Records
 
 
 class Scene(NamedTuple):
-    """What the ray caster reads. Shapes are numbered through: boxes first, then cylinders, then crowns."""
+    """The input of the ray caster. Shapes are numbered: boxes first, then cylinders, then crowns."""
 
     boxes: Records
     cylinders: Records
@@ -22,14 +22,15 @@ class Scene(NamedTuple):
     y0_m: float
     cell_m: float
     starts: NDArray[np.int32]
-    """(cells + 1,) where each cell's shapes start in `items`; cell (i, j) is number i × columns + j."""
+    """(cells + 1,) start of the shapes of each cell in `items`; cell (i, j) has the number i × columns + j."""
     items: NDArray[np.int32]
+    """Numbers of the shapes in each cell, one cell after the other."""
     tops_m: NDArray[np.float64]
-    """(cells,) the highest point of a cell's shapes: higher rays skip them."""
+    """(cells,) the highest point of the shapes in a cell: rays above it skip the cell."""
 
 
 def build_scene(boxes: Records, cylinders: Records, crowns: Records, ground: Ground) -> Scene:
-    """Sort the shapes into the ground's cells."""
+    """Sort the shapes into the cells of `ground`."""
     turn = np.abs(boxes["cos_yaw"]), np.abs(boxes["sin_yaw"])
     box_reach = [
         turn[0] * boxes["half_length_m"] + turn[1] * boxes["half_width_m"],

@@ -1,4 +1,4 @@
-"""Foliage over the year: how much of it there is, and how dense that makes a crown for a ray."""
+"""Foliage over the year: the share of leaves, and the resulting density of a crown for a ray."""
 
 from datetime import date
 
@@ -11,7 +11,7 @@ BARE_UNTIL, FULL_FROM, FULL_UNTIL, BARE_FROM = (4, 15), (5, 30), (9, 22), (11, 1
 """(month, day): leaves come out between the first two and fall between the last two, as in Michigan."""
 
 BARE_AND_LEAVES_PER_M = {Species.DECIDUOUS: (0.06, 0.85), Species.CONIFER: (1.1, 0.0), Species.HEDGE: (0.5, 1.5)}
-"""Extinction per metre: of the twigs, and of all the leaves on top. A ray's free path in a crown is −log(u) over it."""
+"""Extinction per metre of the twigs, and of all leaves, which adds to it; the free path of a ray is −log(u) / extinction."""
 
 
 def foliage(day: date) -> float:

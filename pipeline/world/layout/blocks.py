@@ -1,4 +1,4 @@
-"""What a block between four corners is filled with, by its zone."""
+"""Fills the blocks between the streets with buildings, trees and cars, by the zone of each block."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pipeline.world.layout.streets import Streets
 from pipeline.world.layout.structures import Part, Structure
 
 ZONES = {"academic": 0.36, "residential": 0.18, "wood": 0.14, "parking": 0.14, "lawn": 0.18}
-"""Each zone's share of the seeds that blocks take the nearest one's zone of, which makes zones contiguous."""
+"""The share of each zone among random seeds; a block has the zone of its nearest seed, which makes zones contiguous."""
 BLOCKS_PER_ZONE_SEED = 2.2
 
 KERB_M = 9.0
@@ -30,7 +30,7 @@ CLUTTER_PER_BLOCK = 4.0
 
 @dataclass(frozen=True)
 class Block:
-    """The rectangle inside four corners, KERB_M from the streets' middle."""
+    """The rectangle inside four corners, KERB_M from the middle of the streets."""
 
     centre_m: NDArray[np.float64]
     yaw_rad: float
@@ -50,13 +50,13 @@ class Block:
         return self.at(u * self.half_length_m, v * self.half_width_m)
 
 
-def parcel(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Block]:
+def divide(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Block]:
     """The blocks × blocks blocks of the grid, each with a zone."""
     corners_m = streets.nodes_m[: (blocks + 1) ** 2].reshape(blocks + 1, blocks + 1, 2)
     low_m, high_m = corners_m.min((0, 1)), corners_m.max((0, 1))
     seeds_m = rng.uniform(low_m, high_m, (max(1, int((blocks + 1) ** 2 / BLOCKS_PER_ZONE_SEED)), 2))
     zones = rng.choice(list(ZONES), len(seeds_m), p=list(ZONES.values()))
-    parcels = []
+    found = []
     for i in range(blocks):
         for j in range(blocks):
             sw, se, ne, nw = corners_m[i, j], corners_m[i + 1, j], corners_m[i + 1, j + 1], corners_m[i, j + 1]
@@ -65,12 +65,12 @@ def parcel(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Bloc
             half_width_m = (np.hypot(*(nw - sw)) + np.hypot(*(ne - se))) / 4 - KERB_M
             yaw = float(np.arctan2(*(se - sw)[::-1]))
             zone = str(zones[((seeds_m - centre) ** 2).sum(1).argmin()])
-            parcels.append(Block(centre, yaw, half_length_m, half_width_m, zone))
-    return parcels
+            found.append(Block(centre, yaw, half_length_m, half_width_m, zone))
+    return found
 
 
 def fill(rng: np.random.Generator, block: Block, draft: Draft, recipes: list[Template]) -> None:
-    """Build and plant a block as its zone asks, then scatter bushes and street clutter."""
+    """Build and plant a block according to its zone, then scatter bushes and street clutter."""
     if block.zone == "academic":
         _academic(rng, block, draft, recipes)
     elif block.zone == "residential":
@@ -89,7 +89,7 @@ _TREES: dict[str, Callable[[np.random.Generator, Block], tuple[float, float]]] =
     "parking": lambda rng, block: (rng.integers(2, 7) / 2, 0.0),
     "lawn": lambda rng, block: (float(rng.integers(1, 9)), 0.2),
 }
-"""How many trees a block of each zone has, and the share of conifers among them."""
+"""Number of trees in a block of each zone, and the share of conifers."""
 
 
 def _academic(rng: np.random.Generator, block: Block, draft: Draft, recipes: list[Template]) -> None:

@@ -1,4 +1,4 @@
-"""The few building templates that a campus repeats: that places look alike is physical, not an accident of the simulation."""
+"""The few building templates of a campus: real campuses repeat their buildings too, so places look alike."""
 
 import numpy as np
 
@@ -19,14 +19,15 @@ HOUSES_M = ((4.5, 5.5, 7.2), (5.2, 4.8, 6.6))
 
 
 def templates(rng: np.random.Generator) -> list[Template]:
-    """The campus's TEMPLATES building recipes: L, U, H and tower shapes of a few floors."""
+    """The TEMPLATES buildings of a campus: L, U, H and tower shapes of a few floors."""
     shapes = (_l_shape, _u_shape, _h_shape, _tower)
-    made = []
+    found = []
     for number in range(TEMPLATES):
         length_m, width_m = rng.uniform(*HALF_LENGTHS_M), rng.uniform(*HALF_WIDTHS_M)
         floors = int(rng.integers(*FLOORS))
-        made.append(tuple(part for wing in shapes[number % len(shapes)](length_m, width_m, floors) for part in _dressed(wing)))
-    return made
+        wings = shapes[number % len(shapes)](length_m, width_m, floors)
+        found.append(tuple(part for wing in wings for part in _with_stairs(wing)))
+    return found
 
 
 def houses() -> list[Template]:
@@ -57,8 +58,8 @@ def _tower(a: float, b: float, floors: int) -> list[Part]:
     return [_wing(0, 0, 0.5 * a, 1.4 * b, floors + 1), _wing(0.9 * a, 0, 0.4 * a, b, max(floors - 1, 1))]
 
 
-def _dressed(wing: Part) -> list[Part]:
-    """A wing with its stair bays, one every STAIR_PITCH_M on alternating sides, and a penthouse if it is large."""
+def _with_stairs(wing: Part) -> list[Part]:
+    """A wing, its stair bays every STAIR_PITCH_M on alternating sides, and a penthouse if it is large."""
     parts = [wing]
     if wing.half_length_m * wing.half_width_m > 150 and wing.top_m > 2 * FLOOR_M:
         ahead_m, half_length_m = wing.ahead_m + 0.3 * wing.half_length_m, 0.25 * wing.half_length_m

@@ -1,14 +1,14 @@
-"""The campus: everything that stands still, before and after a year has changed it."""
+"""The campus: everything that does not move, with the days on which it appears and vanishes."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.world.layout.blocks import fill, parcel
+from pipeline.world.layout.blocks import divide, fill
 from pipeline.world.layout.buildings import Template, templates
 from pipeline.world.layout.draft import Draft, Pole, Slot
-from pipeline.world.layout.furniture import line_streets
+from pipeline.world.layout.furniture import furnish_streets
 from pipeline.world.layout.greenery import Plant, crowns, trunks
 from pipeline.world.layout.ground import Ground, rolling_ground
 from pipeline.world.layout.shapes import CYLINDER, Kind, Records, records, standing
@@ -21,7 +21,7 @@ POLE_REFLECTANCE = 0.3
 
 @dataclass(frozen=True)
 class Campus:
-    """Structures, plants and poles carry the days on which they stand; slots the day on which they close."""
+    """Structures, plants and poles have the days on which they stand, slots the day on which they close."""
 
     streets: Streets
     ground: Ground
@@ -34,7 +34,7 @@ class Campus:
     """(n, 3) discs of x, y, radius that buildings cover."""
 
     def draft(self) -> Draft:
-        """A draft that goes on from this campus."""
+        """A draft that starts as this campus."""
         return Draft(self.streets, list(self.structures), list(self.plants), list(self.poles), list(self.slots), self.taken_m)
 
 
@@ -44,18 +44,17 @@ def build_campus(seed: int, blocks: int, streets: Streets) -> Campus:
     rng = generator(seed, Stream.BLOCKS)
     recipes = templates(rng)
     draft = Draft(streets)
-    for block in parcel(rng, streets, blocks):
+    for block in divide(rng, streets, blocks):
         fill(rng, block, draft, recipes)
-    line_streets(generator(seed, Stream.FURNITURE), draft)
-    lists = tuple(draft.structures), tuple(draft.plants), tuple(draft.poles), tuple(draft.slots)
-    return Campus(streets, ground, tuple(recipes), *lists, draft.taken_m)
+    furnish_streets(generator(seed, Stream.FURNITURE), draft)
+    return Campus(streets, ground, tuple(recipes), taken_m=draft.taken_m, **draft.tuples())
 
 
 def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
-    """Boxes, cylinders and crowns of all that stands on `day`; porous ones have no extinction yet."""
-    on_day = [standing(shapes, day) for shapes in (trunks(campus.plants, campus.ground), crowns(campus.plants, campus.ground))]
-    cylinders = np.concatenate([on_day[0], standing(_poles(campus), day)])
-    return standing(boxes(campus.structures, campus.ground), day), cylinders, on_day[1]
+    """Boxes, cylinders and crowns of everything that stands on `day`; the extinction of porous ones is still 0."""
+    plants, ground = campus.plants, campus.ground
+    cylinders = np.concatenate([standing(trunks(plants, ground), day), standing(_poles(campus), day)])
+    return standing(boxes(campus.structures, ground), day), cylinders, standing(crowns(plants, ground), day)
 
 
 def _poles(campus: Campus) -> Records:

@@ -1,6 +1,7 @@
-"""A campus while it is being built: what stands where already, and whether something more fits."""
+"""A campus under construction: what it holds so far, and whether something more fits."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +27,18 @@ class Pole:
 
 @dataclass(frozen=True)
 class Slot:
-    """Where a car may be parked."""
+    """A parking slot."""
 
     x_m: float
     y_m: float
     yaw_rad: float
     dead_day: float = np.inf
-    """The day on which a site swallows it."""
+    """The day on which a construction site closes it."""
 
 
 @dataclass
 class Draft:
-    """Lists that the builders add to."""
+    """The lists that the builders append to."""
 
     streets: Streets
     structures: list[Structure] = field(default_factory=list)
@@ -47,19 +48,23 @@ class Draft:
     taken_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     """(n, 3) discs of x, y, radius that buildings cover."""
 
+    def tuples(self) -> dict[str, Any]:
+        """The lists as fields of a Campus."""
+        return {name: tuple(getattr(self, name)) for name in ("structures", "plants", "poles", "slots")}
+
     def fits(self, structure: Structure) -> bool:
-        """Whether a building stands clear of streets and of the other buildings."""
+        """Whether a building keeps its distance from streets and from the other buildings."""
         outline_m = structure.outline_m()
         apart = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
         return bool(apart and (self.streets.clearance_m(outline_m) > BUILDING_SETBACK_M).all())
 
     def build(self, structure: Structure) -> None:
-        """Set down a building, and keep its ground for it."""
+        """Add a building, and reserve its ground."""
         self.structures.append(structure)
         self.taken_m = np.concatenate([self.taken_m, structure.discs_m()])
 
     def free(self, points_m: NDArray[np.float64], from_street_m: float, from_building_m: float) -> NDArray[np.bool_]:
-        """Which of `points_m` (n, 2) keep these distances."""
+        """Which (n,) of `points_m` (n, 2) keep these distances."""
         if not len(points_m):
             return np.zeros(0, bool)
         off_street = self.streets.clearance_m(points_m) > from_street_m

@@ -1,17 +1,21 @@
-"""What fifteen months change: buildings go up and come down, trees are felled and planted.
+"""The changes of fifteen months: buildings are built and demolished, trees are felled and planted.
 
-How many such events there are near the route is what makes the world hard, second only to heading.
+After the heading, the number of such events near the route is what makes a world difficult.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.formats.changes import Change, visible
 from pipeline.world.layout.campus import Campus
 from pipeline.world.layout.draft import Draft
+from pipeline.world.layout.greenery import Plant
 from pipeline.world.layout.shapes import Kind
-from pipeline.world.layout.site import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, clear, clear_of_streets, fence, mound
+from pipeline.world.layout.site import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, clear_of_streets, clear_site, fence, mound
 from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.layout.structures import Structure
 from pipeline.world.seeds import Stream, generator
@@ -19,35 +23,35 @@ from pipeline.world.seeds import Stream, generator
 PERIOD_DAYS = 450
 EVENT_PERIOD_SHARE = (0.1, 0.9)
 FURTHER_PERIOD_SHARE = ((FENCE_BEFORE_DAYS + 1) / PERIOD_DAYS, EVENT_PERIOD_SHARE[1])
-"""Further events fence nothing in before the day after training: on the training day their year is the year without them."""
+"""The fences of further events are built after the training day, so that the training day does not depend on them."""
 NEAR_M = 45.0
 SITE_OFFSETS_M = (14.0, 40.0)
 SITE_TRIES = 300
 DEMOLISHED_FROM_M2 = 480.0
 TREE_TURNOVER_A_YEAR = 0.03
 YOUNG_TREE = 0.45
-"""A planted tree's height and radius against those of a grown one."""
+"""Height and radius of a planted tree relative to a grown one."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """One change, as the truth's side file lists it."""
+    """One construction or demolition, as year.json lists it."""
 
     what: str
     """`construction` or `demolition`."""
     day: float
-    """Days after the training sequence: when the building stands, or is gone."""
+    """Days after training on which the building is complete, or gone."""
     x_m: float
     y_m: float
 
     @property
     def from_day(self) -> float:
-        """When the place first differs from the training day: a site that was fenced in by then changes with its mound."""
+        """Days after training from which the place looks different; if the fence stood before, from the mound on."""
         before_days = (FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, 0) if self.what == "construction" else (0,)
         return next(self.day - before for before in before_days if self.day > before)
 
 
-def pass_a_year(
+def simulate_year(
     seed: int,
     campus: Campus,
     route_m: NDArray[np.float64],
@@ -56,21 +60,20 @@ def pass_a_year(
     further: int = 0,
     further_near_share: float = 1.0,
 ) -> tuple[Campus, list[Event]]:
-    """The campus with the days on which things appear and vanish, and the events, `near_share` of them near the route.
+    """The campus with the days on which things appear and vanish, and its `count` events, `near_share` of them near the route.
 
-    Half are constructions. One that finds no room within SITE_TRIES becomes a demolition, and the other way round; a campus
-    that has room for neither gets fewer. `further` events come on top: they leave the others, and the training day, as they are.
+    Half are constructions. One that finds no room within SITE_TRIES becomes a demolition, and the reverse; if neither is
+    possible there are fewer events. `further` additional events change neither the others nor the training day.
     """
     draft = campus.draft()
     here = campus, draft, route_m
-    events = _happen(generator(seed, Stream.EVENTS), *here, count, near_share, EVENT_PERIOD_SHARE)
-    events += _happen(generator(seed, Stream.FURTHER_EVENTS), *here, further, further_near_share, FURTHER_PERIOD_SHARE)
-    _turn_over_trees(generator(seed, Stream.TREES), draft)
-    lists = tuple(draft.structures), tuple(draft.plants), tuple(draft.poles), tuple(draft.slots)
-    return replace(campus, structures=lists[0], plants=lists[1], poles=lists[2], slots=lists[3]), events
+    events = _draw_events(generator(seed, Stream.EVENTS), *here, count, near_share, EVENT_PERIOD_SHARE)
+    events += _draw_events(generator(seed, Stream.FURTHER_EVENTS), *here, further, further_near_share, FURTHER_PERIOD_SHARE)
+    _replace_trees(generator(seed, Stream.TREES), draft)
+    return replace(campus, **draft.tuples()), events
 
 
-def _happen(
+def _draw_events(
     rng: np.random.Generator,
     campus: Campus,
     draft: Draft,
@@ -79,7 +82,7 @@ def _happen(
     near_share: float,
     period_share: tuple[float, float],
 ) -> list[Event]:
-    """Events on days within a share of the period, the first of them near the route."""
+    """`count` events on random days within a share of the period, the first `near_share` of them near the route."""
     events = []
     for number in range(count):
         near = number < round(near_share * count)
@@ -95,12 +98,11 @@ def _happen(
 def _construct(
     rng: np.random.Generator, campus: Campus, draft: Draft, route_m: NDArray[np.float64] | None, day: float
 ) -> Event | None:
-    """A building where there is room for it: fence first, then a mound, then the building."""
+    """A building at a random place with enough room: first its fence, then a mound, then the building."""
     streets = campus.streets
-    low_m, high_m = streets.nodes_m.min(0), streets.nodes_m.max(0)
     for _ in range(SITE_TRIES):
         if route_m is None:
-            place_m = rng.uniform(low_m, high_m)
+            place_m = rng.uniform(streets.nodes_m.min(0), streets.nodes_m.max(0))
         else:
             leg = rng.integers(len(route_m) - 1)
             across = (route_m[leg + 1] - route_m[leg])[::-1] * (-1, 1) * rng.choice([-1, 1])
@@ -112,7 +114,7 @@ def _construct(
         recipe = campus.recipes[rng.integers(len(campus.recipes))]
         building = Structure(float(place_m[0]), float(place_m[1]), yaw, recipe, born_day=day)
         if draft.fits(building) and clear_of_streets(streets, building):
-            clear(draft, building, day - FENCE_BEFORE_DAYS)
+            clear_site(draft, building, day - FENCE_BEFORE_DAYS)
             draft.build(building)
             draft.structures += [fence(building, day), mound(building, day)]
             return Event("construction", day, building.x_m, building.y_m)
@@ -122,7 +124,7 @@ def _construct(
 def _demolish(
     rng: np.random.Generator, campus: Campus, draft: Draft, route_m: NDArray[np.float64] | None, day: float
 ) -> Event | None:
-    """One large building, standing since before the year, vanishes."""
+    """One large building, older than the year, vanishes."""
     buildings = [
         row
         for row, thing in enumerate(draft.structures)
@@ -142,8 +144,8 @@ def _demolish(
     return Event("demolition", day, gone.x_m, gone.y_m)
 
 
-def _turn_over_trees(rng: np.random.Generator, draft: Draft) -> None:
-    """TREE_TURNOVER_A_YEAR of the trees are felled on some day, or turn out to be young ones planted then."""
+def _replace_trees(rng: np.random.Generator, draft: Draft) -> None:
+    """The share TREE_TURNOVER_A_YEAR of the trees is felled, or becomes young trees planted, on random days."""
     chance = TREE_TURNOVER_A_YEAR * PERIOD_DAYS / 365
     for row, plant in enumerate(draft.plants):
         changes, felled, day = rng.random() < chance, rng.random() < 0.5, PERIOD_DAYS * rng.random()
@@ -154,3 +156,20 @@ def _turn_over_trees(rng: np.random.Generator, draft: Draft) -> None:
         else:
             size = {name: YOUNG_TREE * getattr(plant, name) for name in ("height_m", "trunk_m", "radius_m")}
             draft.plants[row] = replace(plant, born_day=day, **size)
+
+
+def visible_changes(day: int, campus: Campus, events: Sequence[Event], origin_m: NDArray[np.float64]) -> list[Change]:
+    """The differences between `day` and the training day, in a frame in which the origin of the world lies at `origin_m` (2,).
+
+    A tree is listed with the day on which it is felled or planted; the trees cleared for a site are part of that event.
+    """
+    cleared = {event.day - FENCE_BEFORE_DAYS for event in events if event.what == "construction"}
+    found: list[tuple[str, float, float, Event | Plant]]
+    found = [(event.what, event.from_day, event.day, event) for event in events]
+    grown = [plant for plant in campus.plants if plant.trunk_m and plant.born_day < plant.dead_day]
+    found += [("tree", at, at, tree) for tree in grown for at in {tree.born_day, tree.dead_day} - cleared if 0 < at < np.inf]
+    changes = (
+        Change(what, ceil(from_day), ceil(done_day), float(thing.x_m + origin_m[0]), float(thing.y_m + origin_m[1]))
+        for what, from_day, done_day, thing in found
+    )
+    return visible(changes, day)

@@ -1,4 +1,4 @@
-"""What lines a street: avenues of one species, lamp posts, cars at the kerb."""
+"""Street furniture: avenues of one species, lamp posts, parking slots at the kerb."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ KERB_PARKING_SHARE, KERB_PITCH_M = 0.35, 6.2
 FROM_OTHER_STREETS_M = 0.8
 
 
-def line_streets(rng: np.random.Generator, draft: Draft) -> None:
-    """Plant and furnish every street of the draft."""
+def furnish_streets(rng: np.random.Generator, draft: Draft) -> None:
+    """Add trees, lamps and parking slots to every street of the draft."""
     streets = draft.streets
     along, left = streets.directions()
     for street, is_path in enumerate(streets.is_path):
@@ -48,13 +48,13 @@ def _beside(
     left: NDArray[np.float64],
     stations: list[tuple[float, float]],
 ) -> NDArray[np.float64]:
-    """World points (n, 2) of (metres along the street, metres left of its middle)."""
+    """World points (n, 2) in metres of pairs (metres along the street, metres left of its middle)."""
     table = np.array(stations).reshape(-1, 2)
     return np.asarray(draft.streets.starts_m[street] + table[:, :1] * along[street] + table[:, 1:] * left[street])
 
 
 def _avenue(rng: np.random.Generator, draft: Draft, places_m: NDArray[np.float64]) -> None:
-    """Trees of one species and one size, give or take 15 %, at the places (n, 2) that are free."""
+    """Trees of one species and one size ± 15 %, at the free ones of the places (n, 2)."""
     height_m, radius_m = rng.uniform(*AVENUE_HEIGHTS_M), rng.uniform(*AVENUE_RADII_M)
     places_m = places_m[draft.free(places_m, FROM_OTHER_STREETS_M, 1.0)]
     for x_m, y_m in places_m[rng.random(len(places_m)) >= AVENUE_GAPS]:

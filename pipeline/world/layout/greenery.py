@@ -11,7 +11,7 @@ from pipeline.world.layout.shapes import ALWAYS, CROWN, CYLINDER, Kind, Records,
 TRUNK_REFLECTANCE, LEAF_REFLECTANCE = 0.3, 0.4
 TRUNK_RADIUS_M, TRUNK_RADIUS_PER_HEIGHT = 0.12, 0.012
 TRUNK_IN_CROWN = 0.3
-"""The share of the crown's height that the trunk still stands out in."""
+"""The share of the height of the crown that the trunk reaches into."""
 ROOT_M = 1.0
 CONIFER_TRUNK_SHARE, DECIDUOUS_TRUNK_SHARES = 0.12, (0.28, 0.36)
 
@@ -24,7 +24,7 @@ class Plant:
     y_m: float
     height_m: float
     trunk_m: float
-    """Height of the crown's lower end above the ground."""
+    """Height of the lower end of the crown above the ground."""
     radius_m: float
     species: Species
     born_day: float = ALWAYS[0]
@@ -32,13 +32,13 @@ class Plant:
 
 
 def tree(rng: np.random.Generator, x_m: float, y_m: float, height_m: float, radius_m: float, species: Species) -> Plant:
-    """A tree whose trunk has its species' share of its height."""
+    """A tree; the height of its trunk is a share of its own height that depends on the species."""
     share = CONIFER_TRUNK_SHARE if species == Species.CONIFER else rng.uniform(*DECIDUOUS_TRUNK_SHARES)
     return Plant(x_m, y_m, height_m, height_m * share, radius_m, species)
 
 
 def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
-    """The ellipsoid crowns of `plants`; their extinction is 0 until a day sets it."""
+    """The ellipsoid crowns of `plants`; `simulate_day` sets their extinction, here 0."""
     columns = _columns(plants)
     height_m, trunk_m = columns.pop("height_m"), columns.pop("trunk_m")
     middle_m = _base_m(columns, ground) + (height_m + trunk_m) / 2
@@ -48,7 +48,7 @@ def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
 
 
 def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
-    """The cylinder trunks of those `plants` that have one."""
+    """The cylindrical trunks of the trees among `plants`."""
     columns = _columns([plant for plant in plants if plant.trunk_m > 0])
     height_m, trunk_m = columns.pop("height_m"), columns.pop("trunk_m")
     columns["radius_m"] = TRUNK_RADIUS_M + TRUNK_RADIUS_PER_HEIGHT * height_m

@@ -15,7 +15,7 @@ WAVE_LENGTHS_M = (250.0, 700.0)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def height_at(heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: float, x_m: float, y_m: float) -> float:
-    """Bilinear height (m) of the map's knots `heights` (i, j), whose knot (0, 0) lies at (x0_m, y0_m)."""
+    """Bilinear height in metres between the knots `heights` (i, j), of which (0, 0) lies at (x0_m, y0_m)."""
     u, v = (x_m - x0_m) / cell_m, (y_m - y0_m) / cell_m
     i = min(max(int(u), 0), heights.shape[0] - 2)
     j = min(max(int(v), 0), heights.shape[1] - 2)
@@ -37,7 +37,7 @@ def _heights_at(
 
 @dataclass(frozen=True)
 class Ground:
-    """Heights (m) at the knots of a square raster in the world frame; its cells are also the ray caster's."""
+    """Heights at the knots of a square raster in the world frame; the ray caster uses the same cells."""
 
     heights_m: NDArray[np.float64]
     """(i, j): knot (i, j) lies at (x0_m + i cell_m, y0_m + j cell_m)."""
@@ -46,7 +46,7 @@ class Ground:
     cell_m: float = CELL_M
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Heights (n,) of the ground at `xy_m` (n, 2)."""
+        """Heights (n,) of the ground in metres at `xy_m` (n, 2)."""
         xy_m = np.ascontiguousarray(xy_m, np.float64)
         return np.asarray(_heights_at(self.heights_m, self.x0_m, self.y0_m, self.cell_m, xy_m))
 

@@ -1,4 +1,4 @@
-"""Route plans: which streets a sequence drives, in which direction, against those that the training sequence drove."""
+"""Route plans: the streets and directions that a sequence drives, relative to those of the training sequence."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,13 +13,13 @@ from pipeline.world.layout.walks import Graph
 TRAINING_CANDIDATES, TEST_CANDIDATES = 200, 1000
 UNSEEN_WEIGHTS_LOG10, REVERSED_WEIGHTS_LOG10 = (-2.2, -0.2), (-2.0, 1.0)
 ERROR_WEIGHT = 8.0
-"""How much coverage of the training route an error in the wanted fractions is worth."""
+"""Weight of an error in the wanted shares, relative to the coverage of the training route."""
 
 SPARE_SHARE, SPARE_M = 0.1, 30.0
-"""How much longer than the wanted route a plan is, since corners are cut on the way."""
+"""A plan is longer than the wanted route by this share and length, since the drive cuts corners."""
 SAMPLE_M = 5.0
 SEEN_WITHIN_M = 10.0
-"""A place of a plan counts as seen this near the training plan: half-way between the distance protocol's 5 m and 15 m."""
+"""A place counts as seen within this distance of the training plan: between the 5 m and 15 m of the distance protocol."""
 NEIGHBOURS = 8
 
 
@@ -28,19 +28,19 @@ class Plan:
     """A walk on the street graph."""
 
     line_m: NDArray[np.float64]
-    """(n, 2) the corners it passes, from where it starts; it goes on a little beyond the metres wanted."""
+    """(n, 2) its start and the corners that it passes; it is a little longer than wanted."""
     half_edges: tuple[int, ...]
     unseen: float
-    """The share of its metres further than SEEN_WITHIN_M from the training plan."""
+    """The share of its length further than SEEN_WITHIN_M from the training plan."""
     reversed: float
-    """The share of its other metres that no part of the training plan nearby drives in about the same direction."""
+    """The share of its other length that no part of the training plan nearby drives in about the same direction."""
     coverage: float
-    """The share of the training plan's metres that it comes near."""
+    """The share of the training plan within SEEN_WITHIN_M of it."""
 
 
 @dataclass(frozen=True)
 class _Samples:
-    """A plan's driven metres, as points every SAMPLE_M."""
+    """Points every SAMPLE_M along a plan."""
 
     places_m: NDArray[np.float64]
     headings: NDArray[np.float64]
@@ -57,7 +57,7 @@ class _Samples:
         return _Samples(places_m, headings, KDTree(places_m))
 
     def against(self, training: "_Samples") -> tuple[float, float, float]:
-        """The unseen, reversed and coverage shares of these samples against the training plan's."""
+        """The shares unseen, reversed and coverage of these samples relative to those of the training plan."""
         near = np.asarray(training.tree.query(self.places_m, k=NEIGHBOURS, distance_upper_bound=SEEN_WITHIN_M)[1])
         headings = np.concatenate([training.headings, [[0.0, 0.0]]])[near.clip(max=len(training.headings))]
         same_way = ((headings * self.headings[:, None]).sum(2) > 0).any(1)
@@ -67,7 +67,7 @@ class _Samples:
 
 
 def plan_training(rng: np.random.Generator, streets: Streets, route_m: float) -> Plan:
-    """The candidate walk that repeats the fewest streets."""
+    """The one of TRAINING_CANDIDATES random walks that repeats the fewest streets."""
     graph = Graph.of(streets)
     best: list[int] = []
     best_share = -1.0
@@ -80,14 +80,14 @@ def plan_training(rng: np.random.Generator, streets: Streets, route_m: float) ->
 
 
 def follow(streets: Streets, half_edges: list[int]) -> Plan:
-    """The training plan that drives `half_edges`, each from where the last one ends."""
+    """The training plan along connected `half_edges`."""
     graph = Graph.of(streets)
     corners = [int(graph.tails[half_edges[0]]), *(int(graph.heads[step]) for step in half_edges)]
     return Plan(streets.nodes_m[corners], tuple(half_edges), 0.0, 0.0, 1.0)
 
 
 def half_edges_through(streets: Streets, corners: list[int]) -> list[int]:
-    """The half-edges that lead through `corners` in order, each next to the last."""
+    """The half-edges that lead through `corners`, of which neighbours are joined by a street."""
     graph = Graph.of(streets)
     number = {ends: row for row, ends in enumerate(zip(graph.tails.tolist(), graph.heads.tolist(), strict=True))}
     return [number[ends] for ends in pairwise(corners)]
@@ -96,7 +96,7 @@ def half_edges_through(streets: Streets, corners: list[int]) -> list[int]:
 def plan_test(
     rng: np.random.Generator, streets: Streets, training: Plan, route_m: float, unseen: float, reversed_: float
 ) -> Plan:
-    """The candidate walk nearest the wanted `unseen` and `reversed_` shares that covers the training plan best."""
+    """The random walk with the best score: near the wanted shares, and with a large coverage of the training plan."""
     graph, reference = Graph.of(streets), _Samples.of(training.line_m, route_m)
     steps = np.array(training.half_edges)
     middles_m = np.cumsum(graph.lengths_m[steps]) - graph.lengths_m[steps] / 2
@@ -118,9 +118,9 @@ def plan_test(
 
 
 def plan_loops(rng: np.random.Generator, streets: Streets, route_m: float, unseen: float, reversed_: float) -> Plan:
-    """The candidate walk whose second half drives the first half's streets again, as `plan_test` does those of training.
+    """The random walk whose second half relates to its first half as a plan of `plan_test` to the training plan.
 
-    Its shares are those of the second half against the first.
+    Its shares are those of the second half relative to the first.
     """
     graph, half_m = Graph.of(streets), route_m / 2
     plans = []
@@ -135,14 +135,14 @@ def plan_loops(rng: np.random.Generator, streets: Streets, route_m: float, unsee
 
 
 def _known(graph: Graph, steps: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The half-edges that `steps` drive, and those of the same streets in either direction."""
+    """Masks of the half-edges in `steps`, and of those of the same streets in either direction."""
     driven = np.zeros(len(graph.tails), bool)
     driven[steps] = True
     return driven, driven | driven[np.arange(len(driven)) ^ 1]
 
 
 def _weights(rng: np.random.Generator, driven: NDArray[np.bool_], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """How a walk likes each half-edge: driven ones most, the rest less by chance."""
+    """Random weights of the half-edges for a walk: 1 for driven ones, others for reversed and for unseen ones."""
     off_weight, back_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10), 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
     return np.where(driven, 1.0, np.where(known, back_weight, off_weight))
 

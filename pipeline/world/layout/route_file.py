@@ -1,4 +1,4 @@
-"""A route from the user's own trajectory file, to rehearse a site before it is recorded."""
+"""Reads a route from a trajectory file of the user, to simulate a site before it is recorded."""
 
 from pathlib import Path
 
@@ -13,8 +13,8 @@ TUM_COLUMNS = 8
 def read_route(path: Path) -> NDArray[np.float64]:
     """Route (n, 2) in metres, moved so that its bounding box is centred on the origin.
 
-    The file holds x, y columns, or TUM rows (stamp x y z qx qy qz qw); commas or blanks between, # before comments, and a
-    first line of names is skipped. Raises ConfigError for anything else.
+    The file has columns x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks; comments start with #, and a
+    first line of names is skipped. Raises ConfigError for any other file.
     """
     try:
         lines = [line.split("#")[0].replace(",", " ").split() for line in path.read_text().splitlines()]

@@ -1,4 +1,4 @@
-"""What the sequences of a world drive: the training one's route, the tests' against it, or each log's own loops."""
+"""The routes of the sequences: the training route, test routes relative to it, or loops within one log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.errors import ConfigError
 from pipeline.world.layout.plan import Plan, follow, half_edges_through, plan_loops, plan_test, plan_training
 from pipeline.world.layout.route_file import read_route
-from pipeline.world.layout.streets import Streets, add_route, lay_streets
+from pipeline.world.layout.streets import Streets, add_route, build_streets
 from pipeline.world.seeds import Stream, generator
 
 MIN_ROUTE_M = 30.0
@@ -18,23 +18,23 @@ MIN_ROUTE_M = 30.0
 
 @dataclass(frozen=True)
 class Routes:
-    """The streets, and the training sequence's plan on them."""
+    """The streets, and the plan of the training sequence on them."""
 
     seed: int
     streets: Streets
     training: Plan
     route_m: float
-    """The metres that every sequence drives."""
+    """Length of every sequence."""
 
     def test(self, when: date, wanted: Mapping[str, float]) -> Plan:
-        """The walk nearest the wanted shares, unseen and reversed."""
+        """The plan of a test sequence with the wanted shares `unseen` and `reversed`."""
         rng = generator(self.seed, Stream.TEST_PLAN, when)
         return plan_test(rng, self.streets, self.training, self.route_m, wanted["unseen"], wanted["reversed"])
 
 
 def training_routes(seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool) -> Routes:
-    """A route of `route_m` metres, or that of a trajectory file and at most its length; raises ConfigError for a bad file."""
-    streets = lay_streets(generator(seed, Stream.STREETS), blocks)
+    """A random route of `route_m` metres, or that of a trajectory file, at most as long; raises ConfigError for a bad file."""
+    streets = build_streets(generator(seed, Stream.STREETS), blocks)
     if route_file is None:
         streets = _paved(streets, streets_only)
         return Routes(seed, streets, plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m), route_m)
@@ -55,8 +55,8 @@ def training_routes(seed: int, blocks: int, route_m: float, route_file: str | No
 
 
 def loop_routes(seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]) -> Routes:
-    """A route of `route_m` metres whose second half has the wanted shares, unseen and reversed, against its first."""
-    streets = _paved(lay_streets(generator(seed, Stream.STREETS), blocks), streets_only)
+    """A route of `route_m` metres whose second half has the wanted shares `unseen` and `reversed` relative to its first."""
+    streets = _paved(build_streets(generator(seed, Stream.STREETS), blocks), streets_only)
     plan = plan_loops(generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"])
     return Routes(seed, streets, plan, route_m)
 

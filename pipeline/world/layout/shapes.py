@@ -1,4 +1,4 @@
-"""What the world is made of for a ray: boxes, upright cylinders and porous crowns, as numpy records.
+"""The shapes that a ray can hit: boxes, upright cylinders and porous crowns, as numpy records.
 
 World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training sequence's date.
 """
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 Records: TypeAlias = NDArray[Any]
 ALWAYS = (-np.inf, np.inf)
-"""The (born_day, dead_day) of what stands all year."""
+"""(born_day, dead_day) of a shape that stands all year."""
 
 
 class Kind(IntEnum):
-    """What a point is, in the truth's side file."""
+    """The kind of a point in the truth."""
 
     NOTHING = 0
     GROUND = 1
@@ -32,7 +32,7 @@ class Kind(IntEnum):
 
 
 class Species(IntEnum):
-    """Whose leaves a porous shape carries: their season is `season.extinction_per_m`."""
+    """The species of a porous shape, which determines its extinction over the year (`season.extinction_per_m`)."""
 
     SOLID = -1
     DECIDUOUS = 0
@@ -41,7 +41,7 @@ class Species(IntEnum):
 
 
 def _record(*lengths: str) -> np.dtype[Any]:
-    """Every shape ends alike; 8 bytes a field keep the records aligned."""
+    """All shapes share their last fields; 8 bytes per field keep the records aligned."""
     tail = ["reflectance", "extinction_per_m", "born_day", "dead_day"]
     return np.dtype([(name, "f8") for name in [*lengths, *tail]] + [("kind", "i8"), ("species", "i8")])
 
@@ -52,7 +52,7 @@ CROWN = _record("x_m", "y_m", "z_m", "radius_m", "half_height_m")
 
 
 def records(dtype: np.dtype[Any], **columns: object) -> Records:
-    """Records from named columns or single values; what is not named is 0, solid, and stands all year."""
+    """Records from columns (n,) or single values; fields not given are 0, and the shape is solid and stands all year."""
     length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
     table = np.zeros(length or (1,), dtype)
     table["born_day"], table["dead_day"], table["species"] = *ALWAYS, Species.SOLID

@@ -1,6 +1,7 @@
-"""A construction site: what is cleared for it, its fence, its mound."""
+"""A construction site: its fence, its mound, and the clearing of its ground."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,12 @@ MOUND = (Part(0, 0, 8.0, 6.0, 0, 4.5),)
 
 
 def clear_of_streets(streets: Streets, building: Structure) -> bool:
-    """Whether the building's whole site, fence included, leaves the streets free."""
+    """Whether the whole site of the building, fence included, leaves the streets free."""
     return bool((streets.clearance_m(_site_m(building)) > FENCE_FROM_STREET_M).all())
 
 
 def fence(building: Structure, day: float) -> Structure:
-    """Four boards around the site, up before the building and gone some time after."""
+    """Four boards around the site, from before the building until some time after."""
     length_m, width_m = (half + FENCE_MARGIN_M for half in building.half_extent_m())
     boards = [(0, width_m, length_m, 0), (0, -width_m, length_m, 0), (length_m, 0, 0, width_m), (-length_m, 0, 0, width_m)]
     thick = FENCE_HALF_THICKNESS_M
@@ -32,34 +33,29 @@ def fence(building: Structure, day: float) -> Structure:
 
 
 def mound(building: Structure, day: float) -> Structure:
-    """A heap of earth until the building stands in its place."""
+    """A heap of earth in the place of the building until it stands."""
     return replace(building, parts=MOUND, kind=Kind.WORKS, born_day=day - MOUND_BEFORE_DAYS, dead_day=day)
 
 
-def clear(draft: Draft, building: Structure, day: float) -> None:
-    """Everything small on the site goes on `day`, when the fence comes."""
+def clear_site(draft: Draft, building: Structure, day: float) -> None:
+    """Remove all small things on the site from `day` on, when the fence is built."""
     half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
     c, s = np.cos(building.yaw_rad), np.sin(building.yaw_rad)
 
-    def inside(thing: object) -> bool:
-        offset_m = np.array([thing.x_m - building.x_m, thing.y_m - building.y_m])  # type: ignore[attr-defined]
-        return bool((np.abs(offset_m @ np.array([[c, -s], [s, c]])) <= half_m).all())
+    def cleared(thing: Any) -> Any:
+        offset_m = np.array([thing.x_m - building.x_m, thing.y_m - building.y_m])
+        inside = (np.abs(offset_m @ np.array([[c, -s], [s, c]])) <= half_m).all()
+        return replace(thing, dead_day=min(thing.dead_day, day)) if inside else thing
 
-    def until(dead_day: float) -> float:
-        return min(dead_day, day)
-
-    draft.plants = [replace(plant, dead_day=until(plant.dead_day)) if inside(plant) else plant for plant in draft.plants]
-    draft.poles = [replace(pole, dead_day=until(pole.dead_day)) if inside(pole) else pole for pole in draft.poles]
-    draft.slots = [replace(slot, dead_day=until(slot.dead_day)) if inside(slot) else slot for slot in draft.slots]
+    draft.plants, draft.poles, draft.slots = (
+        [cleared(thing) for thing in things] for things in (draft.plants, draft.poles, draft.slots)
+    )
     small = {Kind.CLUTTER, Kind.LEAF}
-    draft.structures = [
-        replace(thing, dead_day=until(thing.dead_day)) if thing.kind in small and inside(thing) else thing
-        for thing in draft.structures
-    ]
+    draft.structures = [cleared(thing) if thing.kind in small else thing for thing in draft.structures]
 
 
 def _site_m(building: Structure) -> NDArray[np.float64]:
-    """Points (n, 2) no more than a metre apart all over the building's site, fence included."""
+    """Points (n, 2) at most a metre apart all over the site of the building, fence included."""
     half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
     u, v = (np.linspace(-half, half, int(2 * half) + 2) for half in half_m)
     return building.to_world(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))

@@ -1,4 +1,4 @@
-"""The street graph: a jittered grid with missing edges and diagonal footpaths; what everything else keeps clear of."""
+"""The street graph: a jittered grid with missing edges and diagonal footpaths."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,7 +23,7 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Streets:
-    """Corners and the straight streets between them. Half-edge 2e drives street e from start to end, 2e + 1 back."""
+    """Corners and straight streets between them. Half-edge 2e is street e from start to end, 2e + 1 is the reverse."""
 
     nodes_m: Points
     """(v, 2) corners; the first (blocks + 1)² are the grid's, row by row in x."""
@@ -54,7 +54,7 @@ class Streets:
         return along, np.stack([-along[:, 1], along[:, 0]], 1)
 
     def clearance_m(self, points_m: Points) -> NDArray[np.float64]:
-        """Distance (n,) from `points_m` (n, 2) to the border of the nearest street, negative on one."""
+        """Distance (n,) from `points_m` (n, 2) to the border of the nearest street, negative on a street."""
         gaps_m = distance_to_segments_m(points_m, self.starts_m, self.ends_m) - self.half_widths_m
         return np.asarray(gaps_m.min(1))
 
@@ -67,8 +67,8 @@ def distance_to_segments_m(points_m: Points, starts_m: Points, ends_m: Points) -
     return np.asarray(np.hypot(off_x - share * span_x, off_y - share * span_y))
 
 
-def lay_streets(rng: np.random.Generator, blocks: int) -> Streets:
-    """The streets of blocks × blocks blocks around the origin; no corner is left with fewer than two streets."""
+def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
+    """The streets of blocks × blocks blocks around the origin; every corner has at least two streets."""
     side = blocks + 1
     axes = [np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)]) for _ in "xy"]
     grid_m = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
@@ -85,7 +85,7 @@ def lay_streets(rng: np.random.Generator, blocks: int) -> Streets:
 
 
 def _thin_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
-    """The edges (shuffled) without the first REMOVED_SHARE of them that both their corners can spare."""
+    """The shuffled edges without a share REMOVED_SHARE of them; every corner keeps at least two."""
     streets_at = np.bincount(edges.ravel(), minlength=nodes)
     kept, to_remove = [], int(REMOVED_SHARE * len(edges))
     for start, end in edges:
@@ -98,9 +98,9 @@ def _thin_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
 
 
 def add_route(streets: Streets, route_m: Points) -> tuple[Streets, list[int]]:
-    """The streets with a route (n, 2) laid across them as a footpath, and the corners that it visits in order.
+    """The streets with a route (n, 2) added as a footpath, and the corners that it visits in order.
 
-    Where the route meets itself it shares corners. Links to the grid let other sequences join and leave it.
+    Where the route meets itself it shares corners. Links connect it to the grid, for the other sequences.
     """
     driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route_m, axis=0).T))])
     stops_m = np.linspace(0, driven_m[-1], max(2, round(driven_m[-1] / ROUTE_STEP_M) + 1))

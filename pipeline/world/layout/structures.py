@@ -1,4 +1,4 @@
-"""Things built of boxes: buildings, houses, hedges, fences; each a recipe of parts, so that one can stand in many places."""
+"""Structures of boxes: buildings, houses, hedges, fences; the same parts may stand in many places."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.shapes import ALWAYS, BOX, Kind, Records, Species, records
 
 FOOTING_M = 1.5
-"""How far a part that stands on the ground reaches below it, so that slopes leave no gap."""
+"""Depth of a part below the ground that it stands on, so that there is no gap on slopes."""
 REFLECTANCE = 0.4
 
 
@@ -28,7 +28,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Structure:
-    """Parts set down at a point with a yaw, for the days from born_day to dead_day."""
+    """Parts at a point with a yaw, on the days born_day <= day < dead_day."""
 
     x_m: float
     y_m: float
@@ -40,12 +40,12 @@ class Structure:
     dead_day: float = ALWAYS[1]
 
     def to_world(self, ahead_left_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (..., 2) of the structure's frame in the world."""
+        """World points (..., 2) in metres of points in the frame of the structure."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         return np.asarray(ahead_left_m @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m))
 
     def outline_m(self) -> NDArray[np.float64]:
-        """Points (15 a part, 2) spread over its footprint, which is how it asks whether it fits somewhere."""
+        """World points (15 per part, 2) spread over its footprint, to test whether it fits."""
         u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 3)))
         spread = [
             np.stack([part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], 1) for part in self.parts
@@ -53,7 +53,7 @@ class Structure:
         return self.to_world(np.concatenate(spread))
 
     def discs_m(self) -> NDArray[np.float64]:
-        """Discs (5 a part, 3) of x, y, radius that cover its footprint, which is how it keeps others off."""
+        """Discs (5 per part, 3) of x, y, radius that cover its footprint, to keep others at a distance."""
         discs = []
         for part in self.parts:
             along_x = part.half_length_m >= part.half_width_m
@@ -64,13 +64,13 @@ class Structure:
         return np.concatenate(discs)
 
     def half_extent_m(self) -> tuple[float, float]:
-        """How far its parts reach ahead or back, and left or right, of where it stands."""
+        """The largest distance of its parts from its own origin, along its length and to its sides."""
         ahead = max(abs(part.ahead_m) + part.half_length_m for part in self.parts)
         return ahead, max(abs(part.left_m) + part.half_width_m for part in self.parts)
 
 
 def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
-    """The boxes of all `structures`, each part standing at the ground's height below its centre."""
+    """The boxes of all `structures`; the base of each part is the height of the ground at its centre."""
     if not structures:
         return np.zeros(0, BOX)
     owners = [structure for structure in structures for _ in structure.parts]
@@ -84,15 +84,11 @@ def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
         BOX,
         x_m=centres[:, 0],
         y_m=centres[:, 1],
-        half_length_m=[part.half_length_m for part in parts],
-        half_width_m=[part.half_width_m for part in parts],
+        **{name: [getattr(part, name) for part in parts] for name in ("half_length_m", "half_width_m")},
         cos_yaw=np.cos(yaw),
         sin_yaw=np.sin(yaw),
         bottom_m=base_m + np.where(bottom_m == 0, -FOOTING_M, bottom_m),
         top_m=base_m + [part.top_m for part in parts],
         reflectance=REFLECTANCE,
-        born_day=[owner.born_day for owner in owners],
-        dead_day=[owner.dead_day for owner in owners],
-        kind=[owner.kind for owner in owners],
-        species=[owner.species for owner in owners],
+        **{name: [getattr(owner, name) for owner in owners] for name in ("born_day", "dead_day", "kind", "species")},
     )

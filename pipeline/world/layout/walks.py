@@ -12,13 +12,15 @@ U_TURN_WEIGHT, STRAIGHT_WEIGHT, REVISIT_WEIGHT = 0.02, 1.4, 6.0
 
 @dataclass(frozen=True)
 class Graph:
-    """Half-edges, laid out for walking: 2e drives street e from start to end, 2e + 1 back."""
+    """The half-edges of the streets: 2e is street e from start to end, 2e + 1 is the reverse."""
 
     tails: NDArray[np.int64]
+    """(h,) corner at which each half-edge starts; it ends at `heads`."""
     heads: NDArray[np.int64]
     headings: NDArray[np.float64]
     lengths_m: NDArray[np.float64]
     leaving: list[NDArray[np.int64]]
+    """The half-edges that start at each corner."""
 
     @staticmethod
     def of(streets: Streets) -> "Graph":
@@ -29,7 +31,7 @@ class Graph:
         return Graph(tails, heads, along, np.repeat(streets.lengths_m, 2), leaving)
 
     def wander(self, rng: np.random.Generator, weights: NDArray[np.float64], start: int, length_m: float) -> list[int]:
-        """A random walk of at least `length_m` from corner `start`: fresh streets, straight on and heavy weights preferred."""
+        """A random walk of at least `length_m` from corner `start`; it prefers new streets, straight on, and large weights."""
         walk: list[int] = []
         visits = np.zeros(len(weights) // 2)
         node, driven_m = start, 0.0

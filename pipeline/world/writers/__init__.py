@@ -1,4 +1,4 @@
-"""One module a format: a drive as a data set's own raw logs."""
+"""Writers of a drive as raw logs in the formats of the data sets, one module per format."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,19 +21,19 @@ class Writer(Protocol):
 
     @property
     def in_order(self) -> bool:
-        """Whether one process writes the scans, one after another; else any worker may, in any order."""
+        """Whether the scans must be written in order by one process; otherwise any worker may write them in any order."""
 
     def open(self) -> None:
-        """Make the folders."""
+        """Create the folders."""
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """Write all but the scans: the truth, what the robot's own odometry makes of it, the calibration."""
+        """Write everything but the scans: the true poses, the odometry and the calibration."""
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write one scan."""
 
     def close(self) -> None:
-        """Finish."""
+        """Finish the log."""
 
 
 Files = Callable[[Path, str, Poses], Writer]
@@ -43,14 +43,14 @@ Format = Literal["nclt", "robotcar", "kitti", "ros1", "sqlite3", "mcap"]
 
 
 def origin_m(logs: Format) -> NDArray[np.float64]:
-    """Where the world's origin (3,) lies in the world frame that the reader of the format's truth hands out."""
+    """The origin (3,) of the simulated world, in metres in the world frame that the reader of the format returns."""
     return np.array(ORIGIN_M if logs == "robotcar" else (0.0, 0.0, 0.0))
 
 
 def writer(logs: Format, folder: Path, sequence: str, lidar: Lidar) -> Writer:
     """The writer of the format `logs`."""
     if logs == "ros1" or logs == "sqlite3" or logs == "mcap":
-        from pipeline.world.writers.bag import BagWriterInOrder  # and with it rosbags, which no other format needs
+        from pipeline.world.writers.bag import BagWriterInOrder  # it imports rosbags, which no other format needs
 
         return BagWriterInOrder(folder, lidar.body_T_sensor, logs)
     return FILES[logs](folder, sequence, lidar.body_T_sensor)

@@ -1,4 +1,4 @@
-"""A ROS bag: clouds in the lidar's frame, the truth and the wheel odometry, and where the lidar sits (METHODS 7.4)."""
+"""Writes a ROS bag: clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics (METHODS 7.4)."""
 
 from pathlib import Path
 from typing import Literal
@@ -9,7 +9,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.frames import Poses
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
-from pipeline.world.driving.odometry import integrate
+from pipeline.world.driving.odometry import wheel_odometry
 from pipeline.world.seeds import Noise, Stream
 
 CLOUDS, TRUTH, ODOMETRY = "/points", "/ground_truth", "/odom"
@@ -17,7 +17,7 @@ WORLD, START, BODY, LIDAR = "map", "odom", "base_link", "velodyne"
 
 
 class BagWriterInOrder:
-    """Writes one sequence into the bag `bag.bag`, or the folder `bag` of ROS 2, in its folder; messages in order of time."""
+    """Writes one sequence as `bag.bag`, or as the folder `bag` of ROS 2, in its folder, with messages in order of time."""
 
     in_order = True
 
@@ -30,19 +30,19 @@ class BagWriterInOrder:
         self._bag.__enter__()
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """Where the lidar sits; the truth and the odometry wait until the scans come to their time."""
+        """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches their stamps."""
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self._body_T_sensor)
-        drifted = integrate(noise(Stream.ODOMETRY), drive.world_T_body)
+        drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
         self._waiting = list(zip(drive.utimes.tolist(), drive.world_T_body, drifted, strict=True))[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
-        """The poses up to the scan, and its cloud."""
+        """Write the poses up to the stamp of the scan, and its cloud."""
         self._write_poses(utime)
         points_m, intensity = returns.points_m.astype(np.float32), returns.intensity.astype(np.float32)
         self._bag.points(utime * 1000, LIDAR, points_m, intensity, returns.laser, CLOUDS)
 
     def close(self) -> None:
-        """The poses after the last scan, and the bag's index."""
+        """Write the poses after the last scan, and the index of the bag."""
         self._write_poses(None)
         self._bag.__exit__(None, None, None)
 

@@ -1,4 +1,4 @@
-"""KITTI odometry's layout and frames: a root of its own for one log, in the folder (METHODS 7.3)."""
+"""Writes the layout and frames of KITTI odometry, with a root of its own for each log (METHODS 7.3)."""
 
 from pathlib import Path
 
@@ -13,13 +13,13 @@ from pipeline.world.writers.files import FilesWriter
 
 
 class KittiWriter(FilesWriter):
-    """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, which the reader splits."""
+    """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, and the reader splits it."""
 
     def open(self) -> None:
         self._scans().mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """Calibration, times from the first scan on, and the poses of cam0 in its first frame; KITTI has no odometry."""
+        """Write the calibration, the times since the first scan, and the poses of cam0 in its first frame; no odometry."""
         log = kitti_log(self.sequence)
         kitti.write_calib(kitti.calib_path(self.folder, log))
         kitti.write_times(kitti.times_path(self.folder, log), (drive.scan_utimes - drive.scan_utimes[0]) / 1e6)

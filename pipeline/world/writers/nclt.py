@@ -1,4 +1,4 @@
-"""NCLT's layout and frames: velodyne_sync scans in the body's frame, ground truth and wheel odometry (METHODS 7.1)."""
+"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry (METHODS 7.1)."""
 
 from pathlib import Path
 
@@ -8,13 +8,12 @@ from pipeline.formats.nclt import ODOMETRY, SCANS, TRUTH, encode, write_pose_row
 from pipeline.frames import flip_ned
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
-from pipeline.world.driving.odometry import integrate
+from pipeline.world.driving.odometry import wheel_odometry
 from pipeline.world.seeds import Noise, Stream
-from pipeline.world.writers.files import FilesWriter
-from pipeline.world.writers.rows import xyzrpy
+from pipeline.world.writers.files import FilesWriter, xyzrpy
 
 LEADING_GAPS = 5
-"""Rows of NaN that open the truth, as in the real files, before the SLAM solution sets in."""
+"""Number of NaN rows at the start of the truth: in the real files the SLAM solution begins later."""
 
 
 class NcltWriter(FilesWriter):
@@ -24,11 +23,11 @@ class NcltWriter(FilesWriter):
         self._scans().mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """The ground truth, whose first LEADING_GAPS rows are NaN, and the integrated odometry."""
+        """Write the ground truth, whose first LEADING_GAPS rows are NaN, and the wheel odometry."""
         rows = xyzrpy(flip_ned(drive.world_T_body))
         rows[:LEADING_GAPS] = np.nan
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
-        drifted = integrate(noise(Stream.ODOMETRY), drive.world_T_body)
+        drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
         write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(drifted)))
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:

@@ -1,6 +1,6 @@
-"""RobotCar's layout and frames: sweeps of lms_front, visual odometry and INS of the z-down vehicle (METHODS 7.2).
+"""Writes the layout and frames of RobotCar: sweeps of lms_front, visual odometry and INS (METHODS 7.2).
 
-The folder is a sequence's own, with the SDK's extrinsics inside.
+Each sequence has a folder of its own, with the extrinsics of the SDK inside.
 """
 
 import numpy as np
@@ -8,22 +8,21 @@ import numpy as np
 from pipeline.formats import robotcar
 from pipeline.frames import flip_ned, pose
 from pipeline.world.driving.drive import Drive
-from pipeline.world.driving.ins import inertial
+from pipeline.world.driving.ins import simulate_ins
 from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns
-from pipeline.world.driving.odometry import visual
+from pipeline.world.driving.odometry import visual_odometry
 from pipeline.world.seeds import Noise, Stream
-from pipeline.world.writers.files import FilesWriter
-from pipeline.world.writers.rows import xyzrpy
+from pipeline.world.writers.files import FilesWriter, xyzrpy
 
 LASER = robotcar.LASERS[0]
 INS_US, IMAGES_US = 20_000, 62_500
 """50 rows and 16 images a second."""
 BLIND = "INS_BAD_GPS_AGREEMENT"
 ORIGIN_M = (5_735_000.0, -620_000.0, 110.0)
-"""Where the world's origin lies in UTM, x north, y west, z up: in Oxford."""
+"""The origin of the simulated world in UTM (x north, y west, z up), in Oxford."""
 BODY_T_VEHICLE = pose(np.array([[0.0, 0.0, CAMERA_HEIGHT_M]]), np.zeros((1, 3)))[0]
 VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
-"""Of the z-down vehicle."""
+"""(4, 4) in the z-down vehicle frame."""
 
 
 class RobotCarWriter(FilesWriter):
@@ -33,16 +32,16 @@ class RobotCarWriter(FilesWriter):
         robotcar.sweep_folder(self.folder, "", LASER).mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """The extrinsics, the sweeps' stamps, the visual odometry, and the INS with its outages."""
+        """Write the extrinsics, the stamps of the sweeps, the visual odometry, and the INS with its outages."""
         robotcar.write_extrinsics(self.folder / "extrinsics")
         robotcar.write_timestamps(robotcar.timestamps_path(self.folder, "", LASER), drive.scan_utimes)
         images, rows = (np.arange(drive.utimes[0], drive.utimes[-1], step_us) for step_us in (IMAGES_US, INS_US))
-        motion = visual(noise(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE)
+        motion = visual_odometry(noise(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE)
         robotcar.write_vo(robotcar.vo_path(self.folder, ""), images, xyzrpy(flip_ned(motion)))
-        told, good = inertial(noise(Stream.OUTAGES), drive.at(rows) @ BODY_T_VEHICLE)
-        told[:, :3, 3] += ORIGIN_M
+        reported, good = simulate_ins(noise(Stream.OUTAGES), drive.at(rows) @ BODY_T_VEHICLE)
+        reported[:, :3, 3] += ORIGIN_M
         statuses = np.where(good, robotcar.INS_GOOD, BLIND).tolist()
-        robotcar.write_ins(robotcar.ins_path(self.folder, ""), rows, statuses, xyzrpy(flip_ned(told) @ VEHICLE_T_INS))
+        robotcar.write_ins(robotcar.ins_path(self.folder, ""), rows, statuses, xyzrpy(flip_ned(reported) @ VEHICLE_T_INS))
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """lms_front/<utime>.bin."""

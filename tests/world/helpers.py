@@ -1,6 +1,9 @@
-"""How far measured points lie off the true walls of a world."""
+"""What the tests of the three worlds share."""
+
+from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from pipeline.world.driving.entry import Entry
@@ -8,6 +11,20 @@ from pipeline.world.layout.campus import shapes_on
 from pipeline.world.layout.routes import Routes
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
+
+CONF = Path(__file__).parents[2] / "conf" / "world"
+
+
+def preset(name: str) -> Simulation:
+    """A world of conf/world."""
+    keys = yaml.safe_load((CONF / f"{name}.yaml").read_text())
+    assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
+    return Simulation(**keys)
+
+
+def contents(root: Path) -> list[tuple[str, bytes]]:
+    """All files below a folder, by name."""
+    return sorted((str(path.relative_to(root)), path.read_bytes()) for path in root.rglob("*") if path.is_file())
 
 
 def off_walls_m(
