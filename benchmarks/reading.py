@@ -1,4 +1,4 @@
-"""Reading NCLT's files from the page cache: ours against numpy's structured types and struct."""
+"""Reading NCLT scans from the page cache: ours against numpy's structured types, struct, and the bytes alone."""
 
 import struct
 import tempfile
@@ -17,11 +17,11 @@ RECORD = np.dtype([("x", "<u2"), ("y", "<u2"), ("z", "<u2"), ("intensity", "u1")
 
 def run() -> list[Race]:
     """Scans of 120,000 hits."""
-    with tempfile.TemporaryDirectory() as folder:
-        return _scans(Path(folder))
+    with tempfile.TemporaryDirectory() as name:
+        return _races(Path(name))
 
 
-def _scans(folder: Path) -> list[Race]:
+def _races(folder: Path) -> list[Race]:
     rng = np.random.default_rng(0)
     paths = [folder / f"{i}.bin" for i in range(FILES)]
     for path in paths:

@@ -1,7 +1,7 @@
-"""ROS bags written without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or a ROS 2 folder with sqlite3 or MCAP inside.
+"""Writes ROS bags without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or in a ROS 2 folder with sqlite3 or MCAP inside.
 
-Frames follow REP 103: x forward, y left, z up. A bag's bytes follow from what is written into it and from the versions of
-`rosbags` and SQLite, which it names.
+Frames follow REP 103: x forward, y left, z up. The bytes of a bag depend only on its messages and on the versions of `rosbags`
+and SQLite, which it names.
 """
 
 from functools import cache
@@ -29,9 +29,10 @@ POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pa
 
 @cache
 def typestore(ros: int) -> Typestore:
-    """The definitions of ROS 1's or 2's standard messages, which no distribution has changed.
+    """The definitions of the standard messages of ROS 1 or 2, which are the same in all distributions.
 
-    A bag's own definitions are not used: one odd topic would close the whole bag, and a flipped bit there change every message.
+    The definitions inside a bag are not used: one odd topic would make the whole bag unreadable, and one flipped bit in a
+    definition would change every message.
     """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     if TRANSFORMS not in store.fielddefs:
@@ -40,7 +41,7 @@ def typestore(ros: int) -> Typestore:
 
 
 class BagWriter:
-    """Writes one bag, as a context manager; stamps are also the times of receipt."""
+    """Writes one bag, as a context manager; the stamp of a message is also its time of receipt."""
 
     def __init__(self, path: Path, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
         """`path` is a file NAME.bag for `ros1`, else a folder; raises LogError if it is there already."""
@@ -72,25 +73,15 @@ class BagWriter:
         ring: NDArray[np.integer],
         topic: str = "/points",
     ) -> None:
-        """A cloud (n, 3) with an intensity and a ring for each point."""
+        """Write a cloud (n, 3) in metres, with an intensity and a ring (number of the beam) for each point."""
         data = np.zeros(len(points_m), POINT)
         data["xyz"], data["intensity"], data["ring"] = points_m, intensity, ring
         layout = [(axis, 4 * i, 7) for i, axis in enumerate("xyz")] + [("intensity", 12, 7), ("ring", 16, 4)]
-        step = POINT.itemsize
-        self.write(
-            topic,
-            CLOUD,
-            stamp_ns,
-            header=self._header(stamp_ns, frame),
-            height=1,
-            width=len(data),
-            fields=[self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1) for n, at, kind in layout],
-            is_bigendian=False,
-            point_step=step,
-            row_step=step * len(data),
-            data=data.view(np.uint8).reshape(-1),
-            is_dense=True,
-        )
+        fields = [self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1) for n, at, kind in layout]
+        shape = {"height": 1, "width": len(data), "point_step": POINT.itemsize, "row_step": data.nbytes}
+        flags = {"is_bigendian": False, "is_dense": True}
+        points = data.view(np.uint8).reshape(-1)
+        self._write_stamped(topic, CLOUD, stamp_ns, frame, fields=fields, data=points, **shape, **flags)
 
     def laser_scan(
         self,
@@ -103,68 +94,42 @@ class BagWriter:
         range_max_m: float,
         topic: str = "/scan",
     ) -> None:
-        """A sweep of ranges (n,), counter-clockwise from `angle_min_rad`."""
-        self.write(
-            topic,
-            SWEEP,
-            stamp_ns,
-            header=self._header(stamp_ns, frame),
-            angle_min=angle_min_rad,
-            angle_max=angle_min_rad + angle_step_rad * (len(ranges_m) - 1),
-            angle_increment=angle_step_rad,
-            time_increment=0.0,
-            scan_time=0.0,
-            range_min=range_min_m,
-            range_max=range_max_m,
-            ranges=np.asarray(ranges_m, np.float32),
-            intensities=np.empty(0, np.float32),
-        )
+        """Write a sweep of ranges (n,), counter-clockwise from `angle_min_rad`."""
+        angle_max_rad = angle_min_rad + angle_step_rad * (len(ranges_m) - 1)
+        angles = {"angle_min": angle_min_rad, "angle_max": angle_max_rad, "angle_increment": angle_step_rad}
+        limits = {"range_min": range_min_m, "range_max": range_max_m, "time_increment": 0.0, "scan_time": 0.0}
+        values = {"ranges": np.asarray(ranges_m, np.float32), "intensities": np.empty(0, np.float32)}
+        self._write_stamped(topic, SWEEP, stamp_ns, frame, **angles, **limits, **values)
 
     def odometry(
         self, stamp_ns: int, world_frame: str, body_frame: str, world_T_body: NDArray[np.float64], topic: str = "/odom"
     ) -> None:
-        """A pose 4×4 of the body; velocities and covariances are zero."""
-        zero = {"linear": self._xyz(np.zeros(3)), "angular": self._xyz(np.zeros(3))}
-        pose = self._new(
-            "geometry_msgs/msg/Pose",
-            position=self._xyz(world_T_body[:3, 3], "Point"),
-            orientation=self._quaternion(world_T_body),
-        )
-        self.write(
-            topic,
-            ODOMETRY,
-            stamp_ns,
-            header=self._header(stamp_ns, world_frame),
-            child_frame_id=body_frame,
-            pose=self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-            twist=self._new(
-                "geometry_msgs/msg/TwistWithCovariance",
-                twist=self._new("geometry_msgs/msg/Twist", **zero),
-                covariance=np.zeros(36),
-            ),
-        )
+        """Write a pose 4×4 of the body; velocities and covariances are zero."""
+        position, orientation = self._xyz(world_T_body[:3, 3], "Point"), self._quaternion(world_T_body)
+        pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36))
+        zero = self._xyz(np.zeros(3))
+        twist = self._new("geometry_msgs/msg/Twist", linear=zero, angular=zero)
+        twist = self._new("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36))
+        self._write_stamped(topic, ODOMETRY, stamp_ns, world_frame, child_frame_id=body_frame, pose=pose, twist=twist)
 
     def static_transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]) -> None:
-        """A transform 4×4 that holds for the whole bag, on `/tf_static`."""
+        """Write a transform 4×4 that holds for the whole bag, on `/tf_static`."""
         self.transform(stamp_ns, parent, child, parent_T_child, "/tf_static")
 
     def transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64], topic: str = "/tf") -> None:
-        """A transform 4×4 at a moment."""
-        transform = self._new(
-            "geometry_msgs/msg/Transform",
-            translation=self._xyz(parent_T_child[:3, 3]),
-            rotation=self._quaternion(parent_T_child),
-        )
-        stamped = self._new(
-            "geometry_msgs/msg/TransformStamped",
-            header=self._header(stamp_ns, parent),
-            child_frame_id=child,
-            transform=transform,
-        )
-        self.write(topic, TRANSFORMS, stamp_ns, transforms=[stamped])
+        """Write a transform 4×4 at a moment."""
+        translation, rotation = self._xyz(parent_T_child[:3, 3]), self._quaternion(parent_T_child)
+        transform = self._new("geometry_msgs/msg/Transform", translation=translation, rotation=rotation)
+        header, stamped = self._header(stamp_ns, parent), "geometry_msgs/msg/TransformStamped"
+        transforms = [self._new(stamped, header=header, child_frame_id=child, transform=transform)]
+        self._write(topic, TRANSFORMS, stamp_ns, transforms=transforms)
 
-    def write(self, topic: str, message_type: str, stamp_ns: int, **fields: Any) -> None:
-        """Any standard message."""
+    def _write_stamped(self, topic: str, message_type: str, stamp_ns: int, frame: str, **fields: Any) -> None:
+        """Write a standard message that begins with a header."""
+        self._write(topic, message_type, stamp_ns, header=self._header(stamp_ns, frame), **fields)
+
+    def _write(self, topic: str, message_type: str, stamp_ns: int, **fields: Any) -> None:
         message, writer = self._new(message_type, **fields), self._writer
         if topic not in self._topics:
             self._topics[topic] = writer.add_connection(topic, message_type, typestore=self._store)

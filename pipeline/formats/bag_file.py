@@ -1,7 +1,7 @@
-"""A ROS bag open for reading, without ROS: its topics, its messages in order, and any one of them again.
+"""Reads ROS bags without ROS: the topics, the messages in order, and any single message again.
 
 `rosbags` reads all kinds: a ROS 1 .bag (plain, bz2, lz4), a ROS 2 folder (sqlite3 or MCAP; zstd by file or by message), a bare
-.mcap or .db3. Whatever it raises at a damaged file becomes one LogError that names the file.
+.mcap or .db3. Any exception that it raises at a damaged file becomes one LogError that names the file.
 """
 
 import re
@@ -23,12 +23,12 @@ from pipeline.formats.bag import TRANSFORMS, typestore
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 ALIASES = {"tf/msg/tfMessage": TRANSFORMS}
-"""Types of one layout and two names."""
+"""Older names of message types."""
 
 
 @dataclass(frozen=True)
 class Topic:
-    """What a bag says of a topic."""
+    """A topic of a bag."""
 
     kind: str
     """The message type, such as sensor_msgs/msg/PointCloud2."""
@@ -40,7 +40,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Key:
-    """Where a message is: the n-th of its topic received at that moment."""
+    """Address of a message in its bag: the n-th of its topic that was received at `received_ns`."""
 
     topic: str
     received_ns: int
@@ -48,7 +48,7 @@ class Key:
 
 
 def plain(text: str, length: int) -> str:
-    """Text from a bag, fit for one line of an error."""
+    """Text from a bag without unprintable letters, cut to `length`, so that it fits into one line of an error."""
     return "".join(letter if letter.isprintable() else " " for letter in text)[:length].strip()
 
 
@@ -65,12 +65,12 @@ def find(path: Path) -> list[Path]:
 
 
 class BagFile:
-    """An open bag, closed when nothing refers to it any more; safe to share between threads, and re-opened when unpickled."""
+    """An open bag; it closes when nothing refers to it any more, may be shared between threads, and re-opens when unpickled."""
 
     def __init__(self, path: Path) -> None:
         """Raises LogError for a file that is missing, damaged, or no bag.
 
-        `topics` are by name; `span_ns` is from the first receipt to after the last, turned round in an empty bag.
+        `topics` are by name; `span_ns` is (first receipt, after the last receipt), and start > end in an empty bag.
         """
         self.path = path
         self._lock = Lock()
@@ -101,7 +101,7 @@ class BagFile:
             return next((data for _, data in found), None)
 
     def read(self, key: Key) -> bytes:
-        """One message again."""
+        """The bytes of one message; raises LogError if it is no longer there."""
         with self._lock, self._refusing():
             at = self._reader.messages(self._connections(key.topic), key.received_ns, key.received_ns + 1)
             found = next(islice(at, key.nth, None), None)
@@ -110,7 +110,7 @@ class BagFile:
         return bytes(found[2])
 
     def decode(self, data: bytes, kind: str) -> Any:
-        """A message of a standard type from its bytes."""
+        """A message of a standard type from its bytes; raises LogError for a broken one."""
         unpack = self._store.deserialize_ros1 if self.ros == 1 else self._store.deserialize_cdr
         try:
             return unpack(data, kind)
@@ -119,24 +119,23 @@ class BagFile:
 
     @property
     def ros(self) -> int:
-        """1 or 2."""
+        """The version of ROS: 1 or 2."""
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
 
     def _topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
         for connection in self._reader.connections:
-            kind = ALIASES.get(connection.msgtype, connection.msgtype)
             count = topics[connection.topic].count if connection.topic in topics else 0
-            topics[connection.topic] = Topic(kind, int(connection.msgcount) + count)
+            topics[connection.topic] = Topic(_kind(connection), int(connection.msgcount) + count)
         return dict(sorted(topics.items()))
 
     def _connections(self, topic: str) -> list[Connection]:
-        """Who wrote a topic; raises LogError for messages that are not of one standard type."""
+        """The connections that wrote a topic; raises LogError for messages that are not of one standard type."""
         if topic in self._writers:
             return self._writers[topic]
         found = [connection for connection in self._reader.connections if connection.topic == topic]
         for connection in found:
-            kind = ALIASES.get(connection.msgtype, connection.msgtype)
+            kind = _kind(connection)
             if kind != self.topics[topic].kind:
                 kinds = plain(f"{kind}, {self.topics[topic].kind}", 120)
                 raise LogError(f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}")
@@ -157,8 +156,12 @@ class BagFile:
             raise LogError(f"{self.path}: {_why(self.path, error)}") from None
 
 
+def _kind(connection: Connection) -> str:
+    return ALIASES.get(connection.msgtype, connection.msgtype)
+
+
 def _why(path: Path, error: Exception) -> str:
-    """What is wrong with a bag, and what to do."""
+    """The error line for a bag that cannot be read: what is wrong, and what to do."""
     if not path.exists():
         return "no such bag"
     if path.is_file():

@@ -1,4 +1,4 @@
-"""A csv of what has changed in a place since training: buildings that went up or came down, trees that were felled or planted."""
+"""Reads and writes a csv of changes in a place since training: buildings built or demolished, trees planted or felled."""
 
 import csv
 from collections.abc import Iterable
@@ -14,32 +14,32 @@ class Change:
     """One row; its fields are the columns."""
 
     what: str
-    """`construction`, `demolition`, `tree`, or any other word."""
+    """`construction`, `demolition`, `tree`, or any other kind of change."""
     from_day: int
-    """The first day after the training sequence's on which the place looks different: of a construction, when its fence is up."""
+    """Days after training from which the place looks different; for a construction, when its fence is up."""
     day: int
-    """Days after the training sequence on which it is done: the building stands, or is gone."""
+    """Days after training on which the change is complete: the building stands, or is gone."""
     x_m: float
     y_m: float
-    """In the world frame of the logs' ground truth, as the reader hands it out."""
+    """Position in the world frame of the ground truth, as the reader returns it."""
 
 
 COLUMNS = tuple(field.name for field in fields(Change))
 
 
 def visible(changes: Iterable[Change], day: int) -> list[Change]:
-    """The changes that show on `day` and did not on the training day, in order of their coming."""
+    """The changes that are visible on `day` but were not on the training day, in order of time."""
     return sorted((one for one in changes if 0 < one.from_day <= day), key=lambda one: (one.from_day, one.day, one.x_m, one.y_m))
 
 
 def write_changes(path: Path, changes: Iterable[Change]) -> None:
-    """Write a header and a row a change, metres to the centimetre."""
+    """Write a header and one row per change, with metres to the centimetre."""
     rows = (f"{what},{from_day},{day},{x_m:.2f},{y_m:.2f}\n" for what, from_day, day, x_m, y_m in map(astuple, changes))
     path.write_text(",".join(COLUMNS) + "\n" + "".join(rows), encoding="utf-8")
 
 
 def read_changes(path: Path) -> list[Change]:
-    """The changes of a csv, whose columns may come in any order; raises LogError naming what it lacks, or a bad row."""
+    """Read a csv, whose columns may come in any order; raises LogError naming the missing columns or the bad row."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file, skipinitialspace=True)

@@ -1,4 +1,4 @@
-"""Scan files and pose files as robots of one's own leave them: .bin, .npy and .pcd scans, TUM and KITTI poses."""
+"""Scan files (.bin, .npy, .pcd) and TUM pose files of a robot that belongs to no published data set."""
 
 import io
 from decimal import Decimal
@@ -12,28 +12,29 @@ from pipeline.formats import pcd
 
 SCANS = (".bin", ".npy", ".pcd")
 TIMES = "times.txt"
-"""Beside KITTI poses: the seconds of each row."""
+"""The file beside KITTI poses with the time of each row in seconds."""
 LARGEST_BYTES = 2**28
-"""Of one scan's file, and of what it unpacks to: a larger one is damage, or a map."""
+"""Limit for the file of one scan, packed and unpacked: a larger one is damaged, or is a map."""
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
 def points(data: bytes, path: Path, columns: int) -> NDArray[np.float64]:
-    """The x, y, z (n, 3) of a scan file's bytes, as they stand; its suffix says what it is, `columns` how wide a .bin's rows are.
+    """Points (n, 3) from the bytes of a scan file, in the file's frame and unit, non-finite ones included.
 
-    Raises LogError for what is no such file or is cut short, before more than 2²⁸ bytes are taken.
+    The suffix of `path` is the format; `columns` is the number of floats per point in a .bin. Raises LogError for a file of
+    another format or one cut short, before more than 2²⁸ bytes are allocated.
     """
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
-    with np.errstate(invalid="ignore"):  # a signalling NaN tells of itself when it is widened
+    with np.errstate(invalid="ignore"):  # numpy warns when a signalling NaN becomes a float64
         if path.suffix == ".pcd":
             return pcd.decode(data, path, LARGEST_BYTES)
         return _npy(data, path) if path.suffix == ".npy" else _bin(data, path, columns)
 
 
 def stamp_ns(word: str, unit: str) -> int | None:
-    """A stamp such as 1326652795.280148 in `unit` (s, us, ns) as nanoseconds, exactly; None if it is none."""
+    """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly; None if it is not a stamp."""
     try:
         stamp = Decimal(word) * UNIT_NS[unit]
     except ArithmeticError:
@@ -42,9 +43,10 @@ def stamp_ns(word: str, unit: str) -> int | None:
 
 
 def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
-    """Stamps in ns and rows (n, 7) x, y, z, qx, qy, qz, qw of a TUM file: blanks or commas, # comments, NaN where unknown.
+    """Stamps (n,) in ns and rows (n, 7) x, y, z (m), qx, qy, qz, qw of the text of a TUM file; NaN where the pose is unknown.
 
-    Stamps are read as the decimals that they are: a double would round them by 100 ns. Raises LogError naming the row.
+    Numbers are separated by blanks or commas, comments start with #. Stamps are read as decimals, since a double would round
+    them by 100 ns. Raises LogError naming the row.
     """
     lines = (line.split("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = [words for words in lines if words]
@@ -73,7 +75,7 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
     try:
         read = NPY_HEADERS[np.lib.format.read_magic(file)]
         shape, by_columns, kind = read(file)
-    except Exception as error:  # the header is a Python literal: whatever its parser raises
+    except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
     if len(shape) != 2 or shape[1] < 3 or kind.kind not in "fiu" or kind.itemsize > 8:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {kind}{shape}")

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 RECORD_BYTES = 16
 CAM_T_VELO = np.array([[0.0, -1.0, 0.0, -0.012], [0.0, 0.0, -1.0, -0.054], [1.0, 0.0, 0.0, -0.292], [0.0, 0.0, 0.0, 1.0]])
-"""The simulated car's: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned."""
+"""Of the simulated car: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned."""
 FOCAL_PX, CENTRE_PX = 718.856, (607.1928, 185.2157)
 BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
-"""As log 00's P0 to P3 have them: −focal length × how far a camera sits to the right of cam0."""
+"""Last column of P0 to P3 in log 00: −focal length × distance of a camera to the right of cam0."""
 
 
 def scan_folder(root: Path, log: str) -> Path:
@@ -46,11 +46,11 @@ def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) ->
 
 def write_calib(path: Path) -> None:
     """P0 to P3, the projections of the rectified cameras, and Tr = cam0 <- velodyne."""
-    rows = [("Tr", CAM_T_VELO[:3])]
-    for camera, baseline in reversed(list(enumerate(BASELINES_PX_M))):
-        projection = np.array([[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]])
-        rows.insert(0, (f"P{camera}", projection))
-    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in rows])
+    rows = {
+        f"P{camera}": np.array([[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]])
+        for camera, baseline in enumerate(BASELINES_PX_M)
+    }
+    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in (rows | {"Tr": CAM_T_VELO[:3]}).items()])
 
 
 def write_times(path: Path, times_s: NDArray[np.float64]) -> None:

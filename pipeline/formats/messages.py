@@ -1,4 +1,4 @@
-"""ROS messages as arrays: stamps and frames, poses and transforms, laser scans (METHODS 7.4). Frames follow REP 103."""
+"""Decodes ROS messages into arrays: stamps and frames, poses and transforms, laser scans (METHODS 7.4); REP 103 frames."""
 
 import struct
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from pipeline.formats.bag_file import plain
 from pipeline.frames import Poses
 
 FARTHEST_M = 1e8
-"""A position further from its origin than this is damage: the earth's centre is 6.4e6 m away."""
+"""A position further than this from its origin is damage: the centre of the Earth is 6.4e6 m away."""
 
 
 def header(data: bytes, ros: int) -> tuple[int, str]:
-    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises LogError for what is none.
+    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises LogError for any other.
 
-    ROS 1 begins with a counter, CDR with four bytes of which the second tells the byte order: the rest is alike.
+    A ROS 1 message begins with a counter, a CDR one with four bytes, of which the second is the byte order; the rest is alike.
     """
     order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
     try:
@@ -34,7 +34,7 @@ def header(data: bytes, ros: int) -> tuple[int, str]:
 
 
 def frame_name(name: str) -> str:
-    """A frame_id as tf2 knows it, without the slash that ROS 1 used to put before it; of a damaged one what can be printed."""
+    """A frame_id as tf2 has it: without the leading slash of old ROS 1 bags, and without unprintable letters."""
     return plain(name, 120).lstrip("/")
 
 
@@ -45,7 +45,7 @@ def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
 
 
 def transform_numbers(stamped: Any) -> tuple[float, ...]:
-    """The same of a TransformStamped."""
+    """Translation in metres and quaternion (x, y, z, w) of a TransformStamped."""
     return _numbers(stamped.transform.translation, stamped.transform.rotation)
 
 
@@ -54,7 +54,7 @@ def _numbers(position: Any, turn: Any) -> tuple[float, ...]:
 
 
 def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
-    """Poses (n, 4, 4) from positions and quaternions; NaN where they are no place on earth or no rotation."""
+    """Poses (n, 4, 4) from positions and quaternions; NaN where they are not a place on Earth or not a rotation."""
     rows = np.array(numbers, np.float64).reshape(-1, 7)
     with np.errstate(all="ignore"):
         good = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01)
@@ -67,9 +67,10 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
 
 
 def sweep_points(message: Any) -> NDArray[np.float64]:
-    """Points (n, 3) of a LaserScan in its frame, at z = 0; ranges not finite, or not from range_min to range_max, are dropped.
+    """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from range_min to range_max.
 
     Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
+    Raises LogError for angles or limits that no scanner has.
     """
     start, step, near, far = message.angle_min, message.angle_increment, message.range_min, message.range_max
     if not np.isfinite([start, step, near, far]).all() or max(abs(start), abs(step)) > 1e3:
@@ -79,5 +80,4 @@ def sweep_points(message: Any) -> NDArray[np.float64]:
         kept = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
     angles = start + step * kept
     flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(kept))], axis=1)
-    points: NDArray[np.float64] = flat * ranges_m[kept, None]
-    return points
+    return np.asarray(flat * ranges_m[kept, None])

@@ -17,16 +17,18 @@ PACKET_HEADER_BYTES = 24
 BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 """x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
 
-
 SCANS, TRUTH, ODOMETRY = "velodyne_sync", "groundtruth_{sequence}.csv", "odometry_mu_100hz.csv"
-"""The files of a sequence in its folder, as a writer lays them."""
+"""Names of the files in the folder of one sequence."""
 TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
-"""Where a reader looks for them below the data set's root."""
+"""Where the files may lie below the root of the data set, in the order of search."""
 
 
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
-    """Write `utimes` (n,) and `ned_xyzrph` (n, 6) as the data set does: no header, comma separated."""
+    """Write a pose file as NCLT lays it out: no header; utime (µs), then x, y, z in metres and roll, pitch, heading in radians.
+
+    `utimes` is (n,), `ned_xyzrph` (n, 6).
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w") as file:
         for utime, row in zip(utimes.tolist(), ned_xyzrph.tolist(), strict=True):
@@ -44,7 +46,7 @@ def encode(points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: N
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(words: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Hits, four 16-bit words each, flat (4 n,), as metres (n, 3), z up."""
+    """Points (n, 3) in metres, z up, of hits that are four 16-bit words each, flat (4 n,)."""
     points = np.empty((words.shape[0] // 4, 3), np.float64)
     metres(words, points.reshape(-1))
     return points
@@ -52,7 +54,7 @@ def decode(words: NDArray[np.uint16]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def metres(words: NDArray[np.uint16], points: NDArray[np.float64]) -> None:
-    """The same into `points`, flat (3 n,). On flat arrays the loop becomes vector code: twenty times as fast as on (n, 4)."""
+    """Like `decode`, written into `points`, flat (3 n,). The compiler vectorises the loop over flat arrays: 20 times as fast."""
     for i in range(words.shape[0] // 4):
         points[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
         points[3 * i + 1] = -(np.int32(words[4 * i + 1]) * 0.005 - 100.0)

@@ -1,8 +1,8 @@
-"""PCD, the Point Cloud Library's files, version 0.7: ascii, binary and binary_compressed.
+"""Reads PCD files of the Point Cloud Library, version 0.7: ascii, binary and binary_compressed.
 
 A header of text lines (FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS, in any order, DATA last), then the points: as lines of
-numbers, as little-endian records, or as one LZF block of all points' first field, all points' second field, and so on.
-VIEWPOINT is left aside: where a sensor sits is told by the data set's yaml.
+numbers, as little-endian records, or as one LZF block with the first field of all points, then the second field, and so on.
+VIEWPOINT is ignored: the yaml of the data set says where the sensor sits.
 """
 
 from dataclasses import dataclass
@@ -15,25 +15,25 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 
 HEADER_BYTES = 65_536
-"""A header is a few hundred bytes; one without a DATA line in so many is none."""
+"""Limit for the header, which usually has a few hundred bytes; a file without a DATA line before it is not a PCD."""
 EXPANSION = 88
-"""Three bytes of LZF stand for 264 bytes at most."""
+"""Largest expansion of LZF: three bytes encode at most 264."""
 AXES = ("x", "y", "z")
 KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
 @dataclass(frozen=True)
 class Header:
-    """What the text lines say."""
+    """The header of a PCD file."""
 
     fields: tuple[str, ...]
     types: tuple[str, ...]
-    """Of each field: numpy's name of its type, such as <f4."""
+    """The type of each field as numpy names it, such as <f4."""
     counts: tuple[int, ...]
     points: int
     data: str
     end: int
-    """The byte after the header."""
+    """Index of the first byte after the header."""
 
     def axes(self) -> list[int]:
         return [self.fields.index(axis) for axis in AXES]
@@ -44,9 +44,9 @@ class Header:
 
 
 def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
-    """The x, y, z (n, 3) of a file's bytes, NaN where it says so; `path` is for the errors.
+    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN; errors name `path`.
 
-    Raises LogError for what is no PCD 0.7, is cut short, or would unpack to more than `largest` bytes.
+    Raises LogError for a file that is not PCD 0.7, is cut short, or would unpack to more than `largest` bytes.
     """
     header = parse(data, path)
     body = memoryview(data)[header.end :]
@@ -70,7 +70,7 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
 
 
 def parse(data: bytes, path: Path) -> Header:
-    """The header of a file's bytes; raises LogError naming the line that does not fit."""
+    """The header from the bytes of a file; raises LogError naming the wrong line."""
     said: dict[str, list[str]] = {}
     end = 0
     while "DATA" not in said:
@@ -121,7 +121,7 @@ def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
 
 
 def _expect(path: Path, header: Header, found: int) -> None:
-    """Before anything is allocated: `found` bytes are what the header's points take."""
+    """Raise LogError, before anything is allocated, unless `found` is the number of bytes of the points in the header."""
     wanted = sum(header.widths()) * header.points
     if found != wanted:
         raise LogError(f"{path}: {found} bytes of points, {wanted} for the {header.points} points of its header; it is damaged")
@@ -129,8 +129,7 @@ def _expect(path: Path, header: Header, found: int) -> None:
 
 def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
     columns = np.cumsum([0, *header.counts])
-    lines = body.decode("ascii", "replace").splitlines()
-    lines = [line for line in lines if line.strip()]
+    lines = [line for line in body.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) != header.points:
         raise LogError(f"{path}: {len(lines)} lines of points for the {header.points} points of its header; it is damaged")
     if not lines:
@@ -145,7 +144,7 @@ def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
 
 
 def _columns(header: Header, data: memoryview | NDArray[np.uint8], interleaved: bool) -> NDArray[np.float64]:
-    """x, y, z from records, or from one column after the other."""
+    """Points (n, 3) from records (`interleaved`) or from one column after the other."""
     widths, points = header.widths(), header.points
     xyz = np.empty((points, 3))
     for axis, field in enumerate(header.axes() if points else []):
@@ -159,8 +158,8 @@ def _columns(header: Header, data: memoryview | NDArray[np.uint8], interleaved: 
 def _lzf(packed: NDArray[np.uint8], unpacked: NDArray[np.uint8]) -> bool:
     """Unpack Marc Lehmann's LZF into all of `unpacked`; False where the block is damaged.
 
-    A control byte below 32 is followed by so many literals and one; any other tells a length (3 upper bits, 7: and a byte more)
-    and how far back (5 lower bits and the next byte) to copy from, over what is being written too.
+    A control byte c < 32 is followed by c + 1 literal bytes. Any other one is a copy of earlier output: its 3 upper bits (and one
+    more byte where they are 7) are the length, its 5 lower bits and the next byte the distance back; copies may overlap.
     """
     at, to = np.int64(0), np.int64(0)
     while at < packed.shape[0]:

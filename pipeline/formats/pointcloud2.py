@@ -1,7 +1,6 @@
 """sensor_msgs/PointCloud2 as points (METHODS 7.4): any layout of fields, aligned or not, either byte order, padded rows."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 
 DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
-"""sensor_msgs/PointField's numbers; 9, 10 and 11 (a truth value in a byte) are of the newer distributions."""
+"""The numbers of sensor_msgs/PointField; only newer ROS distributions have 9, 10 and 11 (a truth value in a byte)."""
 FARTHEST = float(np.finfo(np.float32).max)
-"""A coordinate that float32 cannot hold is taken for infinite."""
+"""A coordinate that float32 cannot hold counts as infinite."""
 
 
 class Field(Protocol):
@@ -37,26 +36,19 @@ class PointCloud2(Protocol):
     data: NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class Cloud:
-    """What a message holds."""
+def decode(message: PointCloud2) -> NDArray[np.floating]:
+    """Points (n, 3) of a message, row after row, in its frame and unit; those with a NaN or infinite coordinate are dropped.
 
-    points: NDArray[np.floating]
-    """(n, 3) finite, in the message's frame and unit: float32 if x, y and z are little-endian ones, else float64."""
-    dropped: int
-    """Points left out because a coordinate is NaN or infinite."""
-
-
-def decode(message: PointCloud2) -> Cloud:
-    """The points of a message, row after row; raises LogError, before anything is allocated, for sizes that do not fit."""
+    The type is float32 if x, y and z are little-endian float32, else float64. Raises LogError, before anything is allocated,
+    for sizes that do not fit.
+    """
     columns = [_column(message, name) for name in "xyz"]
     _check_sizes(message)
     shape, strides = (message.height, message.width), (message.row_step, message.point_step)
     x, y, z = (np.ndarray(shape, kind, message.data, offset, strides).reshape(-1) for kind, offset in columns)
     if not all(kind == np.dtype(np.float32) for kind, _ in columns):
         x, y, z = _float64(x), _float64(y), _float64(z)
-    points = _finite(x, y, z)
-    return Cloud(points, len(x) - len(points))
+    return np.asarray(_finite(x, y, z))
 
 
 def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]:

@@ -19,7 +19,7 @@ EXTRINSICS = {
     "ins": (-1.7132, 0.1181, 1.1948, -0.0125, 0.0400, 0.0050),
     "stereo": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
-"""x, y, z, roll, pitch, yaw of a sensor in the vehicle frame, as the data set's SDK ships them."""
+"""x, y, z, roll, pitch, yaw of each sensor in the vehicle frame, as published in the SDK of the data set."""
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VO_STAMPS = ("source_timestamp", "destination_timestamp")
 VO_COLUMNS = (*VO_STAMPS, *POSE)
@@ -58,12 +58,12 @@ def decode_sweep(data: bytes) -> NDArray[np.float64]:
 
 
 def write_timestamps(path: Path, utimes: NDArray[np.int64]) -> None:
-    """One line a sweep: its utime and the chunk of the download that it lies in, here always the first."""
+    """Write one line per sweep: its utime, and the number of the download chunk that holds it, here always 1."""
     _write(path, [f"{utime} 1" for utime in utimes.tolist()])
 
 
 def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64]) -> None:
-    """Visual odometry: `xyzrpy` (n−1, 6) is the pose at a utime in the vehicle frame of the utime before, of `utimes` (n,)."""
+    """Write visual odometry: `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous one of `utimes` (n,)."""
     stamps = zip(utimes[1:].tolist(), utimes[:-1].tolist(), strict=True)
     rows = zip(stamps, xyzrpy.tolist(), strict=True)
     _write(path, [",".join(VO_COLUMNS), *(f"{source},{before},{_numbers(step)}" for (source, before), step in rows)])
@@ -72,7 +72,7 @@ def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64])
 def write_ins(
     path: Path, utimes: NDArray[np.int64], statuses: Sequence[str], ned_xyzrpy: NDArray[np.float64], utm_zone: str = "30U"
 ) -> None:
-    """Inertial navigation: `ned_xyzrpy` (n, 6) is the INS unit's pose in the world at `utimes` (n,), with a status each.
+    """Write inertial navigation: `ned_xyzrpy` (n, 6) is the pose of the INS unit in the world at `utimes` (n,).
 
     Latitude, longitude and velocities are written as nan, the altitude as −down.
     """
@@ -84,7 +84,7 @@ def write_ins(
 
 
 def write_extrinsics(folder: Path) -> None:
-    """The published extrinsics, one file a sensor."""
+    """Write the published extrinsics, one file per sensor."""
     for sensor, numbers in EXTRINSICS.items():
         _write(folder / f"{sensor}.txt", [" ".join(f"{number:.4f}" for number in numbers)])
 

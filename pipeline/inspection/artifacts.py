@@ -1,4 +1,4 @@
-"""Artifacts: zarr groups of a declared kind and safetensors models, with what dvc.lock knows of their making."""
+"""Artifacts: zarr groups of a declared kind and safetensors models, with their provenance in dvc.lock."""
 
 import json
 from collections.abc import Callable
@@ -7,13 +7,12 @@ from pathlib import Path
 from pipeline import store
 from pipeline.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
-from pipeline.inspection.highlights import Highlights
-from pipeline.inspection.inspection import Inspection, Section, nbytes
+from pipeline.inspection.inspection import Findings, Inspection, Section, nbytes
 from pipeline.inspection.origin import changed, origin, short, size
 from pipeline.schemas import ALL, Schema
 
 KINDS = {schema.kind: schema for schema in ALL}
-KEY_NUMBERS: dict[str, Callable[[store.Artifact], Highlights]] = {
+KEY_NUMBERS: dict[str, Callable[[store.Artifact], Findings]] = {
     "scans": drives.scans,
     "submaps": drives.submaps,
     "views": drives.views,
@@ -24,18 +23,17 @@ KEY_NUMBERS: dict[str, Callable[[store.Artifact], Highlights]] = {
 
 
 def artifact(path: Path, lock: Path) -> Inspection:
-    """A zarr group; raises ArtifactError for one of no known kind, or one that cannot be read whole."""
+    """A zarr group; raises ArtifactError for one of an unknown kind, or one that cannot be read whole."""
     schema = _schema(path)
     try:
         opened = store.read(path, schema)
         extents = {name: columns.extent(opened[name]) for name in schema.columns}
-        found = KEY_NUMBERS.get(schema.kind, _none)(opened)
+        found = KEY_NUMBERS[schema.kind](opened) if schema.kind in KEY_NUMBERS else Findings()
     except ArtifactError:
         raise
-    except Exception as error:  # zarr and its codecs raise whatever they like at a damaged shard
-        raise ArtifactError(
-            f"{path}: cannot be read whole ({type(error).__name__}: {_line(error)}); remove it and `dvc repro` it"
-        ) from None
+    except Exception as error:  # zarr and its codecs may raise anything at a damaged shard
+        reason = f"{type(error).__name__}: {(str(error).splitlines() or ['no reason given'])[0][:120]}"
+        raise ArtifactError(f"{path}: cannot be read whole ({reason}); remove it and `dvc repro` it") from None
     first = str(next(iter(schema.columns)))
     rows = tuple(columns.row(name, extents[name], column) for name, column in schema.columns.items())
     attrs = tuple((name, short(opened.attrs.get(name)), doc) for name, doc in schema.attrs.items())
@@ -45,20 +43,13 @@ def artifact(path: Path, lock: Path) -> Inspection:
         if extent.infinite and schema.kind != "rankings"
     )
     empty = () if extents[first].shape[0] else (f"no rows: {first} is empty; every later stage would have nothing to work on",)
-    return Inspection(
-        f"{path} — {schema.kind}, version {schema.version}, {nbytes(size(path))} on disk",
-        (
-            *found.sections,
-            Section("arrays", rows),
-            *((Section("attributes", attrs),) if attrs else ()),
-            origin(path, lock),
-        ),
-        (*changed(path, lock), *empty, *infinite, *found.warnings),
-    )
+    headline = f"{path} — {schema.kind}, version {schema.version}, {nbytes(size(path))} on disk"
+    sections = [*found.sections, Section("arrays", rows), *([Section("attributes", attrs)] if attrs else []), origin(path, lock)]
+    return Inspection(headline, tuple(sections), (*changed(path, lock), *empty, *infinite, *found.warnings))
 
 
 def model(path: Path, lock: Path) -> Inspection:
-    """A safetensors file: named arrays and the parameters that they were learned with."""
+    """A safetensors file: the named arrays of a model, and its training parameters."""
     recipe = store.read_recipe(path)
     arrays = store.read_model(path)
     extents = {name: columns.extent(array.reshape(-1) if not array.ndim else array) for name, array in sorted(arrays.items())}
@@ -68,10 +59,9 @@ def model(path: Path, lock: Path) -> Inspection:
     if recipe:
         sections.append(Section("recipe", tuple(sorted(recipe.items()))))
     sections.append(origin(path, lock))
-    found: tuple[str, ...] = (
-        (f"NaN/inf in {', '.join(bad)}: training diverged; lower its learning rate and `dvc repro` it",) if bad else ()
-    )
-    return Inspection(f"{path} — model, {nbytes(path.stat().st_size)} on disk", tuple(sections), (*changed(path, lock), *found))
+    diverged = f"NaN/inf in {', '.join(bad)}: training diverged; lower its learning rate and `dvc repro` it"
+    warnings = (*changed(path, lock), *([diverged] if bad else []))
+    return Inspection(f"{path} — model, {nbytes(path.stat().st_size)} on disk", tuple(sections), warnings)
 
 
 def _schema(path: Path) -> Schema:
@@ -80,20 +70,10 @@ def _schema(path: Path) -> Schema:
     except FileNotFoundError:
         raise ArtifactError(f"{path}: no zarr.json in it, so no artifact; `dvc repro` builds one") from None
     except (ValueError, AttributeError):
-        raise ArtifactError(
-            f"{path}/zarr.json: cut short or not JSON; remove the artifact, and `dvc checkout` or `dvc repro` it"
-        ) from None
+        raise ArtifactError(f"{path}/zarr.json: cut short or not JSON; remove it, and `dvc checkout` or `dvc repro` it") from None
     kind = attrs.get("kind") if isinstance(attrs, dict) else None
     if kind not in KINDS:
         raise ArtifactError(
             f"{path}: a zarr group of kind {kind}, which yearloc does not write; its kinds are {', '.join(KINDS)}"
         )
     return KINDS[str(kind)]
-
-
-def _none(_: store.Artifact) -> Highlights:
-    return Highlights()
-
-
-def _line(error: Exception) -> str:
-    return (str(error).splitlines() or ["no reason given"])[0][:120]

@@ -1,4 +1,4 @@
-"""A dataset's yaml proposed from what bags hold: the reader's topics and frames, each with the reason beside it."""
+"""Proposes the yaml of a data set of bags: the topics and frames for the reader, each with the reason beside it."""
 
 import json
 import re
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import plain
-from pipeline.inspection.bag_contents import Contents, Held
+from pipeline.inspection.bag_contents import Contents, TopicSummary
+from pipeline.inspection.inspection import typographic
 from pipeline.inspection.symptoms import ground
 from pipeline.readers.bag_poses import KINDS
 
@@ -20,12 +21,12 @@ TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 DRIFTS = re.compile("odom|vo|vio|wheel")
 
 LEVEL_M = 0.1
-"""A lidar higher than this is high enough to be seen in a view of heights."""
+"""Sweeps of a lidar lower than this need a lift, or they are invisible in a view of heights."""
 
 
 @dataclass(frozen=True)
-class Source:
-    """Where poses may come from."""
+class PoseSource:
+    """A topic or a pair of frames with poses."""
 
     name: str
     frame: str
@@ -35,14 +36,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A file for conf/dataset, and what a person should know before using it."""
+    """A file for conf/dataset, and warnings for its user."""
 
     text: str
     warnings: tuple[str, ...]
 
 
 def propose(contents: Contents) -> Proposal:
-    """Choose points, truth, odometry and the extrinsics; raises LogError for bags without points."""
+    """Choose the points, the truth, the odometry and the extrinsics; raises LogError for bags without points."""
     points = next(iter(contents.of(CLOUD) or contents.of(SWEEP)), None)
     if points is None:
         held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
@@ -73,8 +74,8 @@ simulated: false
 reader:
   _target_: pipeline.readers.bag.Bag
   points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {points.frame or "?"}
-  truth: {_told(truth)}
-  odometry: {_told(odometry)}
+  truth: {_source_line(truth)}
+  odometry: {_source_line(odometry)}
   body_T_lidar: null # {extrinsic}
   lift_m: {lift_m} # {lift}
   max_gap_s: {gap_s}
@@ -91,13 +92,13 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
     return Proposal("\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), tuple(warnings))
 
 
-def _poses(contents: Contents) -> tuple[Source | None, Source | None]:
-    """The best truth, and the best odometry among the rest."""
-    topics = [Source(topic.name, topic.frame, topic.child, topic.rate_hz) for topic in contents.of(*KINDS)]
+def _poses(contents: Contents) -> tuple[PoseSource | None, PoseSource | None]:
+    """The most likely truth, and the most likely odometry among the rest."""
+    topics = [PoseSource(topic.name, topic.frame, topic.child, topic.rate_hz) for topic in contents.of(*KINDS)]
     frames = sorted({frame for edge in contents.tree.edges for frame in edge})
     bodies = [body for body in BODIES if body in frames]
     trees = [
-        Source(f"tf:{world}>{body}", world, body, np.nan)
+        PoseSource(f"tf:{world}>{body}", world, body, np.nan)
         for world in (*WORLDS, "odom")
         for body in bodies[:1]
         if world in frames and contents.tree.moves(world, body)
@@ -108,15 +109,16 @@ def _poses(contents: Contents) -> tuple[Source | None, Source | None]:
     return truth, min(drifting, key=_trust, default=None)
 
 
-def _trust(source: Source) -> int:
-    """How likely poses are true rather than drifting; a topic is preferred to transforms, which say less."""
+def _trust(source: PoseSource) -> int:
+    """A score, larger for poses that are more likely the truth than odometry; a topic is preferred to transforms."""
     known, drifts = source.frame in WORLDS, bool(DRIFTS.search(source.frame + " " + source.name))
     return 8 * known + 4 * bool(TRUE.search(source.name)) - 4 * drifts + (not source.name.startswith("tf:"))
 
 
 def _extrinsic(
-    contents: Contents, points: Held, truth: Source | None, warnings: list[str]
+    contents: Contents, points: TopicSummary, truth: PoseSource | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
+    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it; appends to `warnings`."""
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
     if truth is None or not truth.child:
         if truth:
@@ -130,12 +132,12 @@ def _extrinsic(
     return found, f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in {truth.child}"
 
 
-def _lift(contents: Contents, points: Held, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
-    """What puts the ground at 0, by the first cloud."""
+def _lift(contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
+    """The lift in metres that puts the ground of the first cloud at z = 0, and the comment beside it."""
     unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
     if points.kind == SWEEP:
         raised = body_T_lidar is not None and body_T_lidar[2, 3] > LEVEL_M
-        return 0.0 if raised else 1.0, "a level sweep sees no ground: its height stands for occupied, and must not be 0"
+        return 0.0 if raised else 1.0, "a level sweep sees no ground: its height marks occupied bins, so it must not be 0"
     if body_T_lidar is None:
         return unknown
     try:
@@ -145,19 +147,20 @@ def _lift(contents: Contents, points: Held, body_T_lidar: NDArray[np.float64] | 
     if len(cloud) < 1_000:
         return unknown
     ground_m = ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1]))
-    told = f"the ground of the first cloud lies at z = {ground_m:.2f} m in the posed frame: check it"
-    return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), told.replace("-", "−")
+    comment = typographic(f"the ground of the first cloud lies at z = {ground_m:.2f} m in the posed frame: check it")
+    return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
 
 
-def _told(source: Source | None) -> str:
+def _source_line(source: PoseSource | None) -> str:
     if source is None:
         return "null # this bag holds none"
-    parts = [f"in the frame {source.frame or '?'}", *([f"of {source.child}"] if source.child else [])]
-    return f"{_word(source.name)} # {', '.join([*parts, *([_rate(source.rate_hz)] if source.rate_hz > 0 else [])])}"
+    parts = [f"in the frame {source.frame or '?'}", f"of {source.child}", _rate(source.rate_hz)]
+    kept = [part for part, known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True) if known]
+    return f"{_word(source.name)} # {', '.join(kept)}"
 
 
 def _word(name: str) -> str:
-    """A topic as a word of yaml."""
+    """The name of a topic in yaml, quoted where it has to be."""
     return name if re.fullmatch(r"(/|tf:)[\w/>.-]*\w", name, re.ASCII) else json.dumps(name)
 
 

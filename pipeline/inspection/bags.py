@@ -1,4 +1,4 @@
-"""ROS bags: topics, types, counts, rates, frames and time span, and the dataset's yaml that they call for."""
+"""ROS bags: topics, types, counts, rates, frames and time span, and a proposed yaml of the data set."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,13 +7,13 @@ from pipeline.errors import LogError
 from pipeline.formats.bag_file import find, plain
 from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import propose
-from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes
+from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import size
 from pipeline.readers.bag_tree import Tree
 
 
 def below(path: Path) -> list[Path]:
-    """The bags at `path`, right below it, or in the folders below it; none where it is something else."""
+    """The bags at `path`, right below it, or in the folders below it; an empty list where there are none."""
     found = find(path)
     if not found and path.is_dir():
         found = [bag for child in sorted(path.iterdir()) for bag in find(child)]
@@ -58,6 +58,6 @@ def _edges(tree: Tree) -> tuple[tuple[str, ...], ...]:
     rows: list[tuple[str, ...]] = []
     for (parent, child), (stamps_ns, poses) in sorted(tree.edges.items()):
         x, y, z = poses[-1, :3, 3]
-        fixed = f"fixed, at x {x:.3f}, y {y:.3f}, z {z:.3f} m".replace("-", "−")
+        fixed = typographic(f"fixed, at x {x:.3f}, y {y:.3f}, z {z:.3f} m")
         rows.append((f"{parent} > {child}", f"{len(stamps_ns):,}", "moves" if tree.moves(parent, child) else fixed))
     return tuple(rows)

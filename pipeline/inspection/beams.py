@@ -1,8 +1,8 @@
-"""How many beams a spinning LiDAR has, and how high it sits: found from the points alone.
+"""Estimates the number of beams of a spinning LiDAR and its height from the points alone.
 
-A beam keeps its elevation angle only when that is measured from where the sensor is. So the height from which the points fall
-into the fewest cells of azimuth × elevation is the sensor's; and from there, in a slice of one degree of azimuth, where one
-beam meets about one range, the beams stand apart and can be counted.
+A beam has a constant elevation angle only if the angle is measured from the sensor. So the height from which the points fall into
+the fewest cells of azimuth × elevation is that of the sensor. Seen from there, the beams in a slice of one degree of azimuth are
+separate clusters of elevation and can be counted.
 """
 
 from dataclasses import dataclass
@@ -12,33 +12,33 @@ from numpy.typing import NDArray
 
 VOTING_SLICES = 72
 COUNTING_SLICES = 360
-"""Of the round. Wide slices gather enough points of a beam to find the height; in narrow ones beams stand clear."""
+"""Slices of 360°: wide ones hold enough points of each beam to find the height, in narrow ones the beams are separate."""
 SPARSE = 20_000
-"""Fewer points than this are counted in slices three times as wide."""
+"""Clouds with fewer points are counted in slices three times as wide."""
 CELL_DEG = 0.05
 GAP_DEG = 0.2
-"""Neighbouring beams stand further apart than this: 0.33° on an HDL-64, 0.35° on 128 beams over 45°."""
+"""Neighbouring beams are further apart than this: 0.33° on an HDL-64, 0.35° on 128 beams over 45°."""
 NEAR_M = 3.0
-"""Nearer points say little: the laser's own place in the housing is no longer negligible."""
+"""Nearer points are not used: there the offset of a laser inside the housing is not negligible."""
 USUAL = (1, 4, 8, 16, 32, 40, 64, 80, 128)
-"""Beam counts that sensors have; a count within 7 % of one is that one."""
+"""Beam counts of real sensors; an estimate within 7 % of one is replaced by it."""
 
 
 @dataclass(frozen=True)
 class Beams:
-    """What the points say of the sensor."""
+    """An estimate of the sensor."""
 
     count: int
     height_m: float
-    """z of the sensor, in the points' frame."""
+    """z of the sensor in the frame of the points."""
 
 
 def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) -> Beams | None:
-    """Beams of a cloud (n, 3) whose ground lies at z = `ground_m`; None where its points stand in no rings.
+    """Beams of a cloud (n, 3) in metres whose ground lies at z = `ground_m`; None where its points form no rings.
 
-    The sensor is looked for on the z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points down). Points on the
-    ground do not vote for the height (seen from z = `ground_m` flat ground is one ring), but count among the beams. Beams
-    without a return are not counted, so it may be some fewer than the sensor has.
+    The sensor is searched on the z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points down). Points on the ground
+    are not used for the height, since flat ground seen from z = `ground_m` is one ring, but for the count. Beams without a return
+    are not counted.
     """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     far = range_m > NEAR_M
@@ -49,23 +49,23 @@ def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) 
         return None
     voting = _slices(turn[voters], VOTING_SLICES)
 
-    def crowding(height_m: float) -> float:
+    def concentration(height_m: float) -> float:
         """Points per occupied cell, seen from that height."""
         return float(voters.sum()) / _occupied(voting, _elevation(z_m[voters] - height_m, range_m[voters]))
 
     coarse = ground_m + up * np.arange(0.3, 4.0, 0.1)
-    scores = np.array([crowding(height) for height in coarse])
+    scores = np.array([concentration(height) for height in coarse])
     best = coarse[scores.argmax()]
     if scores.max() < 1.5 * np.median(scores):
         return None
     fine = best + np.arange(-0.08, 0.09, 0.02)
-    height_m = float(fine[np.argmax([crowding(height) for height in fine])])
+    height_m = float(fine[np.argmax([concentration(height) for height in fine])])
     counting = _slices(turn, COUNTING_SLICES if len(turn) >= SPARSE else COUNTING_SLICES // 3)
     return Beams(_count(counting, _elevation(z_m - height_m, range_m)), height_m)
 
 
 def _slices(turn: NDArray[np.float64], slices: int) -> NDArray[np.int64]:
-    """Which slice of the round each share of it (n,) falls into."""
+    """Index of the slice (n,) of azimuths given as shares of a full turn (n,)."""
     return (turn * slices).astype(np.int64).clip(0, slices - 1)
 
 
@@ -82,7 +82,7 @@ def _occupied(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> 
 
 
 def _count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
-    """Clusters of elevation in the 60th part of the slices that shows the most: most slices look into the sky with some beams."""
+    """Number of elevation clusters in the best 1/60 of the slices: in most slices some beams point at the sky."""
     order = np.lexsort((elevation_deg, slices))
     slices, elevation_deg = slices[order], elevation_deg[order]
     first = np.ones(len(slices), bool)

@@ -1,4 +1,4 @@
-"""A cloud's diagnosis: what a scan looks like in numbers, and which of its habits would break a method."""
+"""Diagnoses a cloud: its key numbers, and warnings on everything that would break a method."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from pipeline.inspection import symptoms
 from pipeline.inspection.beams import find_beams
-from pipeline.inspection.inspection import Section, metres
+from pipeline.inspection.inspection import Section, metres, typographic
 
 MANY = 1_000
-"""A scan of fewer points is no scan of a spinning LiDAR."""
+"""A scan of a spinning LiDAR has at least so many points."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Numbers of one cloud, in metres and in its own frame; NaN or None where they cannot be told."""
+    """Key numbers of one cloud, in metres and in its own frame; NaN or None where unknown."""
 
     points: int
     range_m: tuple[float, float, float]
@@ -23,31 +23,27 @@ class Diagnosis:
     z_m: tuple[float, float, float]
     """1st, 50th and 99th percentile."""
     azimuth_deg: float
-    """How much of the round has points: 360 less every gap wider than 3°."""
+    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
     beams: int | None
-    """Told by the laser ids, or estimated: those with returns."""
+    """By the laser ids, or an estimate of the beams with returns."""
     ground_m: float
     """z of the ground near the sensor."""
     sensor_m: float
     """The sensor's height over the ground."""
     warnings: tuple[str, ...]
-    told: bool = False
-    """Whether the beams are told by laser ids."""
+    has_laser_ids: bool = False
+    """Whether `beams` is by the laser ids."""
 
     def section(self, title: str = "cloud") -> Section:
-        """As rows."""
+        """The numbers as rows of text."""
         low, mid, high = self.z_m
+        source = "laser ids" if self.has_laser_ids else "with returns, estimated"
         rows = [
             ("points", f"{self.points:,}"),
             ("range", "median {}, 99 % {}, farthest {}".format(*map(_length, self.range_m))),
             ("height", f"1 % {low:.2f} m, median {mid:.2f} m, 99 % {high:.2f} m"),
             ("azimuth", f"{self.azimuth_deg:.0f}° of 360° covered"),
-            (
-                "beams",
-                "unknown: the points stand in no rings"
-                if self.beams is None
-                else f"{self.beams} ({'laser ids' if self.told else 'with returns, estimated'})",
-            ),
+            ("beams", "unknown: the points form no rings" if self.beams is None else f"{self.beams} ({source})"),
             ("ground", "unknown" if np.isnan(self.ground_m) else f"at z = {_signed(self.ground_m)} m"),
         ]
         if np.isfinite(self.sensor_m):
@@ -56,9 +52,9 @@ class Diagnosis:
 
 
 def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = None) -> Diagnosis:
-    """Look at a cloud (n, 3) that should be in the vehicle frame: x forward, y left, z up, ground at z = 0.
+    """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame: x forward, y left, z up, ground at z = 0.
 
-    `lasers` (n,) are the beams' ids, from 0, where the file tells them; otherwise the beams are estimated.
+    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are estimated.
     """
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
@@ -113,7 +109,7 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.2f}".replace("-", "−")
+    return typographic(f"{value:+.2f}")
 
 
 def _length(value: float) -> str:

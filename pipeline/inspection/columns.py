@@ -1,4 +1,4 @@
-"""The arrays of an artifact: their ranges, read block by block, so that memory stays bounded."""
+"""The ranges of the arrays of an artifact, read block by block to bound the memory."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inspection.inspection import duration, moment
+from pipeline.inspection.inspection import duration, moment, typographic
 from pipeline.schemas import Column
 
 BLOCK = 1 << 22
@@ -15,7 +15,7 @@ BLOCK = 1 << 22
 
 @dataclass(frozen=True)
 class Extent:
-    """The numbers an array holds."""
+    """Shape, type and range of an array."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -25,7 +25,7 @@ class Extent:
     infinite: int
 
     def text(self) -> str:
-        """Lowest … highest, and the share of NaN."""
+        """The range, lowest … highest, and the share of NaN."""
         count = int(np.prod(self.shape))
         if not count:
             return "no rows"
@@ -52,14 +52,13 @@ def extent(array: Any) -> Extent:
             block = block[~nan]
         if block.size:
             low, high = min(low, block.min().item()), max(high, block.max().item())
-    known = low <= high
-    return Extent(
-        tuple(array.shape), np.dtype(array.dtype), low if known else float("nan"), high if known else float("nan"), nans, infinite
-    )
+    if low > high:
+        low = high = float("nan")
+    return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
 def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ...]:
-    """Name, type, dimensions with their lengths, range and what the data dictionary says."""
+    """Name, type, dimensions with their lengths, range, and the description in the data dictionary."""
     dims = column.dims if column is not None and len(column.dims) == len(found.shape) else ("",) * len(found.shape)
     sides = " × ".join(f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True))
     span = _clock(found) if name == "stamps_ns" and found.low <= found.high else found.text()
@@ -67,7 +66,7 @@ def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ..
 
 
 def _clock(found: Extent) -> str:
-    """Nanoseconds, as a person reads them."""
+    """A range of stamps in ns as duration and start."""
     first = moment(int(found.low)).partition(" (")[0]
     return f"{duration((found.high - found.low) * 1e-9)} from {first}"
 
@@ -75,11 +74,5 @@ def _clock(found: Extent) -> str:
 def _number(value: float) -> str:
     if isinstance(value, bool | np.bool_):
         return str(value).lower()
-    text = (
-        f"{value:,}"
-        if isinstance(value, int) and abs(value) < 10**12
-        else f"{value:.5g}"
-        if isinstance(value, float)
-        else str(value)
-    )
-    return text.replace("-", "−") if "e" not in text else text
+    text = f"{value:.5g}" if isinstance(value, float) else f"{value:,}" if abs(value) < 10**12 else str(value)
+    return typographic(text) if "e" not in text else text

@@ -1,106 +1,146 @@
-"""One raw scan file: an NCLT or KITTI .bin, or an array of points."""
+"""One raw scan file: an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of points."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import ConfigError, LogError
-from pipeline.formats import kitti, nclt
-from pipeline.inspection import packets
-from pipeline.inspection.cloud import diagnose
-from pipeline.inspection.inspection import Inspection, Section, moment, nbytes
+from pipeline.formats import kitti, nclt, pcd
+from pipeline.formats.folder import LARGEST_BYTES
+from pipeline.frames import flip_ned, pose, transform
+from pipeline.inspection.cloud import Diagnosis, diagnose
+from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes
 from pipeline.readers.kitti import Kitti, read_velodyne
-from pipeline.readers.nclt import read_velodyne_sync
+from pipeline.readers.nclt import read_packets, read_velodyne_sync
 
 FORMATS = {"velodyne_sync": "nclt", "velodyne": "kitti"}
-"""A scan's format by the name of its folder."""
+"""The format of a scan by the name of its folder."""
+REVOLUTION_US = 100_000
+MOST_POINTS = 2_000_000
+"""Of a larger array, only every n-th point is inspected."""
 
 
-def format_of(folder: Path, as_format: str | None) -> str:
-    """nclt or kitti: by the folder's name, else as told; raises ConfigError if neither says."""
-    if as_format not in (None, "nclt", "kitti"):
-        raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")
-    told = as_format or FORMATS.get(folder.name)
-    if told is None:
+def format_of(path: Path, as_format: str | None) -> str:
+    """The format, nclt or kitti, of a .bin or a folder of them: `as_format`, or by the folder's name; raises ConfigError."""
+    found = as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name)
+    if found is None:
         raise ConfigError(
-            f"{folder}: a .bin may be NCLT's or KITTI's, and the folder's name (velodyne_sync, velodyne) does not say; "
+            f"{path}: a .bin may be NCLT's or KITTI's, and its folder is named neither velodyne_sync nor velodyne; "
             "add --format nclt|kitti"
         )
-    return told
+    return found
 
 
 def scan_file(path: Path, as_format: str | None) -> Inspection:
-    """A .bin with one scan."""
+    """A .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one, ConfigError for an unknown format."""
     if path.name == "velodyne_hits.bin":
-        return packets.packets(path)
-    told = as_format if as_format else FORMATS.get(path.parent.name)
-    if told is None:
-        raise ConfigError(
-            f"{path}: may be NCLT's or KITTI's, and its folder is named neither velodyne_sync nor velodyne; "
-            "add --format nclt|kitti"
-        )
+        return packets(path)
+    inspect = nclt_scan if format_of(path, as_format) == "nclt" else kitti_scan
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
-    return nclt_scan(path) if format_of(path.parent, told) == "nclt" else kitti_scan(path)
+    return inspect(path)
 
 
 def nclt_scan(path: Path) -> Inspection:
     """velodyne_sync/UTIME.bin: the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
     tail = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
-    lasers = (tail >> 8).astype(np.uint8)
-    diagnosis = diagnose(points, lasers)
-    cells = [
+    intensity, lasers = tail & 0xFF, (tail >> 8).astype(np.uint8)
+    rows = [
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
-        ("taken", _utime(path)),
-        ("intensity", f"{int((tail & 0xFF).min())} … {int((tail & 0xFF).max())}"),
-        ("lasers", f"ids {int(lasers.min())} … {int(lasers.max())}"),
+        ("taken", moment_of(path)),
+        ("intensity", f"{intensity.min()} … {intensity.max()}"),
+        ("lasers", f"ids {lasers.min()} … {lasers.max()}"),
         ("frame", "body: x forward, y left, z up (the file's y right, z down, turned by the reader)"),
     ]
-    found: tuple[str, ...] = ()
-    if int(lasers.max()) > 31:
-        found = (f"laser id {int(lasers.max())}: an HDL-32E has ids 0–31; is this file KITTI's? Then add --format kitti",)
-    return Inspection(
-        f"{path} — NCLT scan, motion compensated", (Section("", tuple(cells)), diagnosis.section()), found + diagnosis.warnings
-    )
+    warnings = []
+    if lasers.max() > 31:
+        warnings.append(f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add --format kitti")
+    return _inspection(f"{path} — NCLT scan, motion compensated", rows, diagnose(points, lasers), warnings)
 
 
 def kitti_scan(path: Path) -> Inspection:
     """velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
     points = read_velodyne(path)
-    height_m = Kitti().lidar_height_m
-    size = path.stat().st_size
+    height_m, size = Kitti().lidar_height_m, path.stat().st_size
     lost = size // kitti.RECORD_BYTES - len(points)
-    diagnosis = diagnose(points + np.array([0.0, 0.0, height_m]))
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
-    cells = [
+    rows = [
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
         ("frame", f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does"),
     ]
-    found: tuple[str, ...] = ()
+    warnings = []
     if lost:
-        found = (f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew",)
+        warnings.append(f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
     if float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255:
-        found += ("reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt",)
-    return Inspection(f"{path} — KITTI scan", (Section("", tuple(cells)), diagnosis.section()), found + diagnosis.warnings)
+        warnings.append("reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
+    return _inspection(f"{path} — KITTI scan", rows, diagnose(points + np.array([0.0, 0.0, height_m])), warnings)
+
+
+def packets(path: Path) -> Inspection:
+    """velodyne_hits.bin: all packet headers, and the points of one revolution in the middle, in the body frame."""
+    found = read_packets(path)
+    utimes, middle = found.utimes, len(found.utimes) // 2
+    chosen = [packet for packet in range(middle, len(utimes)) if utimes[packet] - utimes[middle] < REVOLUTION_US]
+    records = np.concatenate([found.hits(packet) for packet in chosen])
+    numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
+    body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
+    points = transform(body_T_velodyne, nclt.decode(records.ravel()).astype(np.float32))
+    rows = [
+        ("size", nbytes(path.stat().st_size)),
+        ("packets", f"{len(utimes):,}, with {found.offsets[-1]:,} hits"),
+        ("from", moment(int(utimes[0]) * 1000)),
+        ("span", duration((utimes[-1] - utimes[0]) * 1e-6)),
+        ("frame", "the sensor's, not motion compensated; the cloud below is in the body frame, by the extrinsics of NCLT"),
+    ]
+    back = int((np.diff(utimes) < 0).sum())
+    warnings = [f"{back} packets are stamped before the one ahead of them: sort them before use"] if back else []
+    diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
+    title = f"cloud, {len(chosen)} packets of one revolution from the middle"
+    return _inspection(f"{path} — NCLT Velodyne packets", rows, diagnosis, warnings, title)
+
+
+def pcd_file(path: Path) -> Inspection:
+    """A .pcd: its header and its points; raises LogError for a damaged one, or one without a finite point."""
+    data = path.read_bytes()
+    header, points = pcd.parse(data, path), pcd.decode(data, path, LARGEST_BYTES)
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
+    fields = zip(header.fields, header.counts, header.types, strict=True)
+    lost = f", and {len(points) - len(finite):,} that are not finite" if len(finite) < len(points) else ""
+    rows = [
+        ("size", f"{nbytes(len(data))}, DATA {header.data}"),
+        ("fields", ", ".join(f"{name}{f'×{count}' if count > 1 else ''} {kind[1:]}" for name, count, kind in fields)),
+        ("points", f"{len(finite):,}{lost}"),
+        ("frame", "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it lies in the vehicle"),
+    ]
+    return _inspection(f"{path} — PCD cloud", rows, diagnose(finite))
 
 
 def array_file(path: Path) -> Inspection:
-    """A .npy with points (n, 3 or more); what follows xyz is left aside."""
+    """A .npy with points (n, 3 or more), of which only x, y, z are inspected; raises LogError for any other array."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         raise LogError(f"{path}: not a whole .npy file of numbers ({type(error).__name__}); save it anew") from None
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu" or not len(array):
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
-    stride = max(1, len(array) // 2_000_000)
-    diagnosis = diagnose(np.asarray(array[::stride, :3], np.float64))
-    cells = [("shape", f"{array.dtype}{array.shape}"), ("size", nbytes(path.stat().st_size))]
-    cells += [("looked at", f"every {stride}th point")] if stride > 1 else []
-    cells += [("frame", "taken as x forward, y left, z up, in metres")]
-    return Inspection(f"{path} — array of points", (Section("", tuple(cells)), diagnosis.section()), diagnosis.warnings)
+    stride = max(1, len(array) // MOST_POINTS)
+    rows = [("shape", f"{array.dtype}{array.shape}"), ("size", nbytes(path.stat().st_size))]
+    rows += [("inspected", f"every {stride}th point")] if stride > 1 else []
+    rows += [("frame", "taken as x forward, y left, z up, in metres")]
+    return _inspection(f"{path} — array of points", rows, diagnose(np.asarray(array[::stride, :3], np.float64)))
 
 
-def _utime(path: Path) -> str:
+def moment_of(path: Path) -> str:
+    """When a file named UTIME.bin was recorded."""
     return moment(int(path.stem) * 1000) if path.stem.isdecimal() and len(path.stem) <= 17 else "unknown: the name is no utime"
+
+
+def _inspection(
+    headline: str, rows: Sequence[tuple[str, str]], diagnosis: Diagnosis, warnings: Iterable[str] = (), title: str = "cloud"
+) -> Inspection:
+    return Inspection(headline, (Section("", tuple(rows)), diagnosis.section(title)), (*warnings, *diagnosis.warnings))

@@ -1,11 +1,14 @@
-"""What `yearloc inspect` finds, and its text for a terminal: a headline, aligned rows, warnings."""
+"""The result of `yearloc inspect` and its text for a terminal: a headline, aligned rows, warnings."""
 
 import textwrap
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+import numpy as np
+from numpy.typing import NDArray
+
 WIDTH = 118
-"""Characters a line; the last cell of a row wraps below itself."""
+"""Characters per line; the last cell of a row wraps below itself."""
 
 
 @dataclass(frozen=True)
@@ -29,26 +32,31 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Findings:
+    """The sections above the arrays of an artifact, and warnings on its content."""
+
+    sections: tuple[Section, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Inspection:
-    """What a file or artifact is, what it holds, and what in it would break a study."""
+    """Kind and content of a file or artifact, and warnings on everything in it that would break a study."""
 
     headline: str
     sections: tuple[Section, ...]
     warnings: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """For a terminal; ends without a newline."""
+        """The text for a terminal, without a final newline."""
         lines = [self.headline]
         for section in self.sections:
             lines += ["", *section.lines()]
-        lines.append("")
-        if not self.warnings:
-            return "\n".join([*lines, "no warnings"])
-        lines.append("1 warning" if len(self.warnings) == 1 else f"{len(self.warnings)} warnings")
+        count = len(self.warnings)
+        lines += ["", "no warnings" if not count else "1 warning" if count == 1 else f"{count} warnings"]
         for warning in self.warnings:
-            lines += textwrap.wrap(
-                warning, WIDTH, initial_indent="  ! ", subsequent_indent="    ", break_on_hyphens=False, break_long_words=False
-            )
+            wrapped = textwrap.wrap(warning, WIDTH - 4, break_on_hyphens=False, break_long_words=False)
+            lines += [("    " if number else "  ! ") + line for number, line in enumerate(wrapped)]
         return "\n".join(lines)
 
 
@@ -64,13 +72,29 @@ def nbytes(count: int) -> str:
 
 def metres(length_m: float) -> str:
     """A length: 0.53 m, 12.3 m, 6.31 km."""
-    return (
-        f"{length_m / 1000:.2f} km"
-        if abs(length_m) >= 1000
-        else f"{length_m:.3g} m"
-        if abs(length_m) < 100
-        else f"{length_m:.0f} m"
-    )
+    if abs(length_m) >= 1000:
+        return f"{length_m / 1000:.2f} km"
+    return f"{length_m:.3g} m" if abs(length_m) < 100 else f"{length_m:.0f} m"
+
+
+def typographic(text: str) -> str:
+    """A text with numbers, with − instead of - as minus sign."""
+    return text.replace("-", "−")
+
+
+def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
+    """Rows on stamps (n,) in seconds: the first one, the span and the rate."""
+    if not len(times_s):
+        return []
+    steps = np.diff(times_s)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    rate = f"{1 / usual:.3g} a second, longest step {duration(float(steps.max()))}" if usual > 0 else "unknown"
+    return [("from", moment(int(times_s[0] * 1e9))), ("span", duration(float(times_s[-1] - times_s[0]))), ("rate", rate)]
+
+
+def path_length(steps_m: NDArray[np.floating]) -> str:
+    """Length of a path from its steps (n,), and their median."""
+    return f"{metres(float(steps_m.sum()))}, median step {metres(float(np.median(steps_m)) if len(steps_m) else 0.0)}"
 
 
 def duration(seconds: float) -> str:

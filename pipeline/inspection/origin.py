@@ -1,4 +1,4 @@
-"""Who made a file: what dvc.lock says of the stage that wrote it, and whether it still is what that stage wrote."""
+"""The provenance of a file in dvc.lock: the stage that wrote it, and whether the file is still as that stage wrote it."""
 
 from pathlib import Path
 from typing import Any
@@ -8,13 +8,15 @@ from pipeline.running import provenance
 
 
 def origin(path: Path, lock: Path) -> Section:
-    """The stage that wrote `path`, or the folder around it: its cmd, parameters, and what it read."""
+    """The stage that wrote `path`, or the folder around it: its cmd, parameters and dependencies."""
     known = _recipe(path, lock)[0]
     if known is None:
-        why = f"{lock} knows it not: made by hand, by a sweep, or not by `dvc repro`" if lock.is_file() else f"there is no {lock}"
+        by_hand = f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
+        why = by_hand if lock.is_file() else f"there is no {lock}"
         return Section("provenance", (("unknown", why),))
     params = [
-        f"{file}: " + (", ".join(f"{key}={short(value)}" for key, value in values.items() if _tells(key, value)) or "nothing set")
+        f"{file}: "
+        + (", ".join(f"{key}={short(value)}" for key, value in values.items() if _is_set(key, value)) or "nothing set")
         for file, values in (known.get("params") or {}).items()
     ]
     deps = {str(dep.get("path")): dep for dep in known.get("deps") or []}
@@ -28,17 +30,16 @@ def origin(path: Path, lock: Path) -> Section:
 
 
 def changed(path: Path, lock: Path) -> tuple[str, ...]:
-    """A warning if `path` has not the files and bytes that dvc.lock recorded of it: zarr reads a lost shard as zeros."""
+    """A warning if dvc.lock has another number of files or bytes for `path`: zarr reads a lost shard as zeros."""
     known, name = _recipe(path, lock)
     out: dict[str, Any] = next((out for out in (known or {}).get("outs", []) if out.get("path") == name), {})
     files, there = int(out.get("nfiles", 1)), size(path)
     count = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
     if "size" not in out or (count, there) == (files, int(out["size"])):
         return ()
-    return (
-        f"not what {lock} recorded: {count} files with {there:,} bytes, recorded {files} with {int(out['size']):,}; a lost "
-        "one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`",
-    )
+    found, recorded = f"{count} files with {there:,} bytes", f"{files} with {int(out['size']):,}"
+    remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
+    return (f"not what {lock} recorded: {found}, recorded {recorded}; {remedy}",)
 
 
 def size(path: Path) -> int:
@@ -47,7 +48,7 @@ def size(path: Path) -> int:
 
 
 def short(value: object) -> str:
-    """A parameter's value in a line of text."""
+    """The value of a parameter as one line of text."""
     if isinstance(value, list | tuple):
         return "[" + ", ".join(short(item) for item in value) + "]"
     if isinstance(value, dict):
@@ -56,7 +57,7 @@ def short(value: object) -> str:
 
 
 def _recipe(path: Path, lock: Path) -> tuple[dict[str, Any] | None, str]:
-    """What dvc.lock says of `path` or of the nearest folder above it, and the name it has there."""
+    """The entry of `path`, or of the nearest folder above it, in dvc.lock, and the name of `path` there."""
     try:
         below = path.resolve().relative_to(lock.resolve().parent)
     except ValueError:
@@ -68,8 +69,8 @@ def _recipe(path: Path, lock: Path) -> tuple[dict[str, Any] | None, str]:
     return None, ""
 
 
-def _tells(key: str, value: object) -> bool:
-    """Whether a key of a conf file says something: a null is set on the command line, the defaults name other files."""
+def _is_set(key: str, value: object) -> bool:
+    """Whether a key of a conf file holds a value: a null is set on the command line, `defaults` names other files."""
     return value is not None and key != "defaults"
 
 

@@ -1,11 +1,11 @@
-"""`yearloc inspect`: what a file, folder or artifact is, its ranges, counts, frames, provenance, and what in it would hurt."""
+"""`yearloc inspect`: kind, ranges, counts, frames and provenance of a file, folder or artifact, and warnings on its content."""
 
 from pathlib import Path
 
 from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.robotcar import LASERS
-from pipeline.inspection import artifacts, bags, files, folders, origin, pcd, robotcar, robotcar_poses, tracks
+from pipeline.inspection import artifacts, bags, files, folders, origin, robotcar, robotcar_poses, tracks
 from pipeline.inspection.inspection import Inspection
 
 KNOWN = (
@@ -15,19 +15,16 @@ KNOWN = (
 
 
 def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
-    """Look at `path`; `as_format` (nclt or kitti) says what a .bin is where its folder's name does not.
+    """Inspect `path`; `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it.
 
-    Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of no known kind.
+    Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of an unknown kind.
     """
     if as_format not in (None, "nclt", "kitti"):
         raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")
     if not path.exists():
-        wanted = path.suffix in (".zarr", ".safetensors")
-        raise (
-            ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
-            if wanted
-            else LogError(f"{path}: no such file or folder")
-        )
+        if path.suffix in (".zarr", ".safetensors"):
+            raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
+        raise LogError(f"{path}: no such file or folder")
     return _folder(path, as_format, lock) if path.is_dir() else _file(path, as_format, lock)
 
 
@@ -61,7 +58,7 @@ def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
     elif path.suffix in SUFFIXES:
         found = bags.bags(path)
     elif path.suffix == ".pcd":
-        found = pcd.cloud_file(path)
+        found = files.pcd_file(path)
     elif path.suffix == ".npy":
         found = files.array_file(path)
     elif path.suffix == ".csv" and path.name.startswith(("groundtruth", "odometry")):
@@ -84,8 +81,8 @@ def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
 
 
 def _with_origin(found: Inspection, path: Path, lock: Path) -> Inspection:
-    """Raw files have a provenance only where a stage wrote them, as the simulated world's are."""
-    made = origin.origin(path, lock)
-    if made.rows[0][0] == "unknown":
+    """The inspection with the provenance of raw files that a stage wrote, as those of the simulated world."""
+    provenance = origin.origin(path, lock)
+    if provenance.rows[0][0] == "unknown":
         return found
-    return Inspection(found.headline, (*found.sections, made), found.warnings)
+    return Inspection(found.headline, (*found.sections, provenance), found.warnings)

@@ -1,4 +1,4 @@
-"""Oxford RobotCar: a sweep, a laser's folder of them, and a sequence as its reader opens it."""
+"""Oxford RobotCar: a sweep, the folder of one laser, and a sequence as its reader opens it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 from pipeline.formats import robotcar
 from pipeline.inspection import folders, symptoms
-from pipeline.inspection.inspection import Inspection, Section, metres, moment, nbytes
+from pipeline.inspection.files import moment_of
+from pipeline.inspection.inspection import Inspection, Section, metres, nbytes, typographic
 from pipeline.inspection.survey import spread
 from pipeline.readers import log
 from pipeline.readers.columns import utimes_ns
 from pipeline.readers.robotcar import RobotCar, read_sweep
 
 BEAMS = 541
-"""Of a whole sweep: 270° in steps of half a degree."""
+"""Number of beams in a whole sweep: 270° in steps of half a degree."""
 REACH_M = 50.0
 PLANE = np.eye(4)
 """Extrinsics that leave a sweep in its scan plane."""
@@ -32,9 +33,9 @@ def sweep(path: Path) -> Inspection:
     bright = rows[np.isfinite(rows[:, 2]), 2]
     cells = [
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
-        ("taken", moment(int(path.stem) * 1000) if path.stem.isdecimal() and len(path.stem) <= 17 else "unknown: no utime"),
+        ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
-        ("range", "none" if not len(points) else f"{metres(range_m.min())} … {metres(range_m.max())}, {_median(range_m)}"),
+        ("range", "{} … {}, median {}".format(*map(metres, np.quantile(range_m, (0, 1, 0.5)))) if len(points) else "none"),
         ("azimuth", f"{symptoms.coverage(points):.0f}° of 360° covered"),
         ("reflectance", f"{bright.min():g} … {bright.max():g}" if len(bright) else "none"),
         ("frame", "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the extrinsics, z up"),
@@ -72,11 +73,10 @@ def sweeps(path: Path) -> Inspection:
 
 
 def sequence(path: Path) -> Inspection:
-    """A sequence's folder, opened as its reader opens it; a LogError of the reader becomes a warning."""
+    """The folder of a sequence, opened by its reader; a LogError of the reader becomes a warning."""
     path = path.resolve()
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
-    inside = ", ".join(sorted(file.name + ("/" if file.is_dir() else "") for file in path.iterdir()))
-    listing = Section("", (("holds", inside), ("root", str(path.parent))))
+    listing = folders.listing(path, path.parent)
     headline = f"{path} — RobotCar sequence {path.name}"
     try:
         opened = RobotCar(lasers).open(path.parent, path.name)
@@ -85,25 +85,24 @@ def sequence(path: Path) -> Inspection:
         sections = [Section(laser, part.sections[0].rows) for laser, part in zip(lasers, parts, strict=True)]
         found = [warning for part in parts for warning in part.warnings]
         return Inspection(headline, (listing, *sections), (f"the reader refuses the sequence: {error}", *found))
-    skipped = tuple(f"{count:,} sweeps are skipped: {reason}" for reason, count in sorted(opened.skipped.items()))
     rows, warnings = folders.opened_rows(opened, "sweeps")
     read = Section(f"as its reader opens it, with {' and '.join(lasers)}", rows)
     table = _table(spread(len(opened.stamps_ns)), opened.points, "vehicle frame: x forward, y left, z up from the camera")
-    return Inspection(headline, (listing, read, table), (*skipped, *opened.notes, *warnings))
+    return Inspection(headline, (listing, read, table), tuple(warnings))
 
 
 def _table(rows: list[int], points: Callable[[int], NDArray[np.floating]], frame: str) -> Section:
-    """A handful of sweeps side by side."""
+    """A table of a few sweeps."""
     table: list[tuple[str, ...]] = [("sweep", "returns", "x", "y", "z")]
     for row in rows:
         cloud = points(row)
         ends = zip(cloud.min(axis=0), cloud.max(axis=0), strict=True) if len(cloud) else []
-        table.append((str(row), f"{len(cloud):,}", *(f"{low:.1f} … {high:.1f} m".replace("-", "−") for low, high in ends)))
+        table.append((str(row), f"{len(cloud):,}", *(typographic(f"{low:.1f} … {high:.1f} m") for low, high in ends)))
     return Section(f"sweeps, {frame}", tuple(table))
 
 
 def _stamps(folder: Path, utimes: NDArray[np.int64], warnings: list[str]) -> str:
-    """How a laser's files and its list of stamps meet."""
+    """The number of stamps in the list of a laser; appends warnings on files without a stamp and the reverse."""
     path = folder.with_suffix(".timestamps")
     if not path.is_file():
         warnings.append(f"no {path.name} beside the folder: the reader takes every file that is there")
@@ -113,10 +112,6 @@ def _stamps(folder: Path, utimes: NDArray[np.int64], warnings: list[str]) -> str
     if lone or lost:
         warnings.append(f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader skips them")
     return f"{len(stamps):,} in {path.name}"
-
-
-def _median(values: NDArray[np.float64]) -> str:
-    return f"median {metres(float(np.median(values)))}"
 
 
 def _utime(path: Path) -> int:

@@ -1,4 +1,4 @@
-"""Oxford RobotCar's vo.csv and ins.csv: how much of a drive they pose."""
+"""Oxford RobotCar's vo.csv and ins.csv: the share of a drive that has poses."""
 
 from collections import Counter
 from pathlib import Path
@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.formats import robotcar
-from pipeline.inspection.inspection import Inspection, Section, duration, metres
-from pipeline.inspection.tracks import box, clock
+from pipeline.inspection.inspection import Inspection, Section, clock, duration, metres
+from pipeline.inspection.tracks import box
 from pipeline.readers.columns import columns, numbers
 from pipeline.readers.robotcar import RobotCar
 from pipeline.readers.robotcar_poses import read_ins, read_vo
 
 
 def vo(path: Path) -> Inspection:
-    """vo/vo.csv: motion of the vehicle from one image to the next, chained by the reader."""
+    """vo/vo.csv: the motion of the vehicle from one image to the next, chained by the reader."""
     gap_s = RobotCar().max_vo_gap_s
     odometry = read_vo(path, gap_s)
     stamps_s, poses = odometry.trajectory.stamps_ns * 1e-9, odometry.trajectory.world_T_body
@@ -27,7 +27,7 @@ def vo(path: Path) -> Inspection:
         ("knots", f"{int(known.sum()):,}, in {len(odometry.breaks_ns) + 1} chains"),
         *clock(stamps_s[known]),
         ("path", f"{metres(float(moved_m.sum()))}, longest step {metres(float(moved_m.max(initial=0.0)))}"),
-        ("frame", "the vehicle's (the stereo camera's): x forward, y right, z down, radians; the reader turns it z up"),
+        ("frame", "the vehicle (stereo camera): x forward, y right, z down, radians; the reader turns it z up"),
     )
     found = []
     if len(odometry.breaks_ns):
@@ -59,7 +59,7 @@ def ins(path: Path) -> Inspection:
         ("path", metres(float(steps_m[gaps_s <= gap_s].sum()))),
         ("box", box(xyz, "northing", "easting", "down")),
         ("UTM zone", ", ".join(zones)[:60]),
-        ("frame", "the INS unit's pose in north-east-down, radians; with its extrinsics the reader makes it the vehicle's, z up"),
+        ("frame", "the INS unit in north-east-down, radians; the reader converts it to the z-up vehicle by the extrinsics"),
     )
     found = []
     if not good.any():

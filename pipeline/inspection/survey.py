@@ -1,4 +1,4 @@
-"""A sequence's health: a handful of its scans diagnosed side by side."""
+"""Diagnoses of a few scans of a sequence, side by side."""
 
 from collections.abc import Callable, Iterable
 
@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inspection.cloud import Diagnosis, diagnose
-from pipeline.inspection.inspection import Section, metres
+from pipeline.inspection.inspection import Section, metres, typographic
 
 HANDFUL = 5
 
 
 def spread(count: int, handful: int = HANDFUL) -> list[int]:
-    """Rows spread over a sequence, its ends among them."""
+    """At most `handful` rows, evenly spread over `count` rows, the first and the last included."""
     return sorted({int(row) for row in np.linspace(0, max(count - 1, 0), handful).round()}) if count else []
 
 
 def survey(rows: Iterable[int], points: Callable[[int], NDArray[np.floating]], frame: str) -> tuple[Section, tuple[str, ...]]:
-    """Diagnose the scans `rows`, each (n, 3) in metres; a warning that several share is said once."""
+    """A table of the diagnoses of the scans `rows`, each (n, 3) in metres in `frame`, and their warnings, each kind once."""
     diagnoses = {row: diagnose(points(row)) for row in rows}
     table: list[tuple[str, ...]] = [
         ("scan", "points", "range 50 %", "99 %", "z 1 %", "50 %", "99 %", "azimuth", "beams", "ground", "sensor above it")
@@ -40,13 +40,13 @@ def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _height(height_m: float) -> str:
-    return "–" if np.isnan(height_m) else f"{height_m:.2f} m".replace("-", "−")
+    return "–" if np.isnan(height_m) else typographic(f"{height_m:.2f} m")
 
 
 def _shared(diagnoses: dict[int, Diagnosis]) -> tuple[str, ...]:
-    """Each kind of warning once, in the words of the first scan that has it.
+    """Each kind of warning once, with the text of the first scan that has it.
 
-    Under an open sky a sound sensor shows few of its beams, so their number is believed when most scans agree.
+    Under an open sky few beams of a good sensor return, so a warning on the number of beams needs most of the scans.
     """
     kinds: dict[str, list[int]] = {}
     words: dict[str, str] = {}

@@ -1,11 +1,11 @@
-"""What can be wrong with a cloud (n, 3) in metres, each told by one look at it."""
+"""Tests of a cloud (n, 3) in metres for single faults, and the measurements that they need."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 def repeated(points: NDArray[np.float64]) -> list[str]:
-    """Points at the origin, and points that stand twice."""
+    """Warnings on points at the origin and on duplicate points."""
     zeros = int((points == 0).all(axis=1).sum())
     others = points[(points != 0).any(axis=1)]
     twice = len(others) - len(np.unique(others.view([("xyz", "V24")]) if others.flags.c_contiguous else others, axis=0))
@@ -24,7 +24,7 @@ def repeated(points: NDArray[np.float64]) -> list[str]:
 
 
 def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> str | None:
-    """What is wrong with the unit, if something is."""
+    """A warning if the unit cannot be metres, else None; `range_m` (n,) are distances from the origin in the xy plane."""
     if np.abs(points).max() <= 1.0 + 1e-6:
         return (
             "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and heights: "
@@ -39,7 +39,7 @@ def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> str | No
 
 
 def flat(points: NDArray[np.float64]) -> str | None:
-    """Whether every point lies in one plane."""
+    """A warning if all points lie in one plane, else None."""
     spread = np.sqrt(np.linalg.eigvalsh(np.cov(points.T)).clip(0)) if len(points) > 3 else np.ones(3)
     if spread[0] > 0.02:
         return None
@@ -50,7 +50,7 @@ def flat(points: NDArray[np.float64]) -> str | None:
 
 
 def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
-    """The z where the points near the sensor are densest: floors are flat, walls are not."""
+    """z in metres of the ground: where the points near the sensor are densest in z, as the ground is flat, unlike walls."""
     near = points[range_m < 15.0, 2]
     if len(near) < 100:
         near = points[:, 2]
@@ -62,7 +62,7 @@ def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
 
 
 def coverage(points: NDArray[np.float64]) -> float:
-    """Degrees of the round that have points: 360 less every gap wider than 3°."""
+    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
     if not len(points):
         return 0.0
     azimuth = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))

@@ -1,4 +1,4 @@
-"""Files of numbers beside the scans: NCLT's poses, KITTI's poses, times and calibration, TUM's poses."""
+"""Text files of numbers: the poses of NCLT, the poses, times and calibration of KITTI, TUM trajectories."""
 
 import warnings
 from pathlib import Path
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 from pipeline.formats import kitti
-from pipeline.inspection.inspection import Inspection, Section, duration, metres, moment
+from pipeline.inspection.inspection import Inspection, Section, clock, duration, path_length, typographic
 from pipeline.readers import log
 from pipeline.readers.folder import read_tum
 
 GAP_S = 0.5
-"""Rows further apart leave the scans between them without a pose (the NCLT reader's max_gap_s)."""
+"""Scans between rows further apart than this have no pose (max_gap_s of the NCLT reader)."""
 
 
 def nclt_poses(path: Path) -> Inspection:
@@ -28,12 +28,11 @@ def nclt_poses(path: Path) -> Inspection:
     times_s, xyz = rows[:, 0] * 1e-6, rows[known, 1:4]
     gaps = np.diff(times_s[known])
     steps = np.linalg.norm(xyz if relative else np.diff(xyz, axis=0), axis=1)
-    frame = "north-east-down (x north, y east, z down), radians; the reader turns it z up"
     cells = [
         ("rows", f"{len(rows):,}, of which {int((~known).sum()):,} hold a NaN"),
         *clock(times_s),
-        ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
-        ("frame", frame),
+        ("path", path_length(steps)),
+        ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
     ]
     cells += [] if relative else [("box", box(xyz, "north", "east", "down"))]
     found = _order(times_s)
@@ -58,7 +57,7 @@ def kitti_poses(path: Path) -> Inspection:
     skew = np.abs(np.swapaxes(poses[:, :3, :3], 1, 2) @ poses[:, :3, :3] - np.eye(3)).max(initial=0.0)
     cells = (
         ("poses", f"{len(rows):,}"),
-        ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
+        ("path", path_length(steps)),
         ("box", box(poses[:, :3, 3], "right", "down", "forward")),
         ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
     )
@@ -67,14 +66,13 @@ def kitti_poses(path: Path) -> Inspection:
         found.append(f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew")
     times = kitti.times_path(path.parents[1], path.stem) if len(path.parents) > 1 else path
     if path.parent.name == "poses" and times.is_file() and len(table(times, 1)) != len(rows):
-        found.append(
-            f"{len(table(times, 1))} times in {times} for {len(rows)} poses: the reader refuses the log; one is cut short"
-        )
+        count = len(table(times, 1))
+        found.append(f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is cut short")
     return Inspection(f"{path} — KITTI ground truth, poses of camera 0", (Section("", cells),), tuple(found))
 
 
 def is_tum(path: Path) -> bool:
-    """Whether the first row that says anything has the eight words of a TUM trajectory."""
+    """Whether the first row that is not a comment has the eight words of a TUM trajectory."""
     with path.open(errors="replace") as file:
         rows = (line.split("#")[0].replace(",", " ").split() for line in file)
         return len(next((words for words in rows if words), [])) == 8
@@ -90,7 +88,7 @@ def tum_poses(path: Path) -> Inspection:
     cells = (
         ("rows", f"{len(stamps_ns):,}" + (f", of which {lacking:,} hold a NaN: gaps" if lacking else "")),
         *clock(stamps_ns * 1e-9),
-        ("path", f"{metres(float(steps.sum()))}, median step {metres(_median(steps))}"),
+        ("path", path_length(steps)),
         ("box", box(xyz, "x", "y", "z")),
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
@@ -98,13 +96,10 @@ def tum_poses(path: Path) -> Inspection:
 
 
 def kitti_times(path: Path) -> Inspection:
-    """times.txt: seconds from the log's start, one a scan."""
+    """times.txt: seconds from the start of the log, one row per scan."""
     times_s = table(path, 1)[:, 0]
-    return Inspection(
-        f"{path} — KITTI times",
-        (Section("", (("rows", f"{len(times_s):,}"), *clock(times_s))),),
-        tuple(_order(times_s)),
-    )
+    rows = (("rows", f"{len(times_s):,}"), *clock(times_s))
+    return Inspection(f"{path} — KITTI times", (Section("", rows),), tuple(_order(times_s)))
 
 
 def kitti_calib(path: Path) -> Inspection:
@@ -129,28 +124,16 @@ def kitti_calib(path: Path) -> Inspection:
 
 
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
-    """`log.table`, without numpy's own remark on an empty file."""
+    """`log.table` without the warning of numpy at an empty file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return log.table(path, columns, delimiter)
 
 
-def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
-    """From, span and rate of a file's rows."""
-    span = float(times_s[-1] - times_s[0])
-    steps = np.diff(times_s)
-    rate = f"{1 / _median(steps):.3g} a second" if len(steps) and _median(steps) > 0 else "one row"
-    longest = f", longest step {duration(float(steps.max()))}" if len(steps) else ""
-    return [("from", moment(int(times_s[0] * 1e9))), ("span", duration(span)), ("rate", rate + longest)]
-
-
 def _order(times_s: NDArray[np.float64]) -> list[str]:
     back = np.flatnonzero(~(np.diff(times_s) > 0))
-    if not len(back):
-        return []
-    return [
-        f"stamps do not increase at row {int(back[0]) + 2} and {len(back) - 1} more: the reader refuses the file; sort its rows"
-    ]
+    rows = f"row {int(back[0]) + 2} and {len(back) - 1} more" if len(back) else ""
+    return [f"stamps do not increase at {rows}: the reader refuses the file; sort its rows"] if rows else []
 
 
 def box(xyz: NDArray[np.float64], *names: str) -> str:
@@ -158,8 +141,4 @@ def box(xyz: NDArray[np.float64], *names: str) -> str:
     if not len(xyz):
         return "unknown"
     ends = zip(names, xyz.min(axis=0), xyz.max(axis=0), strict=True)
-    return ", ".join(f"{name} {low:.1f} … {high:.1f} m" for name, low, high in ends).replace("-", "−")
-
-
-def _median(steps: NDArray[np.float64]) -> float:
-    return float(np.median(steps)) if len(steps) else 0.0
+    return typographic(", ".join(f"{name} {low:.1f} … {high:.1f} m" for name, low, high in ends))

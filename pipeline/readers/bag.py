@@ -1,6 +1,6 @@
 """ROS bags of any kind, without ROS: PointCloud2 or LaserScan, with poses from a topic or from tf (METHODS 7.4).
 
-A sequence is a bag below the root, or a folder of bags: all of them make one drive, in order of time. Frames follow REP 103: x
+A sequence is a bag below the root, or a folder of bags that are read as one drive, in order of time. Frames follow REP 103: x
 forward, y left, z up.
 """
 
@@ -16,7 +16,8 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.frames import Poses, Stamps, Trajectory
+from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, track
 from pipeline.readers.bag_track import Track
@@ -34,9 +35,9 @@ class Bag:
     truth: str = "/odom"
     """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or tf:PARENT>CHILD."""
     odometry: str | None = None
-    """The same for poses that drift but never jump; a gap in them breaks the chain."""
+    """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts anew."""
     body_T_lidar: Sequence[float] | None = None
-    """The LiDAR in the posed body: x, y, z in metres, roll, pitch, yaw in degrees; None: as the bag's fixed transforms say."""
+    """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None: from the fixed transforms."""
     lift_m: float = 0.0
     """Added to z, so that the ground is at 0."""
     max_gap_s: float = 0.5
@@ -44,9 +45,7 @@ class Bag:
 
     def __post_init__(self) -> None:
         if self.truth is None:
-            raise ConfigError(
-                "reader.truth=null: expected the topic of the true poses, such as /odom; without poses nothing is learned"
-            )
+            raise ConfigError("reader.truth=null: expected the topic of the true poses, such as /odom; learning needs poses")
         check(self, "reader")
         positive("reader", max_gap_s=self.max_gap_s)
         if not isinstance(self.odometry, str | None):
@@ -56,13 +55,12 @@ class Bag:
             if name.startswith("tf:") and not (parent and sign and child):
                 raise ConfigError(f"reader.{key}={name}: expected tf:PARENT>CHILD, such as tf:map>base_link")
         if self.body_T_lidar is not None:
-            numbers = [n for n in self.body_T_lidar if isinstance(n, int | float) and np.isfinite(n)]
-            if len(numbers) != 6 or len(self.body_T_lidar) != 6:
-                raise ConfigError("reader.body_T_lidar: expected x, y, z in metres and roll, pitch, yaw in degrees, or null")
+            log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
     def open(self, root: Path, sequence: str) -> Log:
         where = root / sequence
-        paths = next((found for found in map(bag_file.find, _places(where)) if found), None)
+        places = [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
+        paths = next((found for found in map(bag_file.find, places) if found), None)
         if paths is None:
             raise LogError(f"{where}: no bag there: neither a folder with bags nor one of {', '.join(bag_file.SUFFIXES)}")
         files = [BagFile(path) for path in paths]
@@ -72,30 +70,26 @@ class Bag:
         truth = track(files, self.truth, self.max_gap_s)
         odometry = track(files, self.odometry, self.max_gap_s) if self.odometry else None
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth)
-        rows, world_T_body, odom_T_body, notes = _posed(clouds, truth, odometry, skipped)
+        rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
         if not len(rows):
             raise LogError(f"{where}: no message of {self.points} lies in the time of {self.truth}; do they share a clock?")
         if odometry and odometry.child and truth.child and odometry.child != truth.child:
-            odom_T_body = odom_T_body @ _fixed(where, files, odometry.child, truth.child)
-        raised = np.eye(4)
-        raised[2, 3] = self.lift_m
-        lowered = np.linalg.inv(raised)
-        vehicle_T_lidar = raised @ body_T_lidar
-        return Log(
-            clouds.stamps_ns[rows],
-            raised @ world_T_body @ lowered,
-            raised @ odom_T_body @ lowered,
-            lambda row: _moved(vehicle_T_lidar, clouds.points(int(rows[row]))),
-            +skipped,
-            (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *notes),
-        )
+            odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
+        vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
+
+        def points(row: int) -> NDArray[np.float64]:
+            return _transformed(vehicle_T_lidar, clouds.points(int(rows[row])))
+
+        poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
+        notes = (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *notes)
+        return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []
         found = {child.name if child.is_dir() else child.stem: child for child in children[::-1] if bag_file.find(child)}
-        return {name: self._lacks(bag_file.find(found[name])) for name in sorted(found)}
+        return {name: self._missing(bag_file.find(found[name])) for name in sorted(found)}
 
-    def _lacks(self, paths: list[Path]) -> list[str]:
+    def _missing(self, paths: list[Path]) -> list[str]:
         try:
             self._check_topics(paths[0], [BagFile(path) for path in paths])
         except LogError as error:
@@ -103,8 +97,8 @@ class Bag:
         return []
 
     def _check_topics(self, where: Path, files: Sequence[BagFile]) -> None:
-        """Raise one LogError for a topic that no bag holds, or that is of no type to use; it names those there are."""
-        topics = {name: told for file in files for name, told in file.topics.items()}
+        """Raise LogError for a topic that no bag has, or whose type cannot be used; it lists the topics that are there."""
+        topics = {name: topic for file in files for name, topic in file.topics.items()}
         wanted = [("points", self.points, (CLOUD, SWEEP)), ("truth", self.truth, KINDS), ("odometry", self.odometry, KINDS)]
         for key, name, kinds in wanted:
             if name is None or name.startswith("tf:"):
@@ -112,31 +106,22 @@ class Bag:
             if name not in topics or topics[name].kind not in kinds:
                 is_other = f"is a {bag_file.plain(topics[name].kind, 60)}" if name in topics else "is not in it"
                 usable = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-                held = ", ".join(f"{topic} ({told})" for topic, told in topics.items()) or "nothing"
-                raise LogError(
-                    f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds {bag_file.plain(held, 800)}"
-                )
+                held = bag_file.plain(", ".join(f"{name} ({topic})" for name, topic in topics.items()) or "nothing", 800)
+                raise LogError(f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds {held}")
 
     def _extrinsic(self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track) -> NDArray[np.float64]:
         if self.body_T_lidar is not None:
-            numbers = np.array([list(self.body_T_lidar)], np.float64)
-            body_T_lidar: NDArray[np.float64] = pose(numbers[:, :3], np.radians(numbers[:, 3:]))[0]
-            return body_T_lidar
+            return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         if truth.child is None:
             raise LogError(f"{where}: {truth.name} does not name the frame that it poses; give reader.body_T_lidar")
         if len(frames) != 1:
-            raise LogError(
-                f"{where}: {self.points} comes in several frames, {', '.join(sorted(frames)):.80}; give reader.body_T_lidar"
-            )
-        return _fixed(where, files, truth.child, *frames)
+            names = ", ".join(sorted(frames))
+            raise LogError(f"{where}: {self.points} comes in several frames, {names:.80}; give reader.body_T_lidar")
+        return _fixed_transform(where, files, truth.child, *frames)
 
 
-def _places(where: Path) -> list[Path]:
-    return [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
-
-
-def _fixed(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
-    """a_T_b by the bags' fixed transforms, on tf_static or else repeated on tf."""
+def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
+    """a_T_b (4, 4) by the fixed transforms of the bags, on tf_static or else repeated on tf; raises LogError if there is none."""
     for moving in (False, True) if a != b else ():
         a_T_b = Tree.read(files, moving).fixed(a, b)
         if a_T_b is not None:
@@ -146,10 +131,10 @@ def _fixed(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.
     return np.eye(4)
 
 
-def _posed(
+def _rows_with_poses(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows with a place (or, of sweeps, at least odometry), their two poses, and what to know of them."""
+    """Rows with a true pose (for sweeps, odometry is enough), their true poses, their odometry, and notes for the user."""
     stamps_ns, times = clouds.stamps_ns, truth.trajectory.stamps_ns
     world_T_body, known = truth.trajectory.at(stamps_ns)
     odom_T_body, driven = odometry.trajectory.at(stamps_ns) if odometry else (np.full_like(world_T_body, np.nan), ~known)
@@ -170,13 +155,12 @@ def _posed(
     return rows, world_T_body[rows], odom_T_body[rows], notes
 
 
-def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Points (n, 3) of b in a; by einsum, for BLAS starts threads that wait for each other where others read beside it."""
-    moved: NDArray[np.float64] = np.einsum("ij,nj->ni", a_T_b[:3, :3], points) + a_T_b[:3, 3]
-    return moved
+def _transformed(a_T_b: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Points (n, 3) of b in a; by einsum, since the threads of BLAS block each other when several readers work in parallel."""
+    return np.asarray(np.einsum("ij,nj->ni", a_T_b[:3, :3], points) + a_T_b[:3, 3])
 
 
 def _breaks(odometry: Trajectory) -> Stamps:
-    """Stamps where the odometry starts anew after a gap."""
+    """Stamps (n,) at which the odometry starts anew after a gap."""
     known = odometry.stamps_ns[np.isfinite(odometry.world_T_body[:, 0, 0])]
     return known[1:][np.diff(known) > odometry.max_gap_s * 1e9]

@@ -1,4 +1,4 @@
-"""The clouds or sweeps of bags: where each message is, in order of its stamp; read one at a time."""
+"""The clouds or sweeps of bags in order of their stamps; the points are read one message at a time."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from pipeline.formats.bag_file import BagFile, Key
 from pipeline.formats.messages import header, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.frames import Stamps
-from pipeline.readers.bag_track import moments
+from pipeline.readers.bag_track import message_stamps
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,17 @@ class Clouds:
     stamps_ns: Stamps
     """(cloud,) strictly increasing."""
     frames: set[str]
-    """All that the messages come in."""
+    """The frame_ids of all messages."""
     keys: list[tuple[BagFile, Key, int]]
-    """(cloud,) bag, place in it, and the stamp in the header."""
+    """(cloud,) bag, address of the message in it, and the stamp in its header."""
     notes: tuple[str, ...]
 
     @staticmethod
     def read(files: Sequence[BagFile], topic: str, skipped: Counter[str]) -> "Clouds":
-        """Go through the bags once, one message in memory; counts those that are broken or repeat a stamp."""
+        """Read all headers, with one message in memory at a time; counts in `skipped` broken messages and repeated stamps.
+
+        Raises LogError for a topic of several types, or without any readable message.
+        """
         keys: list[tuple[BagFile, Key, int]] = []
         frames: set[str] = set()
         kinds: set[str] = set()
@@ -50,17 +53,17 @@ class Clouds:
                 keys.append((file, key, stamp_ns))
                 frames.add(frame)
             if count != file.topics[topic].count:
-                notes += (f"{file.path}: {count:,} messages of {topic}, where its index tells of {file.topics[topic].count:,}",)
+                notes += (f"{file.path}: {count:,} messages of {topic}, but {file.topics[topic].count:,} in its index",)
         if len(kinds) > 1:
             raise LogError(f"{files[0].path}: {topic} is of several types in these bags: {', '.join(sorted(kinds))}")
         if not keys:
             raise LogError(f"{files[0].path}: {topic} holds no message that can be read")
-        times, said = moments(topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys])
+        times, unstamped = message_stamps(topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys])
         order = np.argsort(times, kind="stable")
         fresh = np.diff(times[order], prepend=np.int64(-1)) > 0
         skipped["stamp of an earlier one"] += int((~fresh).sum())
         order = order[fresh]
-        return Clouds(topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + said)
+        return Clouds(topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + unstamped)
 
     def points(self, row: int) -> NDArray[np.floating]:
         """Points (n, 3) in metres of one message, in the LiDAR's frame; raises LogError for a broken one."""
@@ -70,6 +73,6 @@ class Clouds:
             if header(data, file.ros)[0] != stamp_ns:
                 raise LogError("its stamp is not what it was when the bag was opened")
             message = file.decode(data, self.kind)
-            return decode(message).points if self.kind == CLOUD else sweep_points(message)
+            return decode(message) if self.kind == CLOUD else sweep_points(message)
         except LogError as error:
             raise LogError(f"{file.path}: {self.topic} at {self.stamps_ns[row]} ns: {error}") from None

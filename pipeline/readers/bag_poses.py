@@ -1,4 +1,4 @@
-"""The poses that bags hold: a topic of them, or a way through the tree of frames."""
+"""Reads the poses of bags: from a topic, or from a chain of transforms."""
 
 from collections.abc import Sequence
 from operator import itemgetter
@@ -7,14 +7,14 @@ from pipeline.errors import LogError
 from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import frame_name, header, pose_numbers, poses
-from pipeline.readers.bag_track import Track, moments, trajectory
+from pipeline.readers.bag_track import Track, message_stamps, trajectory
 from pipeline.readers.bag_tree import Tree
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
-    """The poses called `name`; raises LogError where there are none. Rows that hold no pose are NaN: gaps."""
+    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose; raises LogError if none exist."""
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
@@ -39,7 +39,7 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     if not sent:
         raise LogError(f"{files[0].path}: {name} holds no pose that can be read")
     sent.sort(key=itemgetter(0))
-    times, notes = moments(name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent])
+    times, notes = message_stamps(name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent])
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
     found, left_out = trajectory(name, times, poses([numbers for _, _, numbers in sent]), max_gap_s)
     return Track(name, found, next(iter(children), "") or None, notes + left_out)

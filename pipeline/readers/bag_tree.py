@@ -1,4 +1,4 @@
-"""The tree of frames that tf messages span, and ways through it."""
+"""The tree of frames in tf messages, and the transforms between any two of its frames."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,7 @@ from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers.bag_track import Track, trajectory
 
 STILL = 1e-6
-"""A transform that never changes by more than this (metres, and of a rotation matrix) is fixed."""
+"""A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Tree:
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
-        """Transforms of the topics that end in tf_static, and with `moving` of all others too."""
+        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of transforms."""
         sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
         broken = 0
         for file, key, data in _transforms(files, moving):
@@ -53,7 +53,7 @@ class Tree:
         return Tree(str(files[0].path), edges, broken)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
-        """a_T_b (4, 4) by transforms that never change; None where there is no such way."""
+        """a_T_b (4, 4) by a chain of fixed transforms; None where there is none."""
         way = self._way({edge for edge, (_, found) in self.edges.items() if _still(found)}, a, b)
         if way is None:
             return None
@@ -64,12 +64,12 @@ class Tree:
         return a_T_b
 
     def moves(self, a: str, b: str) -> bool:
-        """Whether b can be followed in a."""
+        """Whether transforms lead from a to b, and at least one of them changes over time."""
         way = self._way(set(self.edges), a, b)
         return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
 
     def track(self, parent: str, child: str, max_gap_s: float) -> Track:
-        """parent_T_child at the stamps of the way's most frequent transform, the others interpolated."""
+        """parent_T_child at the stamps of the most frequent transform of the chain, the others interpolated; raises LogError."""
         name = f"tf:{parent}>{child}"
         way = self._way(set(self.edges), parent, child)
         if way is None:
@@ -81,8 +81,8 @@ class Tree:
         notes: tuple[str, ...] = (f"{name}: {self.broken:,} broken messages of transforms are left out",) if self.broken else ()
         trajectories = {}
         for edge in moving:
-            trajectories[edge], said = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
-            notes += said
+            trajectories[edge], left_out = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
+            notes += left_out
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
         for edge, forward in way:
@@ -92,7 +92,7 @@ class Tree:
 
     @staticmethod
     def _way(edges: set[tuple[str, str]], a: str, b: str) -> list[tuple[tuple[str, str], bool]] | None:
-        """The shortest way from a to b: its edges, and whether each is walked from parent to child."""
+        """The shortest chain from a to b: its edges, and whether each leads from parent to child; None where there is none."""
         ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
         queue = deque([a])
         while queue and b not in ways:
@@ -109,9 +109,9 @@ class Tree:
 
 def _transforms(files: Sequence[BagFile], moving: bool) -> Iterable[tuple[BagFile, Key, bytes]]:
     for file in files:
-        for topic, told in file.topics.items():
-            if told.kind == TRANSFORMS and (moving or topic.endswith("tf_static")):
-                for key, data in file.messages(topic):
+        for name, topic in file.topics.items():
+            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static")):
+                for key, data in file.messages(name):
                     yield file, key, data
 
 

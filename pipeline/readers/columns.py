@@ -1,4 +1,4 @@
-"""Text tables with a header: columns found by name, as text, numbers and stamps."""
+"""Reads csv tables with a header: columns by name, as text, numbers or stamps."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,7 +16,7 @@ Table = dict[str, tuple[str, ...]]
 
 
 def columns(path: Path, names: Sequence[str]) -> Table:
-    """The text of a csv's columns `names` (two or more); raises LogError naming those it lacks, or a row cut short."""
+    """The text of the columns `names` (two or more) of a csv; raises LogError naming the missing ones, or a row cut short."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
@@ -36,21 +36,21 @@ def columns(path: Path, names: Sequence[str]) -> Table:
 
 
 def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
-    """Columns of `table` as numbers (row, name); raises LogError naming the row that holds none."""
+    """Columns of `table` as numbers (row, name); raises LogError naming the row with another word."""
     found = np.empty((len(table[names[0]]), len(names)))
     for column, name in enumerate(names):
         values: list[float] = []
         try:
             values.extend(map(float, table[name]))
         except ValueError:
-            said = table[name][len(values)][:40]
-            raise LogError(f"{path}: row {len(values) + 1} has {name} {said!r}; expected a number") from None
+            word = table[name][len(values)][:40]
+            raise LogError(f"{path}: row {len(values) + 1} has {name} {word!r}; expected a number") from None
         found[:, column] = values
     return found
 
 
 def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
-    """Stamps (n,) of utimes in whole microseconds; raises LogError naming the first that is none or does not increase."""
+    """Stamps (n,) in ns from utimes in whole µs; raises LogError naming the first that is no utime or does not increase."""
     stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
     broken = np.flatnonzero(stamps_ns % 1000)
     if len(broken):
@@ -59,7 +59,7 @@ def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
 
 
 def _whole(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[str]]:
-    """Rows that are not empty lines."""
+    """All rows but empty lines; raises LogError for a row that has not `width` columns."""
     for number, row in enumerate(filter(None, rows), 1):
         if len(row) != width:
             raise LogError(f"{path}: row {number} has {len(row)} columns of {width}; the file is damaged or cut short")

@@ -1,9 +1,9 @@
-"""A robot's own folder: scan files and a pose file, with frames and units as conf/dataset/folder.yaml declares them.
+"""A folder of the user's own robot: scan files and a pose file, with frames and units as in conf/dataset/folder.yaml.
 
-    ROOT/SEQUENCE/scans/1326652795.280148.pcd …    stamps as names, poses of any rate around them (TUM)
+    ROOT/SEQUENCE/scans/1326652795.280148.pcd …    named by their stamps, with TUM poses of any rate
     ROOT/SEQUENCE/poses.txt
 
-or scans named by number, row n of a KITTI pose file and of times.txt beside it belonging to scan n.
+or scans named by number: scan n belongs to row n of a KITTI pose file and of times.txt beside it.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats import folder as files
 from pipeline.formats import kitti
-from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers import log
 from pipeline.readers.log import Log
 from pipeline.running import settings
@@ -27,15 +27,15 @@ from pipeline.running import settings
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""
 FARTHEST_M = 1e6
-"""A point beyond is none: no lidar sees 1,000 km."""
+"""Points beyond this are dropped: no lidar sees 1,000 km."""
 
 
 @dataclass(frozen=True)
 class Folder:
-    """A root with one folder a sequence, each of which holds scans and poses."""
+    """A root with one folder per sequence, each with scans and poses."""
 
     scans: str = "scans"
-    """Below the sequence: a subfolder whose .bin, .npy and .pcd files are scans, or a pattern such as clouds/*.pcd."""
+    """Below the sequence: a subfolder with .bin, .npy and .pcd scans, or a pattern such as clouds/*.pcd."""
     poses: str = "poses.txt"
     """Below the sequence: the true poses of the body."""
     poses_format: Literal["tum", "kitti"] = "tum"
@@ -46,11 +46,11 @@ class Folder:
     stamps: Literal["s", "us", "ns"] = "s"
     """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from 0."""
     columns: int = 4
-    """32-bit floats of one point in a .bin: x, y, z and what else there is."""
+    """Number of 32-bit floats per point in a .bin: x, y, z and any others."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
     lift_m: float = 0.0
-    """Height of the body's origin over the ground, added to z."""
+    """Height of the origin of the body above the ground, added to z."""
     max_gap_s: float = 0.5
     """Poses further apart than this are a gap; a scan in it is skipped."""
 
@@ -59,9 +59,7 @@ class Folder:
         settings.positive("reader", max_gap_s=self.max_gap_s)
         if self.columns < 3:
             raise ConfigError(f"reader.columns={self.columns}: expected 3 or more, x, y and z first")
-        numbers = list(self.body_T_lidar) if isinstance(self.body_T_lidar, Sequence) else []
-        if len(numbers) != 6 or not all(isinstance(number, int | float) and np.isfinite(number) for number in numbers):
-            raise ConfigError(f"reader.body_T_lidar={self.body_T_lidar}: expected [x, y, z, roll, pitch, yaw], m and degrees")
+        log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         for name in ("scans", "poses", "odometry"):
             place = getattr(self, name)
             if place is None and name == "odometry":
@@ -75,7 +73,7 @@ class Folder:
             raise LogError(f"{folder}: no such folder of a sequence")
         truth = self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
-        paths = self._named(folder, truth.stamps_ns, skipped)
+        paths = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         rows, world_T_body, odom_T_body = log.posed(stamps_ns, truth, odometry, skipped)
         if not len(rows):
@@ -84,16 +82,9 @@ class Folder:
                 f"{_span(truth.stamps_ns)}; is reader.stamps={self.stamps} the unit of the scans' names?"
             )
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
-        raised = np.eye(4)
-        raised[2, 3] = self.lift_m
-        lowered, vehicle_T_lidar = np.linalg.inv(raised), raised @ self._body_T_lidar()
-        return Log(
-            stamps_ns[rows],
-            raised @ world_T_body @ lowered,
-            raised @ odom_T_body @ lowered,
-            lambda row: read_scan(kept[row], self.columns, vehicle_T_lidar),
-            +skipped,
-        )
+        vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
+        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], self.columns, vehicle_T_lidar), +skipped)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
@@ -104,8 +95,8 @@ class Folder:
         found = folder.glob(self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*")
         return [path for path in found if path.suffix in files.SCANS]
 
-    def _named(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> dict[int, Path]:
-        """Scan files by their stamp in ns; counts those that cannot be one."""
+    def _paths(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> dict[int, Path]:
+        """Scan files by their stamp in ns; counts in `skipped` the files that are not used."""
         found: dict[int, Path] = {}
         for path in sorted(self._files(folder)):
             stamp = self._stamp(path.stem, pose_stamps_ns)
@@ -120,14 +111,10 @@ class Folder:
             else:
                 found[stamp] = path
         if not found:
+            names = f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
             there = next((f"; {path.name} is none" for path in sorted(self._files(folder))), "")
-            raise LogError(
-                f"{folder}: holds no readable scan in {self.scans} (named by {self._names()}; .bin, .npy or .pcd{there})"
-            )
+            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{there})")
         return found
-
-    def _names(self) -> str:
-        return f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
 
     def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
         if not stem.isascii() or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal() or len(stem) > 40:
@@ -143,14 +130,9 @@ class Folder:
             poses = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
         return Trajectory(stamps_ns, poses, self.max_gap_s)
 
-    def _body_T_lidar(self) -> NDArray[np.float64]:
-        numbers = np.array(list(self.body_T_lidar), np.float64)
-        body_T_lidar: NDArray[np.float64] = pose(numbers[None, :3], np.deg2rad(numbers[None, 3:]))[0]
-        return body_T_lidar
-
 
 def read_scan(path: Path, columns: int, vehicle_T_lidar: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; what is not finite, or beyond 10⁶ m, is dropped.
+    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; those not finite or beyond FARTHEST_M are dropped.
 
     Raises LogError for a missing or damaged file.
     """
@@ -160,7 +142,7 @@ def read_scan(path: Path, columns: int, vehicle_T_lidar: NDArray[np.float64]) ->
 
 
 def read_tum(path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row says so; raises LogError naming the row that cannot be."""
+    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row has NaN; raises LogError naming the wrong row."""
     stamps, rows = files.tum(path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace"))
     if not stamps:
         raise LogError(f"{path}: holds no rows")
@@ -183,7 +165,7 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
 
 
 def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, 12 numbers a row, NaN where a row says so, and its times.txt."""
+    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, NaN where a row has NaN, and its times.txt; raises LogError."""
     rows, times_s = log.table(path, 12), log.table(times_path, 1)[:, 0]
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")

@@ -1,9 +1,10 @@
 """KITTI odometry: Velodyne scans, times, calibration and ground-truth poses (METHODS 7.3).
 
-Each log's world is its own: there is no place that two logs share a frame for. A study therefore trains on the first part of
-one log, the sequence `00-a`, and tests on the rest, `00-b`; plain `00` is the whole log.
+Each log has a world frame of its own, so two logs cannot be compared. A study therefore trains on the first part of one log,
+the sequence `00-a`, and tests on the rest, `00-b`; `00` is the whole log.
 """
 
+import re
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,11 +23,11 @@ class Kitti:
     """A KITTI odometry root with `sequences/` and `poses/`."""
 
     lidar_height_m: float = 1.73
-    """Added to z: the Velodyne's height over the road."""
+    """Height of the Velodyne above the road, added to z."""
     split: float = 0.5
-    """Share of a log's path that its part `-a` holds."""
+    """Share of the path of a log that belongs to its part `-a`."""
     root_per_sequence: bool = False
-    """Whether each sequence has a folder of its own with such a root inside, as the simulated suburb's have."""
+    """Whether each sequence has a folder of its own with such a root inside, as in the simulated suburb."""
 
     def open(self, root: Path, sequence: str) -> Log:
         root = root / sequence if self.root_per_sequence else root
@@ -45,25 +46,19 @@ class Kitti:
         path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))])
         first = path_m <= self.split * path_m[-1]
         rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
-        raised = np.eye(4)
-        raised[2, 3] = self.lidar_height_m
-        world_T_scan = raised @ poses[rows] @ np.linalg.inv(raised)
-        lift = np.array([0.0, 0.0, self.lidar_height_m])
-        odom_T_scan = np.full_like(world_T_scan, np.nan)
-        return Log(
-            stamps_ns[rows],
-            world_T_scan,
-            odom_T_scan,
-            lambda row: read_velodyne(folder / f"{rows[row]:06d}.bin") + lift,
-            +skipped,
-            notes,
-        )
+        world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
+        odom_T_scan, lift = np.full_like(world_T_scan, np.nan), np.array([0.0, 0.0, self.lidar_height_m])
+
+        def points(row: int) -> NDArray[np.floating]:
+            return np.asarray(read_velodyne(folder / f"{rows[row]:06d}.bin") + lift)
+
+        return Log(stamps_ns[rows], world_T_scan, odom_T_scan, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         if self.root_per_sequence:
-            apart = replace(self, root_per_sequence=False)
+            single = replace(self, root_per_sequence=False)
             folders = sorted(path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir())
-            found = {folder: apart.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
+            found = {folder: single.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
             return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
         names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
         needed = {
@@ -73,9 +68,9 @@ class Kitti:
 
 
 def read_velodyne(path: str | Path) -> NDArray[np.float32]:
-    """Points (n, 3) in metres of one scan: Velodyne frame, x forward, y left, z up, origin in the sensor.
+    """Points (n, 3) in metres of one scan in the Velodyne frame: x forward, y left, z up, origin in the sensor.
 
-    Points that are not finite are dropped. Raises LogError for a missing file or one that is no whole number of records.
+    Points that are not finite are dropped. Raises LogError for a missing file or one that ends within a record.
     """
     data = log.read_bytes(Path(path), kitti.RECORD_BYTES, "points")
     points: NDArray[np.float32] = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :3]
@@ -83,9 +78,9 @@ def read_velodyne(path: str | Path) -> NDArray[np.float32]:
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
-    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne.
+    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne (METHODS 7.3).
 
-    Raises LogError for what is no pose, naming the row.
+    Raises LogError naming the row that is not a pose.
     """
     rows = log.table(Path(poses_path), 12)
     first_T_cam = kitti.matrix(rows)
@@ -115,22 +110,13 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
 
 
 def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.int64]:
-    """Rows of the pose file whose scan is on disk; counts files that cannot be one."""
+    """Rows of the pose file whose scan is on disk; counts in `skipped` the files that are not used."""
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of scans")
-    rows: list[int] = []
-    for path in folder.glob("*.bin"):
-        length = path.stat().st_size
-        if not path.is_file() or not path.stem.isdecimal() or len(path.stem) != 6:
-            skipped["file name is no scan number"] += 1
-        elif length == 0:
-            skipped["empty file"] += 1
-        elif length % kitti.RECORD_BYTES:
-            skipped["truncated record"] += 1
-        elif int(path.stem) >= poses:
-            skipped["outside the poses' span"] += 1
-        else:
-            rows.append(int(path.stem))
-    if not rows:
+    is_number, reason = re.compile("[0-9]{6}").fullmatch, "file name is no scan number"
+    numbers = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)[1]
+    rows = numbers[numbers < poses]
+    skipped["outside the poses' span"] += len(numbers) - len(rows)
+    if not len(rows):
         raise LogError(f"{folder}: holds no readable scan (NNNNNN.bin)")
-    return np.array(sorted(rows), np.int64)
+    return rows

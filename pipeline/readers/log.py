@@ -1,7 +1,8 @@
-"""What every reader opens: one drive's scans, each with its stamp and poses, and how many had to be left out."""
+"""The result of every reader, a Log (the scans of one drive with stamps and poses), and what the readers share."""
 
+import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -9,16 +10,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses, Stamps, Trajectory
+from pipeline.errors import ConfigError, LogError
+from pipeline.frames import Poses, Stamps, Trajectory, pose
 
 
 @dataclass(frozen=True)
 class Log:
-    """An opened log: its scans, or the sweeps of its 2-D LiDAR. Frames: vehicle and world are x forward, y left, z up.
+    """An opened log: its scans, or the sweeps of its 2-D LiDAR. Vehicle and world frames are x forward, y left, z up.
 
-    Ground is at z = 0, but for the vehicle frame of a log whose sweeps are to be accumulated: a submap finds the ground itself.
-    Each row has one of the two poses at least.
+    The ground is at z = 0, except in the vehicle frame of a log whose sweeps will be accumulated: there the submap estimates the
+    ground. Each row has at least one of the two poses.
     """
 
     stamps_ns: Stamps
@@ -26,29 +27,29 @@ class Log:
     world_T_scan: Poses
     """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the INS."""
     odom_T_scan: Poses
-    """(scan, 4, 4) the log's odometry at the stamps; NaN where it has none, and in the first row after a break in it."""
+    """(scan, 4, 4) odometry at the stamps; NaN where there is none, and in the first row after a break in the odometry."""
     points: Callable[[int], NDArray[np.floating]]
     """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is broken."""
     skipped: Counter[str]
-    """Scans that the log has and this does not: reason to count."""
+    """Scans of the log that were left out: reason to count."""
     notes: tuple[str, ...] = ()
-    """What else a person should know of the log's completeness."""
+    """Further lines for the user on how complete the log is."""
 
 
 EARTH_M = 1e8
-"""No position is as far from its frame's origin: the Earth's centre is 6.4e6 m away."""
+"""Positions further than this from the origin of their frame are damage: the centre of the Earth is 6.4e6 m away."""
 LATEST_NS = 2**62
 """Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 
 
 class Reader(Protocol):
-    """A data set's reader: its fields are the keys of its yaml, which declares frames and heights."""
+    """A reader of one data set; its fields are the keys of the yaml of the data set."""
 
     def open(self, root: Path, sequence: str) -> Log:
-        """Open a sequence below the data set's root; raises LogError for what cannot be read."""
+        """Open a sequence below the root of the data set; raises LogError for a log that cannot be read."""
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        """The sequences found below `root`, each with what it lacks (nothing: it can be read)."""
+        """The sequences below `root`, each with the files that it lacks; one that lacks nothing can be read."""
 
 
 def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
@@ -58,7 +59,7 @@ def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
 
 
 def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
-    """A file of records; raises LogError if it is missing or holds no whole number of them."""
+    """The bytes of a file of records; raises LogError if it is missing or does not hold a whole number of records."""
     try:
         data = path.read_bytes()
     except (FileNotFoundError, IsADirectoryError):
@@ -69,7 +70,7 @@ def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
 
 
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
-    """A text file's numbers (rows, columns); raises LogError naming the row that does not fit."""
+    """The numbers of a text file (rows, columns); raises LogError naming the wrong row."""
     try:
         with path.open() as file:
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
@@ -85,21 +86,22 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
 
 
 def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) given in a unit of so many nanoseconds; raises LogError naming the first that is none or does not increase."""
+    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first that does not increase."""
     late = LATEST_NS / unit_ns
     bad = np.flatnonzero(~(np.abs(stamps) < late))
     if len(bad):
         raise LogError(f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}")
-    back = np.flatnonzero(np.diff(stamps) <= 0)
+    whole = np.floor(stamps)
+    stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
+    back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
         before, after = stamps[back[0] : back[0] + 2]
         raise LogError(f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; stamps must increase")
-    whole = np.floor(stamps)
-    return whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
+    return np.asarray(stamps_ns)
 
 
 def refuse_poses(path: Path, poses: Poses, known: NDArray[np.bool_]) -> None:
-    """Raise LogError naming the first of the `known` rows of `poses` (n, 4, 4), read from `path`, that no body can have."""
+    """Raise LogError naming the first of the `known` (n,) rows of `poses` (n, 4, 4), read from `path`, that is not a pose."""
     far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
     R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
     skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
@@ -109,10 +111,62 @@ def refuse_poses(path: Path, poses: Poses, known: NDArray[np.bool_]) -> None:
             raise LogError(f"{path}: row {rows[0] + 1} {why}")
 
 
+def raised(height_m: float) -> Poses:
+    """The pose (4, 4) of a frame that lies `height_m` above its parent."""
+    raised = np.eye(4)
+    raised[2, 3] = height_m
+    return raised
+
+
+def lifted(world_T_body: Poses, height_m: float) -> Poses:
+    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down, so that the ground is at z = 0."""
+    return raised(height_m) @ world_T_body @ np.linalg.inv(raised(height_m))
+
+
+def extrinsic(key: str, xyzrpy: object) -> Poses:
+    """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees; raises ConfigError naming `key`."""
+    numbers = list(xyzrpy) if isinstance(xyzrpy, Sequence) else []
+    if len(numbers) != 6 or not all(isinstance(number, int | float) and np.isfinite(number) for number in numbers):
+        raise ConfigError(f"{key}={xyzrpy}: expected [x, y, z, roll, pitch, yaw] in metres and degrees")
+    row = np.array([numbers], np.float64)
+    return np.asarray(pose(row[:, :3], np.radians(row[:, 3:]))[0])
+
+
+def is_utime(stem: str) -> bool:
+    """Whether a file name without its suffix is a stamp in whole microseconds since 1970."""
+    return stem.isascii() and stem.isdecimal() and stem[0] != "0" and int(stem) < LATEST_NS // 1000
+
+
+def numbered_files(
+    folder: Path, record_bytes: int, is_number: Callable[[str], object], reason: str, skipped: Counter[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The numbers that the .bin files of a folder have as names, and of these the ones of whole records; both increase.
+
+    Counts in `skipped` the files whose name is not a number (under `reason`), the empty ones and the truncated ones.
+    """
+    named, whole = [], []
+    with os.scandir(folder) as entries:
+        for stem, _, suffix, entry in ((*entry.name.rpartition("."), entry) for entry in entries):
+            if suffix != "bin":
+                continue
+            if not is_number(stem):
+                skipped[reason] += 1
+                continue
+            named.append(int(stem))
+            length = entry.stat().st_size if entry.is_file() else 0
+            if length == 0:
+                skipped["empty file"] += 1
+            elif length % record_bytes:
+                skipped["truncated record"] += 1
+            else:
+                whole.append(int(stem))
+    return np.array(sorted(named), np.int64), np.array(sorted(whole), np.int64)
+
+
 def posed(
     stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses]:
-    """Rows of `stamps_ns` with a known true pose, those poses, and the odometry's there; counts the others in `skipped`."""
+    """Rows of `stamps_ns` with a true pose, these poses, and the odometry at these rows; counts the other rows in `skipped`."""
     world_T_scan, known = truth.at(stamps_ns)
     outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
     skipped.update(

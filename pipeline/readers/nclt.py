@@ -1,6 +1,6 @@
-"""NCLT: velodyne_sync scans, ground truth and wheel odometry (METHODS 7.1).
+"""NCLT: velodyne_sync scans, the packets of velodyne_hits.bin, ground truth and wheel odometry (METHODS 7.1).
 
-The files' frames are north-east-down; everything handed out is x forward (north), y left (west), z up.
+The frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
 """
 
 from collections import Counter
@@ -16,15 +16,17 @@ from pipeline.frames import Trajectory, flip_ned, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
 
+HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
+
 
 @dataclass(frozen=True)
 class Nclt:
-    """A folder of NCLT sequences, one date a sequence."""
+    """A folder of NCLT sequences, each named by its date."""
 
     max_gap_s: float = 0.5
     """Ground truth further apart than this is a gap; a scan in it is skipped."""
     lift_m: float = 0.0
-    """Added to z. NCLT's body frame has its origin at about ground level."""
+    """Added to z. The body frame of NCLT has its origin near the ground."""
 
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence / nclt.SCANS
@@ -33,18 +35,22 @@ class Nclt:
             raise LogError(
                 f"{root / nclt.TRUTH_PLACES[0].format(sequence=sequence)}: no ground truth there or in its other places"
             )
+        if not folder.is_dir():
+            raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()
-        paths = _scan_files(folder, skipped)
-        utimes = np.array([int(path.stem) for path in paths], np.int64)
+        utimes = log.numbered_files(folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped)[1]
+        if not len(utimes):
+            raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         rows, world_T_scan, odom_T_scan = log.posed(utimes * 1000, read_poses(truth_path, self.max_gap_s), odometry, skipped)
-        kept = [paths[row] for row in rows]
-        lift = np.array([0.0, 0.0, self.lift_m])
+        utimes, lift = utimes[rows], np.array([0.0, 0.0, self.lift_m])
         notes = () if odometry_path is not None else ("no odometry_mu_100hz.csv",)
-        return Log(
-            utimes[rows] * 1000, world_T_scan, odom_T_scan, lambda row: read_velodyne_sync(kept[row]) + lift, +skipped, notes
-        )
+
+        def points(row: int) -> NDArray[np.float64]:
+            return np.asarray(read_velodyne_sync(folder / f"{utimes[row]}.bin") + lift)
+
+        return Log(utimes * 1000, world_T_scan, odom_T_scan, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
@@ -52,17 +58,18 @@ class Nclt:
 
 
 def read_velodyne_sync(path: str | Path) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one scan: body frame, x forward, y left, z up, motion compensated.
+    """Points (n, 3) in metres of one motion-compensated scan in the body frame: x forward, y left, z up.
 
-    Raises LogError for a missing file or one that is no whole number of records.
+    Raises LogError for a missing file or one that ends within a record.
     """
-    data = log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits")
-    points: NDArray[np.float64] = nclt.decode(np.frombuffer(data, "<u2"))
-    return points
+    return np.asarray(nclt.decode(np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2")))
 
 
 def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
-    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN stay, as gaps."""
+    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN are kept as gaps.
+
+    Raises LogError naming the row that is not seven numbers or whose stamp does not increase.
+    """
     path = Path(path)
     rows = log.table(path, 7, ",")
     stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
@@ -72,21 +79,54 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     return Trajectory(stamps_ns, world_T_body, max_gap_s)
 
 
-def _scan_files(folder: Path, skipped: Counter[str]) -> list[Path]:
-    """Scan files in order of time; counts those whose name or length cannot be right."""
-    if not folder.is_dir():
-        raise LogError(f"{folder}: no such folder of scans")
-    good: list[Path] = []
-    for path in folder.glob("*.bin"):
-        length = path.stat().st_size
-        if not path.is_file() or not path.stem.isdecimal() or path.stem[0] == "0" or int(path.stem) >= log.LATEST_NS // 1000:
-            skipped["file name is no utime"] += 1
-        elif length == 0:
-            skipped["empty file"] += 1
-        elif length % nclt.RECORD_BYTES:
-            skipped["truncated record"] += 1
-        else:
-            good.append(path)
-    if not good:
-        raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
-    return sorted(good, key=lambda path: int(path.stem))
+@dataclass(frozen=True)
+class Packets:
+    """Every packet of a velodyne_hits.bin: raw hits in the frame of the sensor, not motion compensated."""
+
+    words: NDArray[np.uint16]
+    """The file as 16-bit words, mapped from disk: it may have gigabytes."""
+    starts: NDArray[np.int64]
+    """(packet,) index of the first word of each packet."""
+    offsets: NDArray[np.int64]
+    """(packet + 1,) packet i has the hits offsets[i]:offsets[i + 1]."""
+    utimes: NDArray[np.int64]
+    """(packet,) microseconds since 1970."""
+
+    def hits(self, packet: int) -> NDArray[np.uint16]:
+        """Records (n, 4) of one packet: x, y, z as `formats.nclt` encodes them, then intensity and laser in one word."""
+        start, count = self.starts[packet] + HEADER_WORDS, self.offsets[packet + 1] - self.offsets[packet]
+        return self.words[start : start + 4 * count].reshape(-1, 4)
+
+
+def read_packets(path: Path) -> Packets:
+    """Find the packets of a velodyne_hits.bin; raises LogError for an empty file, or naming the byte of a broken packet."""
+    size = path.stat().st_size
+    if not size:
+        raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file anew")
+    words = np.memmap(path, np.uint8, "r")[: size // 2 * 2].view("<u2")
+    starts, offsets, end = _find_packets(words)
+    if 2 * end != size:
+        raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short: fetch it anew")
+    utimes = words[starts[:, None] + (6, 7, 8, 9)].view("<u8")[:, 0]
+    if (utimes >= log.LATEST_NS // 1000).any():
+        raise LogError(f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is damaged")
+    return Packets(words, starts, offsets, utimes.astype(np.int64))
+
+
+@njit(cache=True, nogil=True)
+def _find_packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
+    """First word and first hit of each packet (of hits: one more, the end), and the word after the last whole packet."""
+    starts, offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64), np.empty(len(words) // HEADER_WORDS + 1, np.int64)
+    found, at = np.int64(0), np.int64(0)
+    offsets[0] = 0
+    while at + HEADER_WORDS <= len(words):
+        magic = True
+        for word in range(4):
+            magic &= words[at + word] == nclt.PACKET_MAGIC
+        hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
+        if not magic or at + HEADER_WORDS + 4 * hits > len(words):
+            break
+        starts[found], offsets[found + 1] = at, offsets[found] + hits
+        found += 1
+        at += HEADER_WORDS + 4 * hits
+    return starts[:found].copy(), offsets[: found + 1].copy(), at

@@ -1,4 +1,4 @@
-"""The real world's logs: already recorded, so there is nothing to make, only to check and to list."""
+"""Logs of a real data set: they exist already, so the stage `logs` only checks and lists them."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -17,37 +17,36 @@ from pipeline.running.progress import Progress
 
 @dataclass(frozen=True)
 class Recorded:
-    """A data set on disk; stands where a simulation would."""
+    """A data set on disk; has the methods of a Simulation."""
 
     reader: Reader
     root: str
     events: str | None = None
-    """A csv of what changed on site after training, as `formats.changes` has it; None: nobody noted it."""
+    """A csv of the changes on site after training, in the format of `formats.changes`; None: not recorded."""
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress) -> str:
-        """Open the log below `root` and write what it holds into folder/inventory.csv; says how much that is.
+        """Open the log below `root` and write folder/inventory.csv; returns one line of text with the counts.
 
-        A line a scan, with a digest of its poses and points, so that a log that was replaced is seen to be another.
-
-        Raises LogError for a log that cannot be opened; a scan that cannot be read is counted.
+        The csv has a line per scan with a digest of its poses and points, so that it changes whenever the log does. Raises
+        LogError for a log that cannot be opened; scans that cannot be read are counted.
         """
         log = self.reader.open(Path(self.root), sequence)
         skipped, rows = Counter(log.skipped), ["stamp_ns,points,digest\n"]
-        for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
+        for row, stamp in enumerate(progress.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
             try:
                 points = log.points(row)
             except LogError:
                 skipped["unreadable scan"] += 1
                 continue
-            held = b"".join(np.ascontiguousarray(part).data for part in (log.world_T_scan[row], log.odom_T_scan[row], points))
-            rows.append(f"{stamp},{len(points)},{sha256(held).hexdigest()[:16]}\n")
+            data = b"".join(np.ascontiguousarray(part).data for part in (log.world_T_scan[row], log.odom_T_scan[row], points))
+            rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows))
         left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """What shows on the day of `sequence` and did not on that of `train`; raises LogError for a bad csv, or bad logs."""
+        """The changes visible on the day of `sequence` but not of `train`; raises LogError for a bad csv or bad logs."""
         if self.events is None:
             return []
         root = Path(self.root)

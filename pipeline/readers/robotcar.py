@@ -1,10 +1,9 @@
 """Oxford RobotCar: the sweeps of its 2-D lasers, posed by visual odometry and inertial navigation (METHODS 7.2, 2.9).
 
-A row is one sweep, or two of one stamp. The files' frames are z-down; everything handed out is x forward, y left, z up: the
-vehicle's origin is the stereo camera, so the ground lies below 0 and is found later; the world is UTM's (x north, y west).
+A row is one sweep, or two sweeps with the same stamp. The frames in the files are z-down; all results are x forward, y left, z
+up. The origin of the vehicle is the stereo camera, so the ground lies below 0; the world is UTM (x north, y west).
 """
 
-import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,19 +22,19 @@ from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
 from pipeline.running.settings import check, positive
 
 NEAREST_M, FARTHEST_M = 0.01, 1000.0
-"""The lasers reach 50 m: what is nearer is no return, what is farther is damage."""
+"""The lasers reach 50 m: a nearer point means no return, a farther one a damaged file."""
 
 
 @dataclass(frozen=True)
 class RobotCar:
-    """A folder of RobotCar sequences, one drive a sequence, with the SDK's extrinsics beside them."""
+    """A folder of RobotCar sequences, with the extrinsics of the SDK beside them."""
 
     lasers: Sequence[str] = robotcar.LASERS[:1]
-    """lms_front, lms_rear or both, whose sweeps are then merged in order of time."""
+    """lms_front, lms_rear or both; the sweeps of both are merged in order of time."""
     extrinsics: str = "extrinsics"
-    """Folder below the root with the SDK's files of the sensors' poses; {sequence} stands for the sequence's name."""
+    """Folder below the root with the SDK's pose files of the sensors; {sequence} is replaced by the name of the sequence."""
     max_vo_gap_s: float = 0.5
-    """Knots of the visual odometry further apart than this are a gap; a sweep in it has no odometry."""
+    """Poses of the visual odometry further apart than this are a gap; a sweep in it has no odometry."""
     max_ins_gap_s: float = 0.5
     """Good rows of the inertial navigation further apart than this are an outage; a sweep in it has no true pose."""
     lift_m: float = 0.0
@@ -44,8 +43,8 @@ class RobotCar:
     def __post_init__(self) -> None:
         check(self, "reader")
         positive("reader", max_vo_gap_s=self.max_vo_gap_s, max_ins_gap_s=self.max_ins_gap_s)
-        told = list(self.lasers) if isinstance(self.lasers, Iterable) else []
-        if not told or not all(laser in robotcar.LASERS for laser in told) or len(set(told)) < len(told):
+        lasers = list(self.lasers) if isinstance(self.lasers, Iterable) else []
+        if not lasers or not all(laser in robotcar.LASERS for laser in lasers) or len(set(lasers)) < len(lasers):
             raise ConfigError(f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, or of both")
 
     def open(self, root: Path, sequence: str) -> Log:
@@ -78,8 +77,7 @@ class RobotCar:
                 for laser, zup_T_laser, here in zip(self.lasers, zup_T_lasers, swept[:, row], strict=True)
                 if here
             ]
-            merged_clouds: NDArray[np.float64] = np.concatenate(clouds) + lift
-            return merged_clouds
+            return np.asarray(np.concatenate(clouds) + lift)
 
         return Log(rows * 1000, world_T_scan[kept], odom_T_scan[kept], points, +skipped, tuple(notes))
 
@@ -100,10 +98,10 @@ class RobotCar:
 
 
 def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one sweep, by the extrinsics (4, 4): those of the z-down vehicle from the left by NED_FLIP.
+    """Points (n, 3) in metres of one sweep in the z-up vehicle frame; `zup_T_laser` (4, 4) is NED_FLIP @ the file's extrinsics.
 
-    Beams without a return (range 0, or not finite) are dropped; there may be fewer rows than the 541 of a whole sweep. Raises
-    LogError for a missing file, one that is no whole number of records, or a return no laser could have.
+    Beams without a return (range 0, or not finite) are dropped, so there may be fewer rows than the 541 beams. Raises LogError
+    for a missing file, one that ends within a record, or a return beyond the reach of any laser.
     """
     data = log.read_bytes(Path(path), robotcar.RECORD_BYTES, "returns")
     xy = robotcar.decode_sweep(data)[:, :2]
@@ -114,9 +112,11 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
 
 
 def _paired(root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]) -> NDArray[np.int64]:
-    """Utimes (n,) of a laser's whole sweep files that its list of stamps names; counts what has no counterpart."""
+    """Utimes (n,) of the whole sweep files that the list of stamps names too; counts files without a stamp and the reverse."""
     folder, path = robotcar.sweep_folder(root, sequence, laser), robotcar.timestamps_path(root, sequence, laser)
-    named, whole = _sweep_files(folder, skipped)
+    if not folder.is_dir():
+        raise LogError(f"{folder}: no such folder of sweeps")
+    named, whole = log.numbered_files(folder, robotcar.RECORD_BYTES, log.is_utime, "file name is no utime", skipped)
     if path.is_file():
         stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
         skipped["stamp without a file"] += int((~np.isin(stamps, named)).sum())
@@ -127,27 +127,3 @@ def _paired(root: Path, sequence: str, laser: str, skipped: Counter[str], notes:
     if not len(whole):
         raise LogError(f"{folder}: holds no readable sweep (UTIME.bin, its utime in {path.name})")
     return whole
-
-
-def _sweep_files(folder: Path, skipped: Counter[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Utimes of all sweep files and of the whole ones; counts those whose name or length cannot be right."""
-    if not folder.is_dir():
-        raise LogError(f"{folder}: no such folder of sweeps")
-    named, whole = [], []
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            stem, _, suffix = entry.name.rpartition(".")
-            if suffix != "bin":
-                continue
-            if not (stem.isascii() and stem.isdecimal()) or stem[0] == "0" or int(stem) >= log.LATEST_NS // 1000:
-                skipped["file name is no utime"] += 1
-                continue
-            named.append(int(stem))
-            length = entry.stat().st_size if entry.is_file() else 0
-            if length == 0:
-                skipped["empty file"] += 1
-            elif length % robotcar.RECORD_BYTES:
-                skipped["truncated record"] += 1
-            else:
-                whole.append(int(stem))
-    return np.array(named, np.int64), np.array(whole, np.int64)

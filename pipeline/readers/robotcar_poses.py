@@ -1,6 +1,6 @@
-"""Where Oxford RobotCar's vehicle was: visual odometry, inertial navigation and the sensors' extrinsics (METHODS 7.2).
+"""Reads the poses of Oxford RobotCar: visual odometry, inertial navigation and the extrinsics of the sensors (METHODS 7.2).
 
-The files' frames are z-down; trajectories handed out are of the z-up vehicle (its origin is the stereo camera).
+The frames in the files are z-down; the trajectories are of the z-up vehicle, whose origin is the stereo camera.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from pipeline.readers import log
 from pipeline.readers.columns import columns, numbers, utimes_ns
 
 LARGEST = 1e9
-"""Metres and radians; a larger number in a row is damage."""
+"""Limit in metres and radians: a larger number is damage."""
 
 
 @dataclass(frozen=True)
 class Odometry:
-    """Relative poses chained from the first knot, which is the identity; after a break the chain starts anew."""
+    """Relative poses chained from the identity; after a break the chain starts anew from the identity."""
 
     trajectory: Trajectory
     breaks_ns: Stamps
-    """(break,) the last knot before each."""
+    """(break,) the stamp of the last pose before each break."""
 
     def at(self, stamps_ns: Stamps, placed: NDArray[np.bool_]) -> Poses:
         """Poses (m, 4, 4) at `stamps_ns`, NaN where unknown.
 
-        `placed` (m,) are the rows that will stay even without odometry: after a break all rows up to the first of these are
-        NaN, so that one of them tells of it.
+        `placed` (m,) marks the rows with a true pose, which stay in the log even without odometry. After a break all rows up
+        to and including the first of these are NaN, so that the log keeps one NaN row for each break.
         """
         poses = self.trajectory.at(stamps_ns)[0]
         staying = np.append(np.flatnonzero(placed), len(placed))
@@ -41,7 +41,7 @@ class Odometry:
 
 
 def read_vo(path: Path, max_gap_s: float) -> Odometry:
-    """vo.csv: pose(source) = pose(destination) · T(row); a destination that is not the previous source breaks the chain.
+    """Read vo.csv: pose(source) = pose(destination) · T(row); a destination other than the previous source is a break.
 
     Raises LogError naming a row whose destination is not before its source, or whose source does not increase.
     """
@@ -74,9 +74,9 @@ def read_vo(path: Path, max_gap_s: float) -> Odometry:
 
 
 def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -> Trajectory:
-    """ins.csv as the vehicle's trajectory in the world x north, y west, z up; rows that are not INS_SOLUTION_GOOD are gaps.
+    """Read ins.csv as a trajectory of the vehicle in the world x north, y west, z up; rows not INS_SOLUTION_GOOD are gaps.
 
-    `vehicle_T_ins` (4, 4) is of the z-down frames, as `read_extrinsics` gives it. Raises LogError for several UTM zones.
+    `vehicle_T_ins` (4, 4) is between the z-down frames, as `read_extrinsics` returns it. Raises LogError for several UTM zones.
     """
     table = columns(path, ("timestamp", "ins_status", "utm_zone", *robotcar.INS_POSE))
     stamps_ns = utimes_ns(path, numbers(path, table, ("timestamp",))[:, 0])
@@ -84,21 +84,18 @@ def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -
     good = (np.array(table["ins_status"]) == robotcar.INS_GOOD) & (np.abs(rows) < LARGEST).all(axis=1)
     zones = sorted(set(np.array(table["utm_zone"])[good]))
     if len(zones) > 1:
-        raise LogError(
-            f"{path}: rows of the UTM zones {', '.join(zones)[:60]}, whose northings share no frame; expected one zone"
-        )
+        raise LogError(f"{path}: rows of the UTM zones {', '.join(zones)[:60]}, which have no common frame; expected one zone")
     world_T_vehicle = np.full((len(rows), 4, 4), np.nan)
     world_T_vehicle[good] = flip_ned(pose(*np.hsplit(rows[good], 2)) @ np.linalg.inv(vehicle_T_ins))
     return Trajectory(stamps_ns, world_T_vehicle, max_gap_s)
 
 
 def read_extrinsics(folder: Path, sensor: str) -> NDArray[np.float64]:
-    """vehicle_T_sensor (4, 4) of the z-down vehicle, from SENSOR.txt of the SDK's folder of extrinsics."""
+    """vehicle_T_sensor (4, 4) of the z-down vehicle, from SENSOR.txt in the folder of extrinsics of the SDK; raises LogError."""
     path = folder / f"{sensor}.txt"
     if not path.is_file():
         raise LogError(f"{path}: no such file; copy the folder `extrinsics` of the data set's SDK (robotcar-dataset-sdk) there")
     rows = log.table(path, 6)
     if len(rows) != 1 or not (np.abs(rows) < LARGEST).all():
         raise LogError(f"{path}: expected one row of six finite numbers: x, y, z, roll, pitch, yaw")
-    vehicle_T_sensor: NDArray[np.float64] = pose(*np.hsplit(rows, 2))[0]
-    return vehicle_T_sensor
+    return np.asarray(pose(*np.hsplit(rows, 2))[0])

@@ -1,5 +1,6 @@
 """NCLT's bytes: what is written is what is read."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,7 @@ from pipeline.readers.nclt import read_poses, read_velodyne_sync
 def test_a_hit_is_eight_bytes_of_the_data_sets_own_frame() -> None:
     # 1 m forward, 2 m left, 3 m up is (1, −2, −3) in the file: 20200, 19600, 19400, little-endian; intensity 5, laser 31.
     data = nclt.encode(np.array([[1, 2, 3]], np.float32), np.array([5], np.uint8), np.array([31], np.uint8))
-    assert data == (20_200).to_bytes(2, "little") + (19_600).to_bytes(2, "little") + (19_400).to_bytes(2, "little") + bytes(
-        [5, 31]
-    )
+    assert data == struct.pack("<3H2B", 20_200, 19_600, 19_400, 5, 31)
 
 
 @given(st.lists(st.tuples(*[st.floats(-99.5, 99.5, width=32)] * 3), min_size=1, max_size=20))

@@ -16,7 +16,8 @@ from pipeline.inspection.report import inspect as look
 from pipeline.readers.bag import Bag
 from tests.inspection.scanner import scan
 from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive
-from tests.readers.test_bag_fuzz import damaged, files
+from tests.readers.damage import damaged, one_line
+from tests.readers.test_bag_fuzz import files
 
 CONF = Path(__file__).parents[2] / "conf" / "dataset" / "bag.yaml"
 
@@ -28,17 +29,11 @@ def inspect(path: Path) -> Inspection:
 
 def proposed(*paths: Path) -> dict:
     found = yaml.safe_load(proposal(list(paths)))
-    told = yaml.safe_load(CONF.read_text())
-    assert found.keys() == told.keys()
-    assert found["reader"].keys() == told["reader"].keys()
-    assert found["study"] == told["study"] | {"submap": found["study"]["submap"]}
+    ours = yaml.safe_load(CONF.read_text())
+    assert found.keys() == ours.keys()
+    assert found["reader"].keys() == ours["reader"].keys()
+    assert found["study"] == ours["study"] | {"submap": found["study"]["submap"]}
     return {key: value for key, value in found["reader"].items() if key != "_target_"} | {"submap": found["study"]["submap"]}
-
-
-def test_the_yaml_of_the_project_is_the_readers_defaults() -> None:
-    told = yaml.safe_load(CONF.read_text())["reader"]
-    assert told.pop("_target_") == "pipeline.readers.bag.Bag"
-    assert Bag(**told) == Bag()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -120,9 +115,8 @@ def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
     left = [warning for warning in inspect(real / "bags").warnings if warning.startswith("left aside")]
     assert len(left) == 2
     for name, says in (("rosbag1_bad_index", "cannot be read as a bag"), ("rosbag_v1.2", "of version 1.2")):
-        with pytest.raises(LogError, match=says) as error:
+        with one_line(LogError, says):
             inspect(real / "bags" / f"laserscan_{name}.bag")
-        assert "\n" not in str(error.value)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +126,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @given(data=st.data())
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=100, deadline=None, derandomize=True)
 def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObject) -> None:
     path = data.draw(st.sampled_from(whole))
     file = data.draw(st.sampled_from(files(path)))

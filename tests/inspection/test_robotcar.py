@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.errors import LogError
 from pipeline.inspection.report import inspect
+from tests.readers.damage import one_line
 from tests.readers.robotcar_drive import DATE, DRIVEN, START, drive, ins_row, ins_text, sweep, vo_row
 
 
@@ -42,9 +43,8 @@ def test_a_broken_sweep_is_one_line_that_names_it(tmp_path: Path, data: bytes) -
     path = tmp_path / "lms_front" / f"{START}.bin"
     path.parent.mkdir()
     path.write_bytes(data)
-    with pytest.raises(LogError, match=path.name) as error:
+    with one_line(LogError, path.name):
         inspect(path)
-    assert "\n" not in str(error.value)
 
 
 def test_a_folder_of_sweeps_is_held_against_its_stamps(tmp_path: Path) -> None:
@@ -94,9 +94,8 @@ def test_no_good_row_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("data", [b"", b"\xff\xfe", b"timestamp\n1\n"])
 def test_a_broken_table_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes) -> None:
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(LogError, match=name) as error:
+    with one_line(LogError, name):
         inspect(tmp_path / name)
-    assert "\n" not in str(error.value)
 
 
 def test_a_sequence_is_opened_as_its_reader_opens_it(tmp_path: Path) -> None:

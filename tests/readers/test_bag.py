@@ -2,22 +2,25 @@
 
 import sqlite3
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rosbags import rosbag1, rosbag2
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.frames import transform, yaw
 from pipeline.readers.bag import Bag
-from pipeline.readers.bag_track import increasing
+from pipeline.readers.bag_track import longest_increasing
 from pipeline.readers.bag_tree import Tree
 from pipeline.running.compute import Compute
 from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
+from tests.readers.damage import one_line
 
 READER = Bag(truth="/truth", odometry="/odom")
 HERE = (0, 0, 0, 0, 0, 0)
@@ -38,58 +41,61 @@ def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
     assert READER.sequences(tmp_path) == {"drive": []}
 
 
-@pytest.mark.parametrize("make", [by_hand.ros1, by_hand.mcap, by_hand.db3])
-def test_bags_laid_out_by_hand_are_read(tmp_path: Path, make: Callable[..., Path]) -> None:
-    made = make(tmp_path / f"drive.{'bag' if make is by_hand.ros1 else make.__name__}")
-    for big in [False, True][: 1 if make is by_hand.ros1 else 2]:
-        made.unlink()
-        path = make(made) if not big else make(made, big)
-        log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(tmp_path, path.stem)
-        assert log.stamps_ns.tolist() == [10_500_000_000, 11_000_000_000]
-        np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2.5, 0, 0], [5, 0, 0]], atol=1e-12)
-        np.testing.assert_allclose(yaw(log.world_T_scan), np.pi / 2)
-        np.testing.assert_allclose(log.points(0), [[1, 2, 3.25]])
-        np.testing.assert_allclose(log.points(1), [[4, 5, 6.25]])
-        assert np.isnan(log.odom_T_scan).all()
+@pytest.mark.parametrize(
+    ("make", "suffix", "big"),
+    [
+        (by_hand.ros1, "bag", ()),
+        *((make, make.__name__, (big,)) for make in (by_hand.mcap, by_hand.db3) for big in (False, True)),
+    ],
+)
+def test_bags_laid_out_by_hand_are_read(tmp_path: Path, make: Callable[..., Path], suffix: str, big: tuple[bool, ...]) -> None:
+    make(tmp_path / f"drive.{suffix}", *big)
+    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(tmp_path, "drive")
+    assert log.stamps_ns.tolist() == [10_500_000_000, 11_000_000_000]
+    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2.5, 0, 0], [5, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(yaw(log.world_T_scan), np.pi / 2)
+    np.testing.assert_allclose(np.concatenate([log.points(0), log.points(1)]), [[1, 2, 3.25], [4, 5, 6.25]])
+    assert np.isnan(log.odom_T_scan).all()
 
 
 @pytest.mark.parametrize("fmt", rosbag1.Writer.CompressionFormat)
 def test_a_compressed_ros1_bag_is_read(tmp_path: Path, fmt: rosbag1.Writer.CompressionFormat) -> None:
-    source = drive(tmp_path / "plain.bag", "ros1")
-    with rosbag1.Reader(source) as old, rosbag1.Writer(tmp_path / "small.bag") as new:
-        new.compression_format, new.compressor = _compressor(fmt)
-        links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, md5sum=c.digest) for c in old.connections}
-        for connection, stamp, data in old.messages():
-            new.write(links[connection.id], stamp, data)
-    same(READER.open(tmp_path, "small"), READER.open(tmp_path, "plain"))
+    unused = rosbag1.Writer("unused.bag")
+    unused.set_compression(fmt)
+    with rosbag1.Reader(drive(tmp_path / "plain.bag", "ros1")) as old, rosbag1.Writer(tmp_path / "small.bag") as new:
+        new.compression_format, new.compressor = unused.compression_format, unused.compressor
+        copy_messages(old, new, "md5sum")
+    assert_same(tmp_path)
 
 
-def _compressor(fmt: rosbag1.Writer.CompressionFormat) -> tuple[str, Callable[[bytes], bytes]]:
-    writer = rosbag1.Writer("unused.bag")
-    writer.set_compression(fmt)
-    return writer.compression_format, writer.compressor
-
-
-@pytest.mark.parametrize("mode", [rosbag2.CompressionMode.FILE, rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionMode.STORAGE])
-@pytest.mark.parametrize("plugin", rosbag2.StoragePlugin)
+@pytest.mark.parametrize(
+    ("plugin", "mode"),
+    [
+        *((plugin, rosbag2.CompressionMode.FILE) for plugin in rosbag2.StoragePlugin),
+        *((plugin, rosbag2.CompressionMode.MESSAGE) for plugin in rosbag2.StoragePlugin),
+        (rosbag2.StoragePlugin.MCAP, rosbag2.CompressionMode.STORAGE),
+    ],
+)
 def test_a_compressed_ros2_bag_is_read(tmp_path: Path, mode: rosbag2.CompressionMode, plugin: rosbag2.StoragePlugin) -> None:
-    if (mode, plugin) == (rosbag2.CompressionMode.STORAGE, rosbag2.StoragePlugin.SQLITE3):
-        pytest.skip("sqlite3 has no compression of its own")
-    source = drive(tmp_path / "plain", "mcap")
     writer = rosbag2.Writer(tmp_path / "small", version=8, storage_plugin=plugin)
     writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
-    with rosbag2.Reader(source) as old, writer as new:
-        links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01=c.digest) for c in old.connections}
-        for connection, stamp, data in old.messages():
-            new.write(links[connection.id], stamp, data)
-    same(READER.open(tmp_path, "small"), READER.open(tmp_path, "plain"))
+    with rosbag2.Reader(drive(tmp_path / "plain", "mcap")) as old, writer as new:
+        copy_messages(old, new, "rihs01")
+    assert_same(tmp_path)
 
 
-def same(log, other) -> None:
-    np.testing.assert_array_equal(log.stamps_ns, other.stamps_ns)
-    np.testing.assert_array_equal(log.world_T_scan, other.world_T_scan)
-    for row in range(len(log.stamps_ns)):
-        np.testing.assert_array_equal(log.points(row), other.points(row))
+def copy_messages(old: Any, new: Any, digest: str) -> None:
+    links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, **{digest: c.digest}) for c in old.connections}
+    for connection, stamp, data in old.messages():
+        new.write(links[connection.id], stamp, data)
+
+
+def assert_same(root: Path) -> None:
+    small, plain = (READER.open(root, name) for name in ("small", "plain"))
+    np.testing.assert_array_equal(small.stamps_ns, plain.stamps_ns)
+    np.testing.assert_array_equal(small.world_T_scan, plain.world_T_scan)
+    for row in range(len(small.stamps_ns)):
+        np.testing.assert_array_equal(small.points(row), plain.points(row))
 
 
 def test_bags_of_all_kinds_make_one_sequence_in_order_of_time(tmp_path: Path) -> None:
@@ -141,9 +147,9 @@ def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> 
 
 def test_the_fewest_poses_are_left_out_when_stamps_run_backwards() -> None:
     # One stamp from the future costs one row, not all that follow; the jump back from 7 to 4 costs two.
-    assert increasing(np.array([1, 2, 99, 3, 3, 4, 5])).tolist() == [0, 1, 4, 5, 6]
-    assert increasing(np.array([1, 6, 7, 4, 5, 8, 9, 10])).size == 6
-    assert increasing(np.array([], np.int64)).size == 0
+    assert longest_increasing(np.array([1, 2, 99, 3, 3, 4, 5])).tolist() == [0, 1, 4, 5, 6]
+    assert longest_increasing(np.array([1, 6, 7, 4, 5, 8, 9, 10])).size == 6
+    assert longest_increasing(np.array([], np.int64)).size == 0
 
 
 def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> None:
@@ -193,9 +199,7 @@ def test_a_way_through_the_tree_of_frames_is_a_trajectory(tmp_path: Path) -> Non
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, 0.25, -1], atol=1e-12)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1, 0, -1], atol=1e-12)
     np.testing.assert_allclose(log.points(0), [[0, 0, 1]])
-    with pytest.raises(
-        LogError, match="no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar"
-    ):
+    with one_line(LogError, "no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar"):
         Bag(truth="tf:world>base_link").open(tmp_path, "drive")
     with pytest.raises(LogError, match="tf:imu>lidar never changes"):
         Bag(truth="tf:imu>lidar").open(tmp_path, "drive")
@@ -265,10 +269,9 @@ def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_
 
 def test_a_bag_without_poses_names_what_it_holds(real: Path) -> None:
     says = r"reader.truth=/odom is not in it; expected Odometry, .*It holds /scan \(sensor_msgs/LaserScan, 360\)$"
-    with pytest.raises(LogError, match=says) as error:
+    with one_line(LogError, says):
         Bag(points="/scan").open(real / "bags", "laserscan_rosbag1_v2.0")
-    assert "\n" not in str(error.value)
-    with pytest.raises(LogError, match=r"reader.points=/points is not in it; expected PointCloud2, LaserScan"):
+    with one_line(LogError, r"reader.points=/points is not in it; expected PointCloud2, LaserScan"):
         Bag().open(real / "bags", "laserscan_rosbag1_v2.0")
 
 
@@ -297,41 +300,19 @@ def test_a_real_laser_scan_is_read_with_poses_beside_it(real: Path, tmp_path: Pa
     ],
 )
 def test_real_broken_bags_are_one_line(real: Path, name: str, says: str) -> None:
-    with pytest.raises(LogError, match=says) as error:
+    with one_line(LogError, says):
         Bag(points="/scan").open(real / "bags", name)
-    assert "\n" not in str(error.value)
     assert says in Bag(points="/scan").sequences(real / "bags")[name][0]
 
 
-def test_extrinsics_that_no_one_knows_are_asked_for(tmp_path: Path) -> None:
-    written(tmp_path, lambda bag: cloud(bag, START_NS))
-    with pytest.raises(LogError, match=r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"):
-        Bag(truth="/truth").open(tmp_path, "drive")
-
-
-def test_the_extrinsics_of_the_bag_and_of_the_yaml_are_one(tmp_path: Path) -> None:
+def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
+    written(tmp_path / "without", lambda bag: cloud(bag, START_NS))
+    with one_line(LogError, r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"):
+        Bag(truth="/truth").open(tmp_path / "without", "drive")
     drive(bag_path(tmp_path, "mcap"), "mcap")
     told = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
     np.testing.assert_allclose(told.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12)
     np.testing.assert_allclose(told.points(2), transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)), atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("keys", "says"),
-    [
-        ({"max_gap_s": 0}, "reader.max_gap_s=0"),
-        ({"lift_m": "high"}, "reader.lift_m=high"),
-        ({"points": None}, "reader.points=None"),
-        ({"odometry": 3}, "reader.odometry=3"),
-        ({"truth": "tf:map"}, "reader.truth=tf:map: expected tf:PARENT>CHILD"),
-        ({"body_T_lidar": [1, 2, 3]}, "reader.body_T_lidar"),
-        ({"body_T_lidar": [1, 2, 3, 0, 0, "x"]}, "reader.body_T_lidar"),
-        ({"body_T_lidar": "lidar"}, "reader.body_T_lidar"),
-    ],
-)
-def test_settings_that_cannot_be_are_named(keys: dict[str, object], says: str) -> None:
-    with pytest.raises(ConfigError, match=says):
-        Bag(**keys)  # type: ignore[arg-type]
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
@@ -350,14 +331,12 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
         for i in range(4):
             bag.transform(START_NS + i * STEP_NS, "map", "base_link", at(i))
     file = BagFile(path)
-    whole = file.decode
-    answers = iter([LogError("cut short")])
-    file.decode = lambda data, kind: raised(next(answers, None)) or whole(data, kind)  # type: ignore[method-assign]
+    whole, messages = file.decode, count()
+
+    def first_is_broken(data: bytes, kind: str) -> Any:
+        return whole(data[:9] if next(messages) == 0 else data, kind)
+
+    file.decode = first_is_broken  # type: ignore[method-assign]
     assert Tree.read([file], moving=True).track("map", "base_link", 0.5).notes == (
         "tf:map>base_link: 1 broken messages of transforms are left out",
     )
-
-
-def raised(error: LogError | None) -> None:
-    if error:
-        raise error

@@ -1,6 +1,5 @@
 """Logs that exist already: checked and listed."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +12,13 @@ from pipeline.readers.log import Log
 from pipeline.readers.recorded import Recorded
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
+from tests.readers.logs import kitti_log
 
 
-def test_what_is_on_disk_is_listed(tmp_path: Path, kitti: Callable[..., Path]) -> None:
+def test_what_is_on_disk_is_listed(tmp_path: Path) -> None:
     # Scan 1 holds one point, scan 4 two; scan 2 is cut short.
     point = np.zeros(4, "<f4").tobytes()
-    root = kitti(tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]})
+    root = kitti_log(tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]})
     says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Progress())
     header, one, other = (tmp_path / "out" / "07" / "inventory.csv").read_text().splitlines()
     assert (header, one[:12], other[:12]) == ("stamp_ns,points,digest", "100000000,1,", "400000000,2,")
@@ -27,23 +27,20 @@ def test_what_is_on_disk_is_listed(tmp_path: Path, kitti: Callable[..., Path]) -
     assert "4 of 6 scans are not on disk" in says
 
 
-def test_another_pose_or_point_makes_another_inventory(tmp_path: Path, kitti: Callable[..., Path]) -> None:
+def test_another_pose_or_point_makes_another_inventory(tmp_path: Path) -> None:
     point = np.zeros(4, "<f4").tobytes()
     usual = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {2 * i}\n" for i in range(6))
     texts = set()
-    for name, poses, scan in (
-        ("a", usual, point),
-        ("b", usual.replace("1 10", "1 11"), point),
-        ("c", usual, point[::-1] + point),
-    ):
-        root = kitti(tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan})
+    logs = (("a", usual, point), ("b", usual.replace("1 10", "1 11"), point), ("c", usual, point[::-1] + point))
+    for name, poses, scan in logs:
+        root = kitti_log(tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan})
         Recorded(Kitti(), str(root)).record("07", tmp_path / name / "out", Compute(), Progress())
         texts.add((tmp_path / name / "out" / "inventory.csv").read_text())
     assert len(texts) == 3
 
 
-def test_nothing_is_written_of_a_log_that_cannot_be_read(tmp_path: Path, kitti: Callable[..., Path]) -> None:
-    root = kitti(tmp_path / "data", poses=None)
+def test_nothing_is_written_of_a_log_that_cannot_be_read(tmp_path: Path) -> None:
+    root = kitti_log(tmp_path / "data", poses=None)
     with pytest.raises(LogError):
         Recorded(Kitti(), str(root)).record("07", tmp_path / "out", Compute(), Progress())
     assert not (tmp_path / "out").exists()
@@ -64,7 +61,4 @@ def test_what_the_user_noted_shows_from_its_day(tmp_path: Path) -> None:
     scaffold, demolition = Change("scaffold", 8, 90, 3.0, 4.0), Change("demolition", 40, 40, 1.5, -2.0)
     # Day 107 is 7 days after day 100; what was there before training is no change.
     assert [site.changes("100", sequence) for sequence in ("107", "108", "140")] == [[], [scaffold], [scaffold, demolition]]
-
-
-def test_nobody_noted_anything(tmp_path: Path) -> None:
     assert Recorded(Days(), str(tmp_path)).changes("100", "140") == []

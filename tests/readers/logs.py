@@ -1,17 +1,15 @@
 """Small logs in the data sets' own formats, made by hand."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 DATE = "2012-01-08"
 START = 1_326_030_975_000_000  # µs: 2012-01-08 13:56:15 UTC
 TR = "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0"  # camera x = −left, y = −up, z = forward
 
 
-def words(*hits: tuple[int, int, int]) -> bytes:
+def sync_bytes(*hits: tuple[int, int, int]) -> bytes:
     """A velodyne_sync file of raw x, y, z, each with intensity 7 and laser 3."""
     return b"".join(np.array(hit, "<u2").tobytes() + bytes([7, 3]) for hit in hits)
 
@@ -25,7 +23,7 @@ def nclt_log(
     """A sequence driven north at 10 m/s for one second, with scans where `scans` (file stem to bytes) says."""
     folder = root / DATE / "velodyne_sync"
     folder.mkdir(parents=True)
-    for stem, data in (scans if scans is not None else {str(START + 150_000): words((20_200, 20_400, 19_600))}).items():
+    for stem, data in (scans if scans is not None else {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}).items():
         (folder / f"{stem}.bin").write_bytes(data)
     if truth is not None:
         (root / DATE / f"groundtruth_{DATE}.csv").write_text(truth)
@@ -45,8 +43,8 @@ def kitti_log(
     log = root / "sequences" / "07"
     (log / "velodyne").mkdir(parents=True)
     (root / "poses").mkdir()
-    made = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)} if scans is None else scans
-    for stem, data in made.items():
+    usual = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)}
+    for stem, data in (usual if scans is None else scans).items():
         (log / "velodyne" / f"{stem}.bin").write_bytes(data)
     for path, text in ((log / "calib.txt", calib), (log / "times.txt", times), (root / "poses" / "07.txt", poses)):
         if text is not None:
@@ -61,8 +59,8 @@ def folder_log(
     times: str | None = None,
 ) -> Path:
     """A robot's own sequence, driven forward at 10 m/s for one second, with one point at (2, 1, 3) after 0.15 s."""
-    made = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()} if scans is None else scans
-    for name, data in made.items():
+    usual = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()}
+    for name, data in (usual if scans is None else scans).items():
         (root / "drive" / name).parent.mkdir(parents=True, exist_ok=True)
         (root / "drive" / name).write_bytes(data)
     (root / "drive").mkdir(exist_ok=True)
@@ -70,23 +68,3 @@ def folder_log(
         if text is not None:
             (root / "drive" / name).write_text(text)
     return root
-
-
-@pytest.fixture(scope="session")
-def nclt() -> Callable[..., Path]:
-    return nclt_log
-
-
-@pytest.fixture(scope="session")
-def kitti() -> Callable[..., Path]:
-    return kitti_log
-
-
-@pytest.fixture(scope="session")
-def sync() -> Callable[..., bytes]:
-    return words
-
-
-@pytest.fixture(scope="session")
-def folder() -> Callable[..., Path]:
-    return folder_log
