@@ -1,7 +1,7 @@
-"""Fetching a data set's official archives: resumed where they broke off, checked, unpacked and laid as its reader expects.
+"""Fetches the official archives of a data set: resumes, checks and unpacks them into the folders that the reader expects.
 
-Below the root, archives/ holds what is on its way (.part, and .part.json on whose bytes they are) and, of each file that came
-whole, its sha256. An archive is removed once unpacked.
+Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag) and the sha256 of each
+finished file. An archive is removed once it is unpacked.
 """
 
 import hashlib
@@ -24,14 +24,14 @@ from pipeline.running.progress import Progress
 
 @dataclass(frozen=True)
 class Archive:
-    """One file of a sequence at the publisher's."""
+    """One file of a sequence on the server of the publisher."""
 
     path: str
-    """Below the base address."""
+    """Path below the base address."""
     holds: str
-    """The file or folder that stands in the sequence's folder once the archive is there, unpacked if it is a .tar.gz."""
+    """The file or folder in the sequence's folder that exists once the archive is fetched and, if a .tar.gz, unpacked."""
     swells: float = 1.0
-    """Unpacked bytes per byte, an estimate."""
+    """Estimate of the unpacked bytes per byte."""
 
     def __post_init__(self) -> None:
         settings.check(self, "archives")
@@ -53,14 +53,14 @@ class Archive:
 
 @dataclass(frozen=True)
 class Publisher:
-    """Where a data set's files lie and how to ask for them: the keys of conf/fetch/NAME.yaml."""
+    """The server of a data set and how to fetch from it: the keys of conf/fetch/NAME.yaml."""
 
     base: str
     archives: Sequence[Archive]
     sequence: str = r"\w[\w.+-]*"
-    """A regular expression of the sequences' names; {sequence} stands for one in the archives' paths."""
+    """A regular expression for the names of the sequences; {sequence} in the paths is replaced by such a name."""
     sha256: Mapping[str, str] = field(default_factory=dict)
-    """Path to digest, where the publisher gives one."""
+    """Path -> digest, where the publisher gives one."""
     tries: int = 20
     timeout_s: float = 60.0
     wait_s: float = 1.0
@@ -79,19 +79,17 @@ class Publisher:
 
     @staticmethod
     def of(conf: Mapping[str, Any]) -> "Publisher":
-        """From a yaml's content; raises ConfigError for a key that is none of ours."""
+        """The publisher from the content of a yaml; raises ConfigError for an unknown or missing key."""
         try:
             return Publisher(**{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]})
         except (TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(
-                f"conf/fetch: {error}; expected base, archives (path, holds, swells) and what else it may set"
-            ) from None
+            raise ConfigError(f"conf/fetch: {error}; expected base, archives (path, holds, swells) and optional keys") from None
 
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
-        """Bring what `root` lacks of `sequences`, yielding a line for each file; a second call brings nothing.
+        """Fetch the missing files of `sequences` below `root`, yielding one line per file; a second call fetches nothing.
 
-        Raises ConfigError for a sequence that cannot be one, and LogError for what the server (once the tries are used up), the
-        disk or an archive has against it; what has arrived stays for the next call.
+        Raises ConfigError for an invalid name of a sequence, and LogError for errors of the server (after all tries), the disk or
+        an archive; what has arrived is kept for the next call.
         """
         for sequence in sequences:
             if not re.fullmatch(self.sequence, sequence):
@@ -128,7 +126,7 @@ class Publisher:
             yield f"{archive.name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
     def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress) -> None:
-        """Before a byte is fetched: room for all of it unpacked, and for the largest archive beside it."""
+        """Raise LogError unless the disk has room for all unpacked files, and for the largest archive beside them."""
         unpacked, packed = 0.0, 0
         for archive in archives:
             path = store / archive.name
@@ -145,7 +143,7 @@ class Publisher:
             )
 
     def _verified(self, path: Path, archive: Archive) -> str:
-        """The file's sha256, checked against the publisher's, or else against an earlier fetch's."""
+        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch; raises LogError if they differ."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         recorded = record(path).read_text().split()[:1] if record(path).is_file() else []
@@ -162,5 +160,5 @@ class Publisher:
 
 
 def record(path: Path) -> Path:
-    """Where an archive's sha256 is kept, as `sha256sum -c` reads it."""
+    """The file with the sha256 of an archive, in the format of `sha256sum -c`."""
     return path.with_name(path.name + ".sha256")

@@ -1,7 +1,7 @@
-"""One file from a web server, resumed where it broke off: in this call, or in a later one after this process was killed.
+"""Downloads one file and resumes it after a broken connection, in the same call or in a later process.
 
-HTTP ranges (RFC 9110, section 14): the rest is asked for with Range and If-Range, so that a file that changed at the server
-comes anew instead of being pieced together of two.
+The rest of a file is requested by Range and If-Range (HTTP ranges, RFC 9110, section 14), so that a file that has changed on the
+server is sent again from its start.
 """
 
 import json
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 from urllib.parse import urljoin, urlsplit
 
 import requests
@@ -24,29 +24,29 @@ Result = TypeVar("Result")
 
 CHUNK = 2**16
 AGAIN = (408, 425, 429, 500, 502, 503, 504)
-"""Answers that may be better a little later."""
+"""Status codes after which another try may succeed."""
 REDIRECTS = 5
 UNREACHED = 3
-"""So often in all may nobody answer at the address before that is final."""
+"""Number of failed connections after which the address counts as unreachable."""
 HEADERS = {"Accept-Encoding": "identity", "User-Agent": "yearloc"}
 
 
 class TryAgainError(Exception):
-    """A failure worth another try; says why."""
+    """A failure after which another try may succeed; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What has arrived of a file, and whose bytes it is."""
+    """The bytes of a file that have arrived, and the version of the file that they belong to."""
 
     path: Path
     validator: str = ""
-    """The server's strong ETag; without one, nothing is resumed."""
+    """The strong ETag of the server; without one, nothing is resumed."""
     total: int = 0
 
     @staticmethod
     def of(path: Path) -> "Part":
-        """What an earlier try left of the file `path`."""
+        """The part of the file `path` that an earlier try has left."""
         part = path.with_name(path.name + ".part")
         try:
             said = json.loads(part.with_name(part.name + ".json").read_text())
@@ -56,11 +56,11 @@ class Part:
 
     @property
     def arrived(self) -> int:
-        """Bytes that can be gone on from."""
+        """Number of bytes from which the download can resume."""
         return self.path.stat().st_size if self.validator and self.path.is_file() else 0
 
     def begin(self) -> None:
-        """Say whose bytes they are, before the first one is written."""
+        """Record the version of the file before its first byte is written."""
         self.drop()
         self._note.write_text(json.dumps({"validator": self.validator, "total": self.total}))
 
@@ -79,26 +79,26 @@ class Part:
 
 @dataclass(frozen=True)
 class Downloader:
-    """How patiently to ask."""
+    """Downloads with a number of tries, a timeout and a wait between tries."""
 
     tries: int
     timeout_s: float
     wait_s: float
-    """Before the second try, doubled at each further one up to 32 times that."""
+    """Wait before the second try; it doubles with each further try, up to 32 times."""
 
     def length(self, url: str, watch: Progress) -> int:
-        """Bytes of the file at `url`; raises LogError where the server does not say."""
-        return self._patiently(url, lambda: self._length(url), watch)
+        """Length in bytes of the file at `url`; raises LogError if the server does not give it."""
+        return self._with_retries(url, lambda: self._length(url), watch)
 
     def fetch(self, url: str, path: Path, watch: Progress) -> None:
-        """Bring `url` to `path`, which appears once it is whole; `watch` is shown chunks of up to CHUNK bytes.
+        """Download `url` to `path`, which exists only once it is whole; `watch` counts chunks of up to CHUNK bytes.
 
-        Raises LogError for an answer that no further try would change, for a full disk, and when the tries are used up; what has
-        arrived is kept for the next call.
+        Raises LogError for an answer that no other try would change, for a full disk, and after the last try; what has arrived
+        is kept for the next call.
         """
-        self._patiently(url, lambda: self._go_on(url, path, watch), watch)
+        self._with_retries(url, lambda: self._resume(url, path, watch), watch)
 
-    def _patiently(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
+    def _with_retries(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
         why, unreached = "", 0
         for attempt in range(self.tries):
             if attempt:
@@ -113,10 +113,9 @@ class Downloader:
                 why = _said(error)
                 unreached += _unreached(error)
                 if unreached == UNREACHED:
-                    raise LogError(
-                        f"{url}: cannot be reached ({why}); is there a network, and is the base address right?"
-                    ) from None
-            except (exceptions.RequestException, ValueError) as error:  # requests lets some addresses' ValueErrors through
+                    advice = "is there a network, and is the base address right?"
+                    raise LogError(f"{url}: cannot be reached ({why}); {advice}") from None
+            except (exceptions.RequestException, ValueError) as error:  # requests raises ValueError for some addresses
                 raise LogError(f"{url}: {_said(error)}; is the base address right?") from None
         raise LogError(f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is kept, call again")
 
@@ -124,20 +123,20 @@ class Downloader:
         with self._answer("HEAD", url, {}) as answer:
             return _length(answer)
 
-    def _go_on(self, url: str, path: Path, watch: Progress) -> None:
+    def _resume(self, url: str, path: Path, watch: Progress) -> None:
         part = Part.of(path)
         arrived = part.arrived
-        asked = {"Range": f"bytes={arrived}-", "If-Range": part.validator} if arrived else {}
+        headers = {"Range": f"bytes={arrived}-", "If-Range": part.validator} if arrived else {}
         if arrived < part.total or not arrived:
-            with self._answer("GET", url, asked) as answer:
-                part, arrived = _agreed(answer, part, arrived)
-                says = path.name if not arrived else f"{path.name} from {100 * arrived / part.total:.0f} %"
+            with self._answer("GET", url, headers) as answer:
+                part, arrived = _continued(answer, part, arrived)
+                label = path.name if not arrived else f"{path.name} from {100 * arrived / part.total:.0f} %"
                 chunks = answer.iter_content(CHUNK)
                 try:
                     with part.path.open("ab") as file:
-                        for chunk in watch.track(chunks, -(-(part.total - arrived) // CHUNK), says):
+                        for chunk in progress.track(chunks, -(-(part.total - arrived) // CHUNK), label):
                             file.write(chunk)
-                except exceptions.RequestException:  # an OSError too
+                except exceptions.RequestException:  # it is an OSError too
                     raise
                 except OSError as error:
                     raise LogError(f"{part.path}: cannot be written ({error.strerror})") from None
@@ -147,13 +146,12 @@ class Downloader:
             raise TryAgainError(f"{found} bytes came of {part.total}")
         part.finish(path)
 
-    def _answer(self, method: str, url: str, asked: dict[str, str]) -> requests.Response:
-        """The answer after redirections, of which only those to http(s) are followed, and none from https to http."""
+    def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
+        """The answer after at most REDIRECTS redirections, only to http(s), and never from https to http."""
         at = url
         for _ in range(REDIRECTS + 1):
-            answer = requests.request(
-                method, at, headers=HEADERS | asked, stream=True, allow_redirects=False, timeout=self.timeout_s
-            )
+            options: dict[str, Any] = {"stream": True, "allow_redirects": False, "timeout": self.timeout_s}
+            answer = requests.request(method, at, headers=HEADERS | headers, **options)
             if not answer.is_redirect:
                 return _checked(answer)
             answer.close()
@@ -174,8 +172,8 @@ def _checked(answer: requests.Response) -> requests.Response:
     raise LogError(f"{answer.url}: the server says {said}; is there such a sequence, and is the base address right?")
 
 
-def _agreed(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
-    """Whose bytes the answer's are, and how many of them are here: a whole file begins anew, a rest must fit what has arrived."""
+def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
+    """The part that the answer continues, and its bytes on disk: 0 for a whole file; a rest must fit what has arrived."""
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
         part = Part(part.path, tag if re.fullmatch('"[^"]*"', tag) else "", _length(answer))
@@ -191,12 +189,14 @@ def _agreed(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, 
 def _length(answer: requests.Response) -> int:
     said, coding = answer.headers.get("Content-Length", ""), answer.headers.get("Content-Encoding", "identity")
     if not re.fullmatch("[0-9]{1,15}", said) or coding != "identity":
-        raise LogError(f"{answer.url}: the server does not say how long the file is, so a part could not be told from the whole")
+        raise LogError(
+            f"{answer.url}: the server does not say how long the file is, so a part cannot be distinguished from the whole"
+        )
     return int(said)
 
 
 def _unreached(error: Exception) -> bool:
-    """Whether no connection came about at all."""
+    """Whether no connection was established."""
     cause = getattr(error.args[0], "reason", None) if error.args else None
     return isinstance(cause, NewConnectionError)
 

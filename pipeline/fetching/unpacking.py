@@ -1,4 +1,4 @@
-"""Unpacking a .tar.gz that comes from elsewhere: only plain files and folders, only below the folder, all of it or nothing."""
+"""Unpacks an untrusted .tar.gz: only plain files and folders, only below the given folder, and all of it or nothing."""
 
 import gzip
 import re
@@ -10,12 +10,12 @@ from pathlib import Path
 from pipeline.errors import LogError
 
 LARGEST_HEADER = 2**20
-"""A member's header; longer ones are made to fill the memory."""
+"""Limit in bytes for the header of a member: a longer one is an attack on the memory."""
 MOST_ENTRIES = 10**6
 
 
 class Stream(gzip.GzipFile):
-    """What tarfile reads from; it takes a header at once, however long it claims to be."""
+    """The stream for tarfile, which would read a header of any claimed length into memory."""
 
     def read(self, size: int | None = -1) -> bytes:
         if size is None or not 0 <= size <= LARGEST_HEADER:
@@ -24,10 +24,10 @@ class Stream(gzip.GzipFile):
 
 
 def unpack(path: Path, folder: Path, holds: str) -> int:
-    """Unpack the archive into `folder` what stands beside `holds` in it, below whatever folders; returns how many files.
+    """Unpack `holds`, and all that lies beside it in the archive, into `folder`; returns the number of files in the archive.
 
-    It is unpacked beside itself and then moved, `holds` last: who finds that finds all. Raises LogError for a damaged archive,
-    which is removed, and for one that would write elsewhere, holds links or devices, or more than the disk has room for.
+    The archive is unpacked beside itself and its content moved, `holds` last: once that exists, everything does. Raises LogError
+    for a damaged archive, which is removed, and for one with paths outside, links, devices, or more than the disk has room for.
     """
     scratch = path.with_name(path.name + ".unpacking")
     shutil.rmtree(scratch, ignore_errors=True)
@@ -52,24 +52,24 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
 
 
 def _extract(path: Path, scratch: Path) -> int:
-    """Every member into `scratch`, and the archive's own checksum."""
+    """Extract every member into `scratch`, and verify the checksum of gzip; returns the number of files."""
     room, taken, entries, files = shutil.disk_usage(scratch).free, 0, 0, 0
     with Stream(path) as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
         while (member := tar.next()) is not None:
-            tar.members = []  # type: ignore[attr-defined]  # they would pile up
+            tar.members = []  # type: ignore[attr-defined]  # or they would accumulate
             _refuse_odd(path, member)
             taken, entries, files = taken + member.size, entries + 1, files + member.isreg()
             if taken > room or entries > MOST_ENTRIES:
                 raise LogError(f"{path}: unpacks to more than the {room / 1e9:.1f} GB free here or to a million files; refused")
             _place(tar, member, scratch / member.name)
-        for _ in range(LARGEST_HEADER):  # gzip checks what was read when it comes to its end
+        for _ in range(LARGEST_HEADER):  # gzip verifies the checksum at the end of the stream
             if not stream.read(LARGEST_HEADER):
                 return files
     raise LogError(f"{path}: a terabyte of nothing behind its members; refused")
 
 
 def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
-    """Write a checked member, content alone: tarfile's own filters came after Python 3.11.2."""
+    """Write the content of a checked member; tarfile has filters of its own only after Python 3.11.2."""
     if member.isdir():
         target.mkdir(parents=True, exist_ok=True)
         return
