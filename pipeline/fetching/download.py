@@ -134,7 +134,7 @@ class Downloader:
                 chunks = answer.iter_content(CHUNK)
                 try:
                     with part.path.open("ab") as file:
-                        for chunk in progress.track(chunks, -(-(part.total - arrived) // CHUNK), label):
+                        for chunk in watch.track(chunks, -(-(part.total - arrived) // CHUNK), label):
                             file.write(chunk)
                 except exceptions.RequestException:  # it is an OSError too
                     raise

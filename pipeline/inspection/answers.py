@@ -78,7 +78,7 @@ def evaluations(artifact: Artifact) -> Findings:
 
 def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> tuple[tuple[str, str], ...]:
     def number(name: str) -> str:
-        low, high = judgement.interval[NUMBERS.index(name)]
+        _, low, high = judgement.numbers[NUMBERS.index(name)]
         between = f" ({low:.3f}–{high:.3f})" if low <= high else ""
         return "none" if numbers[name] is None else f"{numbers[name]:.3f}{between}"
 

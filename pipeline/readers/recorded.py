@@ -32,7 +32,7 @@ class Recorded:
         """
         log = self.reader.open(Path(self.root), sequence)
         skipped, rows = Counter(log.skipped), ["stamp_ns,points,digest\n"]
-        for row, stamp in enumerate(progress.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
+        for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
             try:
                 points = log.points(row)
             except LogError:

@@ -1,7 +1,7 @@
 """The whole report: markdown and figures of every study, and one HTML page for a reader."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,5 +60,3 @@ def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], Bi
         yield from cases.sections(study, folder, bands)
     if methods := on_bird_views(study.words["methods"]):
         yield viewpoints.section(study, folder, view(methods[0]["view"]))
-
-

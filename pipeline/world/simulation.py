@@ -105,7 +105,7 @@ class Simulation:
         with closing(logs):
             logs.write_truth(recorder.drive, partial(generator, recorder.seed, when=recorder.when))
             blocks = compute.rows(replace(recorder, logs=None if logs.in_order else logs).block, scans, block)
-            for done in progress.track(blocks, -(-scans // block), f"driving {sequence}"):
+            for done in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
                 points += done.points
                 for scan in done.unwritten:
                     logs.write_scan(*scan)

@@ -23,8 +23,8 @@ from pipeline import schemas, store
 from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.matching.rejection import Evidence
-from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.cache import ArtifactCache
+from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
 from pipeline.sweeps.lock import DvcLock
 from pipeline.sweeps.record import Record
