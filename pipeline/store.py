@@ -121,6 +121,7 @@ class Draft:
                 dtype=rows.dtype,
                 chunks=(column.chunk, *(max(1, side) for side in rows.shape[1:])),
                 shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
+                chunk_key_encoding={"name": "default", "separator": "."},  # c.0.0: no folders, each of which DVC would visit
                 dimension_names=column.dims,
             )
         array = self._group[name]

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+import zarr
 
 from pipeline import store
 from pipeline.errors import ArtifactError
@@ -48,6 +49,24 @@ def interrupted(path: Path) -> None:
 
 def contents(path: Path) -> dict[str, bytes]:
     return {file.relative_to(path).as_posix(): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:
+    """DVC visits every folder of an artifact each time, and zarr would make c/0/0."""
+    put(tmp_path / "a.zarr")
+    assert {path.name for path in (tmp_path / "a.zarr").rglob("*") if path.is_dir()} == set(COLUMNS)
+    assert {path.name for path in (tmp_path / "a.zarr/points").iterdir()} == {"zarr.json", "c.0.0", "c.1.0", "c.2.0"}
+
+
+def test_an_artifact_with_chunks_in_folders_is_read(tmp_path: Path) -> None:
+    """As artifacts were written before."""
+    group = zarr.create_group(tmp_path / "a.zarr", attributes={"kind": "things", "version": 3, "grain_m": 0.005})
+    for name, rows in COLUMNS.items():
+        group.create_array(name, data=rows)
+    assert (tmp_path / "a.zarr/points/c/0/0").is_file()
+    found = store.read(tmp_path / "a.zarr", THINGS)
+    for name, rows in COLUMNS.items():
+        np.testing.assert_array_equal(found.load(name), rows)
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
