@@ -13,7 +13,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
-PROJECT = ("conf", "pipeline", "stages", "dvc.yaml", ".dvc/config", ".dvcignore", "pyproject.toml")
+PROJECT = ("conf", "pipeline", "stages", "dag", "dvc.yaml", ".dvc/config", ".dvcignore", "pyproject.toml")
+
+
+def name_of(address: str) -> str:
+    """A stage's name, such as train@campus-10m-sci, of DVC's dag/train/dvc.yaml:train@campus-10m-sci."""
+    return address.rpartition(":")[2]
 
 
 class Clone:
@@ -27,7 +32,7 @@ class Clone:
         self.undisturbed: dict[str, str] = told.get("undisturbed", {})
         if built:
             return
-        for name in PROJECT:
+        for name in filter(lambda name: (ROOT / name).exists(), PROJECT):
             if (ROOT / name).is_dir():
                 shutil.copytree(ROOT / name, folder / name)
             else:
@@ -62,11 +67,11 @@ class Clone:
     def repro(self) -> list[str]:
         """The stages that ran."""
         out = self.run("dvc", "repro")
-        return [line.split("'")[1] for line in out.splitlines() if line.startswith("Running stage")]
+        return [name_of(line.split("'")[1]) for line in out.splitlines() if line.startswith("Running stage")]
 
     def outdated(self) -> set[str]:
         """The stages that an edit touched directly."""
-        return set(json.loads(self.run("dvc", "status", "--json")))
+        return set(map(name_of, json.loads(self.run("dvc", "status", "--json"))))
 
     def digests(self) -> dict[str, str]:
         """Every file of every artifact, with the digest of its bytes."""

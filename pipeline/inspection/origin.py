@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.inspection.inspection import Section, nbytes
-from pipeline.running import provenance
+from pipeline.running.dvc_files import DvcLock
 
 
 def origin(path: Path, lock: Path) -> Section:
@@ -62,11 +62,7 @@ def _recipe(path: Path, lock: Path) -> tuple[dict[str, Any] | None, str]:
         below = path.resolve().relative_to(lock.resolve().parent)
     except ValueError:
         below = path
-    for place in (below, *below.parents):
-        known = provenance.recipe(place, lock)
-        if known is not None:
-            return known, place.as_posix() if place == below else ""
-    return None, ""
+    return DvcLock.read(lock).entry(below), below.as_posix()
 
 
 def _is_set(key: str, value: object) -> bool:

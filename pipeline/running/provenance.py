@@ -1,14 +1,11 @@
-"""Where an artifact came from: what dvc.lock recorded, and a key for work that is not yet an artifact."""
+"""A key for work that is not yet an artifact: of what went into it."""
 
 import hashlib
 import inspect
 import sys
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 
 def fingerprint(*parts: object) -> str:
@@ -25,26 +22,6 @@ def fingerprint(*parts: object) -> str:
         else:
             digest.update(repr(part).encode())
     return digest.hexdigest()[:32]
-
-
-def recipe(path: Path, lock: Path = Path("dvc.lock")) -> dict[str, Any] | None:
-    """What dvc.lock says of the stage that wrote `path`, or a folder around it: its name, cmd, deps, params and outs.
-
-    None if it knows no such file.
-    """
-    try:
-        stages = _stages(lock, lock.stat().st_mtime_ns)
-    except (FileNotFoundError, yaml.YAMLError):
-        return None
-    around = {path.as_posix(), *(parent.as_posix() for parent in path.parents)}
-    found = ((name, stage) for name, stage in stages.items() if around & {out["path"] for out in stage.get("outs", [])})
-    return next(({"stage": name, **stage} for name, stage in found), None)
-
-
-@lru_cache(maxsize=4)
-def _stages(lock: Path, written_ns: int) -> dict[str, Any]:
-    """The stages of a dvc.lock as it was written at that time: a big one takes a third of a second to parse."""
-    return (yaml.safe_load(lock.read_text()) or {}).get("stages", {})  # type: ignore[no-any-return]
 
 
 def _sources(module: str, seen: set[str]) -> set[str]:

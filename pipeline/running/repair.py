@@ -8,16 +8,19 @@ from typing import Any
 import psutil
 import yaml
 
+from pipeline.running.dvc_files import files
+
 
 def repair() -> Iterator[str]:
     """Remove torn lock files and the table of locks whose holders are dead; yields a line for each lock file.
 
     Without a lock file, DVC finds finished stages in its run cache.
     """
-    lock, table = Path("dvc.lock"), Path(".dvc/tmp/rwlock")
-    if lock.is_file() and not isinstance(_parsed(lock, yaml.safe_load), dict):
-        lock.unlink()
-        yield "dvc.lock: was torn by a kill, removed; what is finished comes back from DVC's cache"
+    table = Path(".dvc/tmp/rwlock")
+    for lock in files(Path("dvc.lock")):
+        if not isinstance(_parsed(lock, yaml.safe_load), dict):
+            lock.unlink()
+            yield f"{lock}: was torn by a kill, removed; what is finished comes back from DVC's cache"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
         table.unlink()
 

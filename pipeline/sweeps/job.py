@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.running.provenance import fingerprint
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, code, inputs, producers
-from pipeline.sweeps.lock import DvcLock, digest
+from pipeline.sweeps.lock import UpToDate, digest
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Job:
     def __init__(
         self,
         steps: Sequence[Step],
-        lock: DvcLock,
+        lock: UpToDate,
         cache: ArtifactCache,
         settings: Callable[[Step], Settings],
         run: Callable[[Step, Mapping[str, str]], None],

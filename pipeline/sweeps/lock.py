@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -10,27 +9,18 @@ from typing import Any
 
 import yaml
 
+from pipeline.running.dvc_files import DvcLock, Yaml
 from pipeline.sweeps.chain import Step, code, inputs
 
-
-class Yaml(yaml.SafeLoader):
-    """Reads numbers as DVC writes them: 2e-05 is a number in YAML 1.2 and a string to PyYAML."""
-
-
-Yaml.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789"))
 IGNORED = ("__pycache__", ".numba")
 
 
-class DvcLock:
-    """The project's dvc.lock, read once."""
+class UpToDate:
+    """What DVC's lock files say of the steps of a job, read once."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        try:
-            stages = (yaml.load((root / "dvc.lock").read_text(), Yaml) or {})["stages"].values()
-        except (FileNotFoundError, yaml.YAMLError, KeyError, TypeError, AttributeError):
-            stages = ()  # no artifact is up to date, so a sweep builds all that it needs
-        self._recipes = {out["path"]: entry for entry in stages for out in entry.get("outs", ())}
+        self._recipes = DvcLock.read(root / "dvc.lock").entries  # without any, a sweep builds all that it needs
         self._digest = cache(lambda path: digest(root / path))
         self._vouched: dict[str, bool] = {}
 
@@ -60,7 +50,7 @@ class DvcLock:
         return all(self._digest(out) == self._recorded(out) for out in step.outs)
 
     def _recorded(self, path: str) -> str | None:
-        outs = self._recipes[path]["outs"] if path in self._recipes else ()
+        outs = self._recipes.get(path, {}).get("outs", ())
         return next((out["md5"] for out in outs if out["path"] == path), None)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:

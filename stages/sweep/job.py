@@ -26,7 +26,7 @@ from pipeline.matching.rejection import Evidence
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
-from pipeline.sweeps.lock import DvcLock
+from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
 from stages import ROOT
 from stages._studies import studies
@@ -72,7 +72,7 @@ def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: 
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    found = Job(steps, DvcLock(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
+    found = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
     train, localize, evaluate = (next(step for step in steps if step.stage == name) for name in ("train", "localize", "evaluate"))
     numbers = json.loads(found.path(evaluate.outs[1]).read_text())
     model = store.read_model(found.path(train.outs[0]))

@@ -1,4 +1,4 @@
-"""Keys of unfinished work, and what dvc.lock says of finished work."""
+"""Keys of unfinished work."""
 
 import importlib.util
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.running.provenance import fingerprint, recipe
+from pipeline.running.provenance import fingerprint
 
 ARRAY = np.arange(6, dtype=np.int32).reshape(2, 3)
 
@@ -53,47 +53,3 @@ def test_a_class_is_known_by_its_code_and_by_what_it_imports(tmp_path: Path, mon
         (tmp_path / f"{name}.py").write_text(text)
     assert len(set(keys)) == 3
     assert fingerprint(method) == keys[0]
-
-
-LOCK = """
-schema: '2.0'
-stages:
-  labels@2012-01-15:
-    cmd: python -m stages.labels
-    deps:
-    - path: artifacts/submaps/2012-01-15.zarr
-      md5: abc.dir
-    outs:
-    - path: artifacts/labels/2012-01-15.zarr
-      md5: def.dir
-  train@sci:
-    cmd: python -m stages.train
-    params:
-      conf/method/sci.yaml:
-        epochs: 200
-    outs:
-    - path: artifacts/models/sci.safetensors
-      md5: 123
-  nothing:
-    cmd: 'true'
-"""
-
-
-def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
-    lock = tmp_path / "dvc.lock"
-    lock.write_text(LOCK)
-    found = recipe(Path("artifacts/models/sci.safetensors"), lock)
-    assert found is not None
-    assert found["stage"] == "train@sci"
-    assert found["params"] == {"conf/method/sci.yaml": {"epochs": 200}}
-    labels = recipe(Path("artifacts/labels/2012-01-15.zarr/"), lock)
-    assert labels is not None
-    assert labels["deps"] == [{"path": "artifacts/submaps/2012-01-15.zarr", "md5": "abc.dir"}]
-
-
-@pytest.mark.parametrize("text", [LOCK, "", "stages: {", "schema: '2.0'\n", None])
-def test_an_unknown_file_has_no_recipe(tmp_path: Path, text: str | None) -> None:
-    lock = tmp_path / "dvc.lock"
-    if text is not None:
-        lock.write_text(text)
-    assert recipe(Path("artifacts/models/other.safetensors"), lock) is None

@@ -1,4 +1,4 @@
-"""dvc.yaml is read as DVC reads it."""
+"""dvc.yaml, and those in dag/, are read as DVC reads them."""
 
 from pathlib import Path
 
@@ -7,11 +7,12 @@ import yaml
 from dvc.repo import Repo
 
 from pipeline.errors import ConfigError
+from pipeline.running.dvc_files import definition
 from pipeline.studies.expansion import expand as spelled_out
 from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]
-DEFINITION = yaml.safe_load((ROOT / "dvc.yaml").read_text())
+DEFINITION = definition(ROOT)
 NAMES = yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
 STEPS = expand(DEFINITION, NAMES)
 
