@@ -7,8 +7,8 @@ says otherwise; `ned` is x forward (north), y right (east), z down.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # loads a part of it when that is first used: most stages need none
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InputError
 
@@ -21,14 +21,14 @@ NED_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 def pose(xyz_m: NDArray[np.float64], rpy_rad: NDArray[np.float64]) -> Poses:
     """Poses (n, 4, 4) from positions (n, 3) and roll, pitch, yaw (n, 3): R = Rz(yaw) Ry(pitch) Rx(roll)."""
     poses = np.tile(np.eye(4), (len(xyz_m), 1, 1))
-    poses[:, :3, :3] = Rotation.from_euler("xyz", rpy_rad).as_matrix()
+    poses[:, :3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", rpy_rad).as_matrix()
     poses[:, :3, 3] = xyz_m
     return poses
 
 
 def rpy(poses: Poses) -> NDArray[np.float64]:
     """Roll, pitch, yaw (n, 3) in radians of poses (n, 4, 4)."""
-    return Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
+    return scipy.spatial.transform.Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
 
 
 def yaw(poses: Poses) -> NDArray[np.float64]:
@@ -89,6 +89,7 @@ class Trajectory:
 
 def _interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
     """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`."""
+    Rotation = scipy.spatial.transform.Rotation
     turn = Rotation.from_matrix(start[:, :3, :3]).inv() * Rotation.from_matrix(end[:, :3, :3])
     poses = np.tile(np.eye(4), (len(share), 1, 1))
     part = Rotation.from_rotvec(turn.as_rotvec() * share[:, None])

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from pipeline.errors import InputError
 from pipeline.frames import yaw
@@ -129,7 +129,7 @@ def euclidean(descriptors: NDArray[np.float32]) -> Search:
     """The search among training's own descriptors (n, d)."""
 
     def search(asked: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        distances = np.where(allowed, cdist(descriptors[asked], descriptors), np.inf)
+        distances = np.where(allowed, scipy.spatial.distance.cdist(descriptors[asked], descriptors), np.inf)
         rows = distances.argmin(axis=1)
         return distances[np.arange(len(asked)), rows], rows
 

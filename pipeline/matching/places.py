@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pipeline.frames import Poses, yaw
 from pipeline.grid import UNSEEN, Grid
@@ -33,7 +33,7 @@ def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
     cells, training_places = np.unique(training_cells, return_inverse=True)
     own = grid.cell(xy)
     place = np.searchsorted(cells, own).clip(0, len(cells) - 1)
-    distance_m, nearest = KDTree(training_xy).query(xy)
+    distance_m, nearest = scipy.spatial.KDTree(training_xy).query(xy)
     turn = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
     return Labels(
         np.where(cells[place] == own, place, UNSEEN).astype(np.int64),
