@@ -8,19 +8,22 @@ export DVC_NO_ANALYTICS := 1
 export DO_NOT_TRACK := true
 export MLFLOW_DISABLE_TELEMETRY := true
 
+# `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
+REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
+
 .PHONY: demo studies report test dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
 	@yearloc use campus town world=demo --keep
-	dvc repro
+	@yearloc unchanged || $(REPRO)
 	@yearloc results
 
 studies: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
 	@yearloc use town world=demo question=robustness variants=engaged altered=turned cells= --add
-	dvc repro
+	@yearloc unchanged || $(REPRO)
 	@yearloc results
 
 report: .venv/ready

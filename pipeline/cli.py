@@ -58,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
+    same = commands.add_parser(
+        "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
+    )
+    same.add_argument("--remember", action="store_true", help="`dvc repro` has just ended well")
     given = parser.parse_args(arguments)
     try:
         COMMANDS[given.command](given)
@@ -174,8 +178,19 @@ def _methods(given: argparse.Namespace) -> None:
 def _repair(given: argparse.Namespace) -> None:
     from pipeline.running.repair import repair
 
-    for line in repair():
-        print(line)
+    for lock in repair(Path()):
+        print(f"{lock}: was torn by a kill, removed; what is finished comes back from DVC's cache")
+
+
+def _unchanged(given: argparse.Namespace) -> None:
+    from pipeline.running.unchanged import remember, unchanged
+
+    if given.remember:
+        remember(Path())
+    elif unchanged(Path()):
+        print("nothing has changed since the last `dvc repro`")
+    else:
+        sys.exit(1)
 
 
 def _conf() -> Path:
@@ -200,4 +215,12 @@ def _studies(conf: Path) -> dict[str, dict[str, Any]]:
     raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
 
 
-COMMANDS = {"use": _use, "fetch": _fetch, "inspect": _inspect, "results": _results, "methods": _methods, "repair": _repair}
+COMMANDS = {
+    "use": _use,
+    "fetch": _fetch,
+    "inspect": _inspect,
+    "results": _results,
+    "methods": _methods,
+    "repair": _repair,
+    "unchanged": _unchanged,
+}

@@ -10,6 +10,7 @@ from dvc.repo import Repo
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
+from pipeline.running.unchanged import RESULTS, SOURCES
 from pipeline.studies.expansion import spelled_out
 from pipeline.studies.names import text
 
@@ -99,6 +100,19 @@ def test_no_key_that_dvc_cannot_see(path):
 def test_the_one_list_is_what_its_studies_come_to():
     said = (ROOT / "conf/benchmark.yaml").read_text()
     assert said == text(spelled_out(yaml.safe_load(said)["benchmark"]))
+
+
+def test_a_change_of_anything_that_dvc_looks_at_is_seen_without_dvc():
+    looked_at = {Path(path.fs_path).relative_to(ROOT) for stage in STAGES for path in (*stage.deps, *stage.outs)}
+    assert {path.parts[0] for path in looked_at} <= {*SOURCES, *RESULTS}
+    assert {Path(stage.path_in_repo).parts[0] for stage in STAGES} <= set(SOURCES)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pygtrie, within DVC
+def test_dvc_repro_builds_every_stage():
+    """Without a target it builds the stages of the root's dvc.yaml and all before them."""
+    last = {stage.path_in_repo for stage, dependents in Repo(ROOT).index.graph.in_degree() if not dependents}
+    assert last == {"dvc.yaml"}
 
 
 def test_no_two_instances_of_a_stage_share_a_name():

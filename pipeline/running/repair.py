@@ -1,28 +1,32 @@
-"""Puts right what a kill may leave of DVC's own files, which it writes in place."""
+"""What a kill may leave of DVC's own files, put right."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import psutil
 import yaml
 
-from pipeline.running.dvc_files import files
+from pipeline.running.dvc_files import Yaml, files
 
 
-def repair() -> Iterator[str]:
-    """Remove torn lock files and the table of locks whose holders are dead; yields a line for each lock file.
+def repair(root: Path) -> list[Path]:
+    """Remove lock files that a kill tore, and return them; remove the table of locks if none of its holders lives.
 
-    Without a lock file, DVC finds finished stages in its run cache.
+    DVC writes these in place. Without a lock file, DVC finds its stages in its run cache.
     """
-    table = Path(".dvc/tmp/rwlock")
-    for lock in files(Path("dvc.lock")):
-        if not isinstance(_parsed(lock, yaml.safe_load), dict):
-            lock.unlink()
-            yield f"{lock}: was torn by a kill, removed; what is finished comes back from DVC's cache"
+    torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
+    for lock in torn:
+        lock.unlink()
+    table = root / ".dvc/tmp/rwlock"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
         table.unlink()
+    return torn
+
+
+def _yaml(text: str) -> Any:
+    return yaml.load(text, Yaml)
 
 
 def _parsed(path: Path, parse: Callable[[str], Any]) -> Any:
