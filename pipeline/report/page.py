@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import quote
 
 import yaml
@@ -15,6 +15,7 @@ from pipeline.report.map import chart
 from pipeline.report.render import anchor, part, template, words
 from pipeline.report.section import Section
 from pipeline.report.study import Study, by_sequence
+from pipeline.running.dvc_files import DvcLock
 
 SCRIPTS = ("tables.js", "vendor/d3-zoom.min.js", "map.js")
 LISTS = ("conf/studies.yaml", "conf/lists.yaml")
@@ -25,16 +26,6 @@ POINT_PX = 1.2 * 96 / 72
 """A figure is shown at 1.2 times its printed size where there is room."""
 UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 """What a data URL in double quotes may hold as it is: a page is a quarter smaller than with base64."""
-
-
-class Lock(Protocol):
-    """What the dvc.lock files say of artifacts."""
-
-    def of(self, path: str) -> tuple[str, str]:
-        """The md5 and the stage of an artifact; empty where unknown."""
-
-    def params(self, stage: str) -> Mapping[str, Any]:
-        """The parameters of a stage, by file."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +43,7 @@ class Picture:
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
 
 
-def html(studies: Sequence[Study], sections: Sequence[Section], missing: Sequence[str], lock: Lock) -> str:
+def html(studies: Sequence[Study], sections: Sequence[Section], missing: Sequence[str], lock: DvcLock) -> str:
     """The whole file, of these studies and sections alone; `missing` says what could not be reported, a line each."""
     lines, pictures = [*missing], dict[Path, Picture]()
     for path in (one.path for section in sections for one in section.illustrations if one.on_page):

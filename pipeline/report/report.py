@@ -14,7 +14,7 @@ from pipeline.report.render import template
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, viewpoints, year
 from pipeline.report.study import Study
-from pipeline.running.lock import DvcLock
+from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 from pipeline.views.birdview import BirdView
 
@@ -49,9 +49,10 @@ def write(
     if not sections:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
-    path.write_text(page.html(every, sections, missing, DvcLock.read(artifacts.parent)), encoding="utf-8")
+    path.write_text(page.html(every, sections, missing, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
     figures = sum(len(section.illustrations) for section in sections)
-    return f"{len(sections)} sections and {figures} figures of {len(studies)} studies; page.html has {path.stat().st_size / 1e6:.1f} MB"
+    size_mb = path.stat().st_size / 1e6
+    return f"{len(sections)} sections and {figures} figures of {len(studies)} studies; page.html has {size_mb:.1f} MB"
 
 
 def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], BirdView]) -> Iterator[Section]:

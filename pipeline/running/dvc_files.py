@@ -41,6 +41,17 @@ class DvcLock:
         around = (one.as_posix() for one in (path, *path.parents))
         return next((self.entries[one] for one in around if one in self.entries), None)
 
+    def of(self, path: str) -> tuple[str, str]:
+        """The md5 and the stage of an artifact, or of the nearest folder around it; empty where it is unknown."""
+        found = self.entry(Path(path)) or {}
+        around = {path, *map(str, Path(path).parents)}
+        return next(((out.get("md5", ""), found["stage"]) for out in found.get("outs", ()) if out["path"] in around), ("", ""))
+
+    def params(self, stage: str) -> Mapping[str, Any]:
+        """The parameters of a stage, by file."""
+        found: Mapping[str, Any] = self.stages.get(stage, {}).get("params", {})
+        return found
+
 
 def files(front: Path) -> list[Path]:
     """The root's file of this name (dvc.lock or dvc.yaml) and those of dag/STAGE/ beside it, as far as they are there."""
