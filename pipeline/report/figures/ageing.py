@@ -39,10 +39,7 @@ class AgeingLine:
 
 @styled
 def lines(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
-    """A row a model and a column a number: a point a sequence with its 95 % interval, the line and its own interval.
-
-    The oracle is grey; the slope stands in the panel, bold where its interval does not contain 0.
-    """
+    """A row a model, a column a number: points with 95 % intervals, the line with its own, the slope bold where it is clear."""
     models, titles, found = _grid(rows)
     shades = tints(model for model in models if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), simulated, f"Change per {PER_DAYS} days, of each model")

@@ -23,10 +23,7 @@ ROBOT = "#D55E00"
 def bird_view(
     points_m: NDArray[np.floating], octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, simulated: bool
 ) -> Figure:
-    """The newest scan (n, 3), vehicle frame; the occupied leaves of its map, and nodes above them; and the image of heading 0.
-
-    Leaves are shown where their middle lies in the view's band of heights, the highest of each column, coloured by that height.
-    """
+    """The newest scan (n, 3), vehicle frame; its map's highest leaves in the view's band, and nodes; the image of heading 0."""
     octree, heights = octree_map.octree, Normalize(0.0, view.high_m)
     half_m = octree.edge_m / 2
     fig = figure(WIDTH_IN, 2.7, simulated, "From a scan to its bird-view")
@@ -57,10 +54,7 @@ def bird_view(
 def tops(
     octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The columns of nodes at a depth that are occupied in the view's band: corners (n, 4, 2), vehicle frame, and heights (n,).
-
-    The height is that of the highest occupied leaf inside.
-    """
+    """Nodes of a depth with occupied leaves in the view's band: corners (n, 4, 2), vehicle frame, and the highest leaf's (n,)."""
     octree = octree_map.octree
     from_robot_m = (np.arange(octree.side) + 0.5) * octree_map.leaf_m + (octree_map.corner_m - odom_T_vehicle[:3, 3])[:, None]
     x_m, y_m, z_m = from_robot_m * view.up(odom_T_vehicle)[:, None]

@@ -10,19 +10,15 @@ from pipeline.report.comparison import AUC, FAR, FAR_AUC, RECALL, Found
 from pipeline.report.figures.panels import LINE_IN, model_lines, name_ends, share_limits
 from pipeline.report.figures.style import QUIET, WIDTH_IN, figure, styled
 
+Values = Mapping[tuple[str, str, str], Sequence[NDArray[np.float64]]]
+"""Model, protocol and number to one value a test sequence (s,) for each size."""
+
 
 @styled
 def cells(
-    values: Mapping[tuple[str, str, str], Sequence[NDArray[np.float64]]],
-    sizes_m: Sequence[float],
-    oracle: Mapping[str, Sequence[float]],
-    simulated: bool,
-    heading: str,
+    values: Values, sizes_m: Sequence[float], oracle: Mapping[str, Sequence[float]], simulated: bool, heading: str
 ) -> Figure:
-    """A panel a number, a line a model: means over the test sequences at each size, bars are deviations over them.
-
-    `values` go by model, protocol and number; `oracle`, by protocol, is its mean recall@1 at each size.
-    """
+    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's mean recall@1 by protocol."""
     models = list(dict.fromkeys(model for model, _, _ in values))
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), simulated, heading)

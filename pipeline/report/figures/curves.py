@@ -22,10 +22,7 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) -> Figure:
-    """Fig. 6 of the SCI paper: one panel a test sequence, one curve a model, a dot at the model's own threshold.
-
-    The curve is the exact one, through every novelty that occurs; the area under it stands in the panel, in the model's colour.
-    """
+    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve with its area, a dot at its own threshold."""
     groups, looks = by_sequence(some(results)), look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
     width_in = WIDTH_IN if columns > 1 else 3.5

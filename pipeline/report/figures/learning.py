@@ -22,10 +22,7 @@ MOST = 8  # pictures beside each other
 
 @styled
 def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]], simulated: bool) -> Figure:
-    """Fig. 7: views of one place at h headings (h, side, side), 0 to 255, and below them each model's reconstructions.
-
-    Below each stands the mean squared error of pixels from −1 to 1, as the networks see them.
-    """
+    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and each model's reconstructions; mean squared errors."""
     rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
     for model, (seen, reconstructed) in pictures.items():
         rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]

@@ -26,10 +26,7 @@ LEGEND = (
 
 @styled
 def histograms(results: Sequence[Result], protocol: str, simulated: bool) -> Figure:
-    """The novelty in use of one model's seen and unseen queries as densities, a panel a test sequence.
-
-    The seen are stacked, right ones and misplaced ones; together they have an area of 1, as the unseen have.
-    """
+    """Densities of one model's novelty in use, a panel a test sequence: the seen, right and misplaced stacked, and the unseen."""
     group = sorted(some(results), key=lambda result: result.days)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     every = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(np.float64)

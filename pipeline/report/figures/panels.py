@@ -77,10 +77,7 @@ def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write names beside the right ends of lines, in their colours.
-
-    They stand at the lines' last finite values, but at least `gap`, a share of the y axis, apart.
-    """
+    """Write names at the last finite values of lines, right of them, at least `gap`, a share of the y axis, apart."""
     low, high = axis.get_ylim()
     gap *= high - low
     finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]

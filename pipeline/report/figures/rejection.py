@@ -21,10 +21,7 @@ LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the pane
 
 @styled
 def rejection(results: Sequence[Result], simulated: bool) -> Figure:
-    """Precision, and recall below it, of one model at the threshold of each kind of novelty, by both protocols.
-
-    Bars are 95 % intervals; the line is the precision that the thresholds were chosen for.
-    """
+    """Precision, and recall below it, of one model at the threshold of each kind of novelty; bars are 95 % intervals."""
     group = sorted(some(results), key=lambda result: result.days)
     kinds, wanted = group[0].evaluation.kinds[: len(KINDS)], group[0].wanted_precision
     fig = figure(WIDTH_IN, 4.2, simulated, f"{group[0].model}: precision and recall at the chosen thresholds")

@@ -16,10 +16,7 @@ MARKERS = "osD^vP"
 
 @styled
 def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, simulated: bool, heading: str) -> Figure:
-    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind.
-
-    Bars are standard deviations over the test sequences.
-    """
+    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars: deviations over sequences."""
     models, kinds = comparison.ordered(by, AUC), comparison.kinds
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
     fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), simulated, heading)
@@ -39,10 +36,7 @@ def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, simulate
 
 @styled
 def sequences(comparison: Comparison, named: Mapping[str, str], simulated: bool, heading: str) -> Figure:
-    """As driven: a row of panels a test sequence, a row a model, the best on average above; bars are deviations over seeds.
-
-    `named` are the titles of the sequences.
-    """
+    """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above; bars: over the seeds."""
     models, measures = comparison.ordered(Kind(), RECALL), (RECALL, AUC, AUROC, FAR)
     fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), simulated, heading)
     grid = fig.subplots(len(comparison.sequences), len(measures), squeeze=False, sharex="col", sharey=True)

@@ -1,5 +1,6 @@
 """The numbers of a sweep over the parameters that were swept."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from pipeline.report.comparison import AUC, FAR, Measure
 from pipeline.report.figures.style import DASHES, PALETTE, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING
 
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
 WIDE_RANGE = 20.0  # positive values whose ratio is larger have a logarithmic axis
 
 
@@ -42,10 +44,10 @@ def response(jobs: Sequence[SweepJob], swept: Sequence[str], simulated: bool) ->
     if not any(job.numbers for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
     values = {name: {job.value(name) for job in jobs} for name in swept}
-    numeric = [name for name in swept if all(map(_is_number, values[name]))]
+    numeric = [name for name in swept if all(map(NUMBER.fullmatch, values[name]))]
     along = max(numeric or swept, key=lambda name: len(values[name]), default="job")
     ordered = list(dict.fromkeys(job.value(along) for job in jobs))
-    joined = all(map(_is_number, ordered))
+    joined = all(map(NUMBER.fullmatch, ordered))
     ticks = {value: float(value) if joined else float(i) for i, value in enumerate(ordered)}
     lines: dict[str, list[tuple[float, SweepJob]]] = {}
     for job in sorted(jobs, key=lambda job: (ticks[job.value(along)], job.number)):
@@ -84,10 +86,3 @@ def _panel(axis: Axes, lines: Mapping[str, Sequence[tuple[float, SweepJob]]], me
     dot = "." if len(best) == 1 else ""
     axis.plot(*best.T, marker=dot, lw=0.9, color="0.6", label="oracle recall@1", zorder=1)
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return float(text) is not None
-    except ValueError:
-        return False

@@ -32,7 +32,11 @@ def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str, simul
     rows, columns = balanced(len(headings_deg), 4)
     fig = figure(WIDTH_IN, 0.9 + 1.55 * rows, simulated, f"Precision over recall of the correct matches, {sequence}")
     axes = panels(fig, len(headings_deg), columns, x="recall of the correct", y="precision")
-    accuracy = {model: np.mean([_accuracy(judged) for judged in seeds], axis=0) for model, seeds in group.items()}
+    numbers = {model: [judged.numbers() for judged in seeds] for model, seeds in group.items()}
+    shares = {
+        model: [[at["accuracy"] for key, at in one.items() if key != MEAN] for one in seeds] for model, seeds in numbers.items()
+    }
+    accuracy = {model: np.mean(np.array(seeds, np.float64), axis=0) for model, seeds in shares.items()}
     upper = bool(np.max([*accuracy.values()]) < CROWDED)
     for i, (axis, deg) in enumerate(zip(axes, headings_deg, strict=True)):
         for line, model in enumerate(group if upper else reversed(list(group))):
@@ -70,8 +74,3 @@ def indices(
         axis.grid(axis="y")
     below(fig, handles(looks))
     return fig
-
-
-def _accuracy(judged: Judged) -> NDArray[np.float64]:
-    """At each heading (h,), NaN where there is none."""
-    return np.array([one["accuracy"] for key, one in judged.numbers().items() if key != MEAN], np.float64)
