@@ -1,7 +1,7 @@
 """Small evaluations and comparisons, worked out by hand, that the tests of figures draw."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,6 @@ class Given:
     sequence: str
     days: int
     evaluation: Evaluation
-    replaced: Mapping[str, float] = field(default_factory=dict)
     bounds: tuple[float, float] | None = None
     wanted_precision: float = 0.9
 
@@ -71,8 +70,7 @@ class Given:
 
     def number(self, protocol: str, name: str) -> float:
         e = self.evaluation
-        found = numbers(e.truth(protocol), e.queries, np.ones((1, len(e.answer))))
-        return self.replaced.get(name, float(found[name][0]))
+        return float(numbers(e.truth(protocol), e.queries, np.ones((1, len(e.answer))))[name][0])
 
     def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
         return self.bounds
@@ -86,15 +84,9 @@ def results(*models: str) -> list[Any]:
 
 ONE = results("sci")
 BOTH = results("sci", "m2dp")
-NOTHING = replace(
-    ONE[0],
-    evaluation=replace(
-        ONE[0].evaluation,
-        reject_from=(float(np.finfo(np.float64).min), 0.0),
-        cells=replace(ONE[0].evaluation.cells, recall_at=np.full(25, np.nan), seen=np.zeros(7, bool)),
-    ),
-    replaced=dict.fromkeys(("auc_exact_top1", "auroc", "auc_top1", "recall_at_1", "oracle", "precision_at_threshold"), np.nan),
-)
+E = ONE[0].evaluation
+UNSEEN = replace(E.cells, recall_at=np.full(25, np.nan), seen=np.zeros(7, bool), oracle_right=np.zeros(7, bool))
+NOTHING = replace(ONE[0], evaluation=replace(E, reject_from=(float(np.finfo(np.float64).min), 0.0), cells=UNSEEN))
 """A sequence that training never saw, and a threshold that accepts nothing."""
 
 

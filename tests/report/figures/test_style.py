@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from pipeline.errors import InputError
@@ -77,13 +76,6 @@ def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
     assert dark == "#002E47"  # 0.4 of 00, 72 and B2
     assert dash != "-"
     assert colour("sci-4way") == colour("sci")
-
-
-@pytest.mark.parametrize("name", ["precision_recall", "year", "recall_at"])
-def test_a_model_has_one_colour_in_every_figure(name: str) -> None:
-    fig = FIGURES[name](False)
-    assert fig is not None
-    assert {colour("sci"), colour("m2dp")} <= {to_hex(line.get_color()).upper() for line in fig.axes[0].lines}
 
 
 @pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (5, (1, 5)), (6, (2, 3)), (7, (2, 4)), (10, (2, 5)), (11, (3, 4))])

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -150,8 +149,3 @@ def test_squares_lie_where_the_wall_is_with_the_height_of_its_top(place: np.ndar
     assert np.abs(middles_m[:, 1]).max() < 4 + edge_m * 0.71
     assert np.ptp(middles_m[:, 1]) > 8 - 2 * edge_m
     np.testing.assert_allclose(heights_m, 2.75)  # the highest leaf is from 2.5 m to 3 m
-
-
-def test_the_bird_view_has_a_panel_of_leaves_and_one_of_nodes() -> None:
-    leaves, nodes = (len(found.get_paths()) for found in bird_view(False).findobj(PolyCollection))
-    assert leaves > nodes > 0
