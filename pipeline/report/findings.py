@@ -31,13 +31,13 @@ def answer(study: Study) -> Finding:
 
     def shares(model: str) -> dict[str, Any]:
         group = groups[model]
-        means = {by: np.nanmean([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
+        means = {by: _mean([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
         ends = [
             (one.number("distance", "recall_at_1"), one.interval("distance", "recall_at_1"), one.days)
             for one in (group[0], group[-1])
         ]
         at = {
-            name: np.nanmean([one.number("distance", f"{name}_at_threshold") for one in group])
+            name: _mean([one.number("distance", f"{name}_at_threshold") for one in group])
             for name in ("precision", "recall")
         }
         return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision}
@@ -204,3 +204,9 @@ def _lines(rows: pd.DataFrame, protocol: str, number: str) -> pd.DataFrame:
     """Value, low and high of one number of the whole year, a row a model; the oracle left out."""
     own = rows[(rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)]
     return own.set_index("method")[["value", "low", "high"]]
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Of the finite ones; NaN of none."""
+    there = np.asarray(values, float)[np.isfinite(values)]
+    return float(there.mean()) if len(there) else np.nan

@@ -1,4 +1,4 @@
-"""The runs that MLflow shows, from the table of results: a run a method with its year, a child run a day; a sweep and its jobs."""
+"""The runs that MLflow shows, from the table of results: a run a method, a child run a day; a sweep and its jobs."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,7 +38,7 @@ class Source:
     """Folder of the report's figures, with its list of whose they are."""
 
     def record(self, model: str, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
-        """A method's run: its metrics over the days, ageing, curves of training, `extra`, its model, and a child a test sequence."""
+        """A method's run: its metrics over the days, ageing, curves of training and `extra`, and a child a test sequence."""
         own = self.rows[(self.rows["method"] == model) & (self.rows["variant"] == "") & (self.rows["seed"] == 0)]
         tags = {"mlflow.runColor": colour(model), "dataset": self.study, "grid": self.grid, "method": model}
         tags["data"] = "simulated" if self.simulated else "recorded"
@@ -59,18 +59,20 @@ class Source:
             )
             for sequence in self.words["tests"]
         ]
-        series = over_days(driven[driven["sequence"].isin(self.words["tests"])]) | curves | ageing(driven) | viewpoints(own) | extra
+        series = (
+            over_days(driven[driven["sequence"].isin(self.words["tests"])]) | curves | ageing(driven) | viewpoints(own) | extra
+        )
         return RunRecord(f"{model} {self.grid}", tags, params, series, self._files(model), children)
 
     def _files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures that belong to a model, those of all models included; or to it on one test sequence."""
-        listed = json.loads((self.figures / "figures.json").read_text())
-        wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in ({model} | ({""} - {sequence}))]
+        listed, owners = json.loads((self.figures / "figures.json").read_text()), {model} if sequence else {model, ""}
+        wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners]
         return [self.figures / file for file in dict.fromkeys(wanted)]
 
 
 def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of some sequences over the days, under names that MLflow groups: `cells/auc_top1`, `rejection/energy_auroc`."""
+    """Every number of some sequences over the days, under names that MLflow groups, such as `cells/auc_top1`."""
     found: Series = {}
     for number, protocol, kind, days, value in rows[["number", "protocol", "kind", "days", "value"]].itertuples(index=False):
         if not (np.isfinite(value) and np.isfinite(days)) or number.endswith("_line") or abs(value) > 1e30:
@@ -87,14 +89,14 @@ def over_days(rows: pd.DataFrame) -> Series:
 
 def ageing(rows: pd.DataFrame) -> Series:
     """The change of each number per 100 days with its interval, and when to train again, at the last day."""
-    whole, last = rows[rows["sequence"] == ""], rows["days"].max()
-    found: Series = {}
+    whole, last, found = rows[rows["sequence"] == ""], rows["days"].max(), Series()
+    known = whole.set_index(["protocol", "number"])[["value", "low", "high"]]
     for protocol, number in AGEING:
         name = number if number == "novelty_percentile" else f"{protocol}_{number}"
-        for end in ("per_100_days", "retrain_after_days"):
-            for values in whole[(whole["protocol"] == protocol) & (whole["number"] == f"{number}_{end}")][["value", "low", "high"]].itertuples(index=False):
-                for bound, value in zip(("", "_low", "_high") if end == "per_100_days" else ("",), values, strict=False):
-                    found |= {f"ageing/{name}_{end}{bound}": [(int(last), float(value))]} if np.isfinite(value) else {}
+        for end, bounds in (("per_100_days", ("", "_low", "_high")), ("retrain_after_days", ("",))):
+            if (protocol, f"{number}_{end}") in known.index:
+                values = zip(bounds, known.loc[(protocol, f"{number}_{end}")], strict=False)
+                found |= {f"ageing/{name}_{end}{bound}": [(int(last), float(v))] for bound, v in values if np.isfinite(v)}
     return found
 
 

@@ -11,9 +11,10 @@ from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.numbers import curve
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.figures.panels import balanced, in_corner, name_ends, panels, precision_axes, share_limits
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, colour, figure, handles, look, styled
+from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, figure, handles, look, styled
 from pipeline.report.study import Result, by_model, by_sequence, some
 from pipeline.report.table import fixed
+from pipeline.studies.colours import colour
 
 FEW = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"

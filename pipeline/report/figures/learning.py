@@ -9,7 +9,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.report.figures.panels import panels
-from pipeline.report.figures.style import WIDTH_IN, below, colour, figure, handles, look, styled
+from pipeline.report.figures.style import WIDTH_IN, below, figure, handles, look, styled
+from pipeline.studies.colours import colour
 
 COLLAPSE = {
     "code_variance": "variance of the codes",

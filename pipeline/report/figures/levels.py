@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from pipeline.report.comparison import AUC, FAR, KEPT, Comparison, Kind, Measure, label
 from pipeline.report.figures.panels import LINE_IN, Line, means_of, model_lines, name_ends, share_limits
-from pipeline.report.figures.style import DASHED, DASHES, QUIET, WIDTH_IN, colour, figure, look, method_of, styled
+from pipeline.report.figures.style import DASHED, DASHES, QUIET, WIDTH_IN, figure, look, styled
+from pipeline.studies.colours import colour, method_of
 
 MEASURES = (AUC, KEPT, FAR)
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.report.figures.panels import balanced, panels
-from pipeline.report.figures.style import WIDTH_IN, colour, dot, figure, styled
+from pipeline.report.figures.style import WIDTH_IN, dot, figure, styled
 from pipeline.report.study import Result, by_model, by_sequence, some
+from pipeline.studies.colours import colour
 
 OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, light ones seen and dark ones mostly unseen
     ("hit", "#6BB6E8", "o"),

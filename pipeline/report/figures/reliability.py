@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.evaluation.calibration import BINS, Reliability, chances, ece, reliability
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, colour, figure, styled
+from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, figure, styled
 from pipeline.report.study import Result, some
+from pipeline.studies.colours import colour
 
 OFF = "#B2182B"  # distance to the diagonal, whose mean over the queries is the calibration error (ECE)
 Confidence = tuple[str, Reliability, float]

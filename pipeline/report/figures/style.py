@@ -1,6 +1,5 @@
 """The style of every figure: fonts, a colour for each model, the line that says simulated, files of the same bytes each time."""
 
-import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from pipeline.errors import InputError
+from pipeline.studies.colours import colour, method_of
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",  # the one font that comes with matplotlib
@@ -46,24 +46,7 @@ VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.
 DASHED = (0, (4, 3))  # lines of thresholds and of marks to reach
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (2, 2)), (0, (8, 2)))
 """Of a method, then of its variants."""
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#3FA7E0", "#D89000", "#7B3294", "#6B4E16", "#1F1F1F")
-"""Okabe and Ito's hues, which colour-blind readers can tell apart; the two lightest are darkened, so that text can have them."""
 LONG = 12  # letters of a model's name that fit beside a panel
-
-
-def method_of(model: str) -> str:
-    """`sci` of the model `sci-4way`."""
-    return model.partition("-")[0]
-
-
-def colour(model: str) -> str:
-    """The colour of a model's method in all figures and in MLflow, from the name alone, so that no list of names is needed.
-
-    The salt is chosen so that the methods of the two papers and `scan_context_all` have different colours (tested), and related
-    ones similar colours: two blues for SCI's, orange and vermilion for Scan Context's.
-    """
-    digest = hashlib.sha256(f"147890{method_of(model)}".encode()).digest()
-    return PALETTE[int.from_bytes(digest[:8], "big") % len(PALETTE)]
 
 
 def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from pipeline.errors import InputError
 from pipeline.report.comparison import AUC, FAR, Measure
-from pipeline.report.figures.style import DASHES, PALETTE, WIDTH_IN, below, figure, styled
+from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING
+from pipeline.studies.colours import PALETTE
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
 WIDE_RANGE = 20.0  # positive values whose ratio is larger have a logarithmic axis
