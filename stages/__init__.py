@@ -37,6 +37,7 @@ def _kernels() -> str:
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
 logging.getLogger("faiss").setLevel(logging.WARNING)  # it tells which instructions it was built for
 
 

@@ -8,9 +8,7 @@ import pytest
 from filelock import FileLock
 from xdist.scheduler import LoadScopeScheduling
 
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # two workers on two cores: torch's threads must not spin
-
-import stages  # noqa: F401 (numba caches by source from the first import on)
+import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
 from tests.clone import Clone
 
 FIRST, LAST = "tests/test_chain.py", "tests/test_sweep.py"
