@@ -9,27 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
+SCANS, TIMES, CALIB = (f"sequences/{{log}}/{name}" for name in ("velodyne", "times.txt", "calib.txt"))
+POSES = "poses/{log}.txt"
+"""The files of a log below the root, as templates."""
 CAM_T_VELO = np.array([[0.0, -1.0, 0.0, -0.012], [0.0, 0.0, -1.0, -0.054], [1.0, 0.0, 0.0, -0.292], [0.0, 0.0, 0.0, 1.0]])
 """Of the simulated car: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned."""
 FOCAL_PX, CENTRE_PX = 718.856, (607.1928, 185.2157)
 BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
 """Last column of P0 to P3 in log 00: −focal length × distance of a camera to the right of cam0."""
-
-
-def scan_folder(root: Path, log: str) -> Path:
-    return root / "sequences" / log / "velodyne"
-
-
-def times_path(root: Path, log: str) -> Path:
-    return root / "sequences" / log / "times.txt"
-
-
-def calib_path(root: Path, log: str) -> Path:
-    return root / "sequences" / log / "calib.txt"
-
-
-def poses_path(root: Path, log: str) -> Path:
-    return root / "poses" / f"{log}.txt"
 
 
 def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

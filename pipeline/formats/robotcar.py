@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 RECORD_BYTES = 24
 LASERS = ("lms_front", "lms_rear")
+STAMPS, VO, INS = "{laser}.timestamps", "vo/vo.csv", "gps/ins.csv"
+"""The files of a sequence below its folder; the sweeps of a laser lie in a folder of its name."""
 EXTRINSICS = {
     "lms_front": (1.7589, 0.2268, 1.0411, -0.0437, -1.4572, 0.0356),
     "lms_rear": (-2.5850, 0.2852, 1.0885, -2.8405, -1.5090, -0.3614),
@@ -29,22 +31,6 @@ INS_COLUMNS = (
     *("velocity_north", "velocity_east", "velocity_down", "roll", "pitch", "yaw"),
 )
 INS_GOOD = "INS_SOLUTION_GOOD"
-
-
-def sweep_folder(root: Path, sequence: str, laser: str) -> Path:
-    return root / sequence / laser
-
-
-def timestamps_path(root: Path, sequence: str, laser: str) -> Path:
-    return root / sequence / f"{laser}.timestamps"
-
-
-def vo_path(root: Path, sequence: str) -> Path:
-    return root / sequence / "vo" / "vo.csv"
-
-
-def ins_path(root: Path, sequence: str) -> Path:
-    return root / sequence / "gps" / "ins.csv"
 
 
 def encode_sweep(xy_m: NDArray[np.float64], reflectance: NDArray[np.floating | np.integer]) -> bytes:

@@ -12,8 +12,7 @@ from pipeline.formats.bag import CLOUD, ODOMETRY, SWEEP
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import frame_name, header, sweep_points
 from pipeline.formats.pointcloud2 import decode
-from pipeline.readers.bag_poses import KINDS
-from pipeline.readers.bag_tree import Tree
+from pipeline.readers.bag_poses import KINDS, Tree
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import size
-from pipeline.readers.bag_tree import Tree
+from pipeline.readers.bag_poses import Tree
 
 
 def below(path: Path) -> list[Path]:

@@ -64,7 +64,7 @@ def kitti_poses(path: Path) -> Inspection:
     found = [] if finite.all() else [f"{int((~finite).sum())} rows hold a NaN: the reader refuses the file; cut them off"]
     if skew > 1e-3:
         found.append(f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew")
-    times = kitti.times_path(path.parents[1], path.stem) if len(path.parents) > 1 else path
+    times = path.parents[1] / kitti.TIMES.format(log=path.stem) if len(path.parents) > 1 else path
     if path.parent.name == "poses" and times.is_file() and len(table(times, 1)) != len(rows):
         count = len(table(times, 1))
         found.append(f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is cut short")

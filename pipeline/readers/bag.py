@@ -19,9 +19,7 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_poses import KINDS, track
-from pipeline.readers.bag_track import Track
-from pipeline.readers.bag_tree import Tree
+from pipeline.readers.bag_poses import KINDS, Track, Tree, track
 from pipeline.readers.log import Log
 from pipeline.running.settings import check, positive
 

@@ -13,7 +13,7 @@ from pipeline.formats.bag_file import BagFile, Key
 from pipeline.formats.messages import header, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.frames import Stamps
-from pipeline.readers.bag_track import message_stamps
+from pipeline.readers.bag_poses import message_stamps
 
 
 @dataclass(frozen=True)

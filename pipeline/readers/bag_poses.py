@@ -1,16 +1,36 @@
-"""Reads the poses of bags: from a topic, or from a chain of transforms."""
+"""Reads the poses of bags: from a topic, or from the tree of transforms in tf messages."""
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections import defaultdict, deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from operator import itemgetter
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.errors import LogError
-from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE
-from pipeline.formats.bag_file import BagFile
-from pipeline.formats.messages import frame_name, header, pose_numbers, poses
-from pipeline.readers.bag_track import Track, message_stamps, trajectory
-from pipeline.readers.bag_tree import Tree
+from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE, TRANSFORMS
+from pipeline.formats.bag_file import BagFile, Key
+from pipeline.formats.messages import frame_name, header, pose_numbers, poses, transform_numbers
+from pipeline.frames import Poses, Stamps, Trajectory
+from pipeline.readers.log import LATEST_NS
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
+STILL = 1e-6
+"""A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """The poses of a body over time from a bag."""
+
+    name: str
+    """The topic, or tf:PARENT>CHILD."""
+    trajectory: Trajectory
+    child: str | None
+    """The frame of the body; None where the messages do not name it."""
+    notes: tuple[str, ...]
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
@@ -43,3 +63,138 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
     found, left_out = trajectory(name, times, poses([numbers for _, _, numbers in sent]), max_gap_s)
     return Track(name, found, next(iter(children), "") or None, notes + left_out)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The transforms of tf messages: for each pair of frames (parent, child), stamps and poses."""
+
+    where: str
+    edges: dict[tuple[str, str], tuple[Stamps, Poses]]
+    broken: int
+    """Messages that could not be read."""
+
+    @staticmethod
+    def read(files: Sequence[BagFile], moving: bool) -> "Tree":
+        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of transforms."""
+        sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
+        broken = 0
+        for file, key, data in _transforms(files, moving):
+            try:
+                message = file.decode(data, TRANSFORMS)
+            except LogError:
+                broken += 1
+                continue
+            for stamped in message.transforms:
+                stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+                sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
+        edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
+        for edge, rows in sent.items():
+            rows.sort(key=itemgetter(0))
+            found = poses([numbers for _, _, numbers in rows])
+            known = np.isfinite(found[:, 0, 0])
+            if known.any():
+                edges[edge] = np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known], found[known]
+        return Tree(str(files[0].path), edges, broken)
+
+    def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
+        """a_T_b (4, 4) by a chain of fixed transforms; None where there is none."""
+        way = self._way({edge for edge, (_, found) in self.edges.items() if _still(found)}, a, b)
+        if way is None:
+            return None
+        a_T_b = np.eye(4)
+        for edge, forward in way:
+            step = self.edges[edge][1][-1]
+            a_T_b = a_T_b @ (step if forward else np.linalg.inv(step))
+        return a_T_b
+
+    def moves(self, a: str, b: str) -> bool:
+        """Whether transforms lead from a to b, and at least one of them changes over time."""
+        way = self._way(set(self.edges), a, b)
+        return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
+
+    def track(self, parent: str, child: str, max_gap_s: float) -> Track:
+        """parent_T_child at the stamps of the most frequent transform of the chain, the others interpolated; raises LogError."""
+        name = f"tf:{parent}>{child}"
+        way = self._way(set(self.edges), parent, child)
+        if way is None:
+            held = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
+            raise LogError(f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: {held:.400}")
+        moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
+        if not moving:
+            raise LogError(f"{self.where}: {name} never changes, so it is no path; name the frame that the vehicle moves in")
+        notes: tuple[str, ...] = (f"{name}: {self.broken:,} broken messages of transforms are left out",) if self.broken else ()
+        trajectories = {}
+        for edge in moving:
+            trajectories[edge], left_out = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
+            notes += left_out
+        stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
+        parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
+        for edge, forward in way:
+            steps = trajectories[edge].at(stamps_ns)[0] if edge in trajectories else self.edges[edge][1][-1:]
+            parent_T_child = parent_T_child @ (steps if forward else np.linalg.inv(steps))
+        return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), child, notes)
+
+    @staticmethod
+    def _way(edges: set[tuple[str, str]], a: str, b: str) -> list[tuple[tuple[str, str], bool]] | None:
+        """The shortest chain from a to b: its edges, and whether each leads from parent to child; None where there is none."""
+        ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
+        queue = deque([a])
+        while queue and b not in ways:
+            at = queue.popleft()
+            for edge in sorted(edges):
+                if at in edge:
+                    forward = edge[0] == at
+                    frame = edge[forward]
+                    if frame not in ways:
+                        ways[frame] = [*ways[at], (edge, forward)]
+                        queue.append(frame)
+        return ways.get(b)
+
+
+def _transforms(files: Sequence[BagFile], moving: bool) -> Iterable[tuple[BagFile, Key, bytes]]:
+    for file in files:
+        for name, topic in file.topics.items():
+            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static")):
+                for key, data in file.messages(name):
+                    yield file, key, data
+
+
+def _still(found: Poses) -> bool:
+    return bool((np.abs(found - found[-1]) <= STILL).all())
+
+
+def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps, tuple[str, ...]]:
+    """Stamps (n,) in ns from pairs of header stamp and time of receipt; the latter, with a note, if all header stamps are 0."""
+    both = np.array([(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64).reshape(-1, 2)
+    if len(both) and not both[:, 0].any():
+        return both[:, 1], (f"{name}: no message is stamped; the times of receipt are used",)
+    return both[:, 0], ()
+
+
+def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
+    """Rows of a longest subsequence of strictly increasing stamps, so that the fewest rows are dropped."""
+    ends: list[int] = []
+    rows: list[int] = []
+    before = np.full(len(stamps_ns), -1)
+    for row, stamp in enumerate(stamps_ns.tolist()):
+        at = bisect_left(ends, stamp)
+        before[row] = rows[at - 1] if at else -1
+        ends[at : at + 1], rows[at : at + 1] = [stamp], [row]
+    chain = rows[-1:]
+    while chain and before[chain[-1]] >= 0:
+        chain.append(int(before[chain[-1]]))
+    return np.array(chain[::-1], np.int64)
+
+
+def trajectory(name: str, times: Stamps, world_T_body: Poses, max_gap_s: float) -> tuple[Trajectory, tuple[str, ...]]:
+    """Poses (n, 4, 4) as a trajectory, and notes on the poses that are left out."""
+    rows = longest_increasing(times)
+    empty = int(np.isnan(world_T_body[rows, 0, 0]).sum())
+    counts = {
+        "poses are left out, their stamps repeat or run backwards": len(times) - len(rows),
+        "poses hold no place or no rotation: gaps": empty,
+    }
+    notes = tuple(f"{name}: {count:,} of {len(times):,} {what}" for what, count in counts.items() if count)
+    return Trajectory(times[rows], world_T_body[rows], max_gap_s), notes

@@ -34,13 +34,13 @@ class Kitti:
         name, dash, part = sequence.partition("-")
         if part not in ("a", "b") and dash:
             raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
-        poses = read_poses(kitti.poses_path(root, name), kitti.calib_path(root, name))
-        times_path = kitti.times_path(root, name)
+        poses = read_poses(root / kitti.POSES.format(log=name), root / kitti.CALIB.format(log=name))
+        times_path = root / kitti.TIMES.format(log=name)
         times_s = log.table(times_path, 1)[:, 0]
         stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
         if len(times_s) != len(poses):
-            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {kitti.poses_path(root, name)}")
-        folder, skipped = kitti.scan_folder(root, name), Counter[str]()
+            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {root / kitti.POSES.format(log=name)}")
+        folder, skipped = root / kitti.SCANS.format(log=name), Counter[str]()
         rows = _scan_rows(folder, len(poses), skipped)
         notes = (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",) if len(rows) < len(poses) else ()
         path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))])
@@ -61,10 +61,8 @@ class Kitti:
             found = {folder: single.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
             return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
         names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
-        needed = {
-            name: (kitti.poses_path(root, name), kitti.calib_path(root, name), kitti.times_path(root, name)) for name in names
-        }
-        return {name: [str(path.relative_to(root)) for path in paths if not path.is_file()] for name, paths in needed.items()}
+        needed = {name: [place.format(log=name) for place in (kitti.POSES, kitti.CALIB, kitti.TIMES)] for name in names}
+        return {name: [file for file in files if not (root / file).is_file()] for name, files in needed.items()}
 
 
 def read_velodyne(path: str | Path) -> NDArray[np.float32]:

@@ -54,8 +54,8 @@ class RobotCar:
         extrinsics = self._extrinsics(root, sequence)
         zup_T_lasers = [NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers]
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
-        truth = read_ins(robotcar.ins_path(root, sequence), vehicle_T_ins, self.max_ins_gap_s)
-        odometry = read_vo(robotcar.vo_path(root, sequence), self.max_vo_gap_s)
+        truth = read_ins(root / sequence / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
+        odometry = read_vo(root / sequence / robotcar.VO, self.max_vo_gap_s)
         merged = np.unique(np.concatenate(utimes))
         world_T_scan, placed = truth.at(merged * 1000)
         odom_T_scan = odometry.at(merged * 1000, placed)
@@ -73,7 +73,7 @@ class RobotCar:
 
         def points(row: int) -> NDArray[np.float64]:
             clouds = [
-                read_sweep(robotcar.sweep_folder(root, sequence, laser) / f"{rows[row]}.bin", zup_T_laser)
+                read_sweep(root / sequence / laser / f"{rows[row]}.bin", zup_T_laser)
                 for laser, zup_T_laser, here in zip(self.lasers, zup_T_lasers, swept[:, row], strict=True)
                 if here
             ]
@@ -83,15 +83,10 @@ class RobotCar:
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted({path.parent.name for laser in robotcar.LASERS for path in root.glob(f"*/{laser}") if path.is_dir()})
-        needed = {
-            name: [
-                *(robotcar.sweep_folder(root, name, laser) for laser in self.lasers),
-                *(robotcar.vo_path(root, name), robotcar.ins_path(root, name)),
-                *(self._extrinsics(root, name) / f"{sensor}.txt" for sensor in (*self.lasers, "ins")),
-            ]
-            for name in names
-        }
-        return {name: [str(path.relative_to(root)) for path in paths if not path.exists()] for name, paths in needed.items()}
+        files = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
+        files += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
+        needed = {name: [file.replace("{sequence}", name) for file in files] for name in names}
+        return {name: [place for place in places if not (root / place).exists()] for name, places in needed.items()}
 
     def _extrinsics(self, root: Path, sequence: str) -> Path:
         return root / self.extrinsics.replace("{sequence}", sequence)
@@ -113,7 +108,7 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
 
 def _paired(root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]) -> NDArray[np.int64]:
     """Utimes (n,) of the whole sweep files that the list of stamps names too; counts files without a stamp and the reverse."""
-    folder, path = robotcar.sweep_folder(root, sequence, laser), robotcar.timestamps_path(root, sequence, laser)
+    folder, path = root / sequence / laser, root / sequence / robotcar.STAMPS.format(laser=laser)
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of sweeps")
     named, whole = log.numbered_files(folder, robotcar.RECORD_BYTES, log.is_utime, "file name is no utime", skipped)

@@ -62,16 +62,16 @@ def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str,
     ned = flip_ned(world_T_vehicle)
     numbers = np.array([robotcar.EXTRINSICS["ins"]])
     robotcar.write_extrinsics(tmp_path / "extrinsics")
-    robotcar.write_vo(robotcar.vo_path(tmp_path, SEQUENCE), utimes, xyzrpy(np.linalg.inv(ned[:-1]) @ ned[1:]))
+    robotcar.write_vo(tmp_path / SEQUENCE / robotcar.VO, utimes, xyzrpy(np.linalg.inv(ned[:-1]) @ ned[1:]))
     statuses = [robotcar.INS_GOOD] * 20
-    robotcar.write_ins(robotcar.ins_path(tmp_path, SEQUENCE), utimes, statuses, xyzrpy(ned @ pose(*np.hsplit(numbers, 2))))
+    robotcar.write_ins(tmp_path / SEQUENCE / robotcar.INS, utimes, statuses, xyzrpy(ned @ pose(*np.hsplit(numbers, 2))))
     returns = {laser: rng.uniform(-40, 40, (20, 9, 2)) for laser in lasers}
     for laser in lasers:
-        robotcar.write_timestamps(robotcar.timestamps_path(tmp_path, SEQUENCE, laser), utimes)
-        robotcar.sweep_folder(tmp_path, SEQUENCE, laser).mkdir()
+        robotcar.write_timestamps(tmp_path / SEQUENCE / robotcar.STAMPS.format(laser=laser), utimes)
+        (tmp_path / SEQUENCE / laser).mkdir()
         for utime, xy in zip(utimes, returns[laser], strict=True):
             data = robotcar.encode_sweep(xy, np.zeros(9))
-            (robotcar.sweep_folder(tmp_path, SEQUENCE, laser) / f"{utime}.bin").write_bytes(data)
+            (tmp_path / SEQUENCE / laser / f"{utime}.bin").write_bytes(data)
 
     log = RobotCar(lasers).open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == [1000 * utime for utime in utimes]

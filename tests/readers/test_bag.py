@@ -15,8 +15,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.frames import transform, yaw
 from pipeline.readers.bag import Bag
-from pipeline.readers.bag_track import longest_increasing
-from pipeline.readers.bag_tree import Tree
+from pipeline.readers.bag_poses import Tree, longest_increasing
 from pipeline.running.compute import Compute
 from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
@@ -340,3 +339,20 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
     assert Tree.read([file], moving=True).track("map", "base_link", 0.5).notes == (
         "tf:map>base_link: 1 broken messages of transforms are left out",
     )
+
+
+@pytest.mark.parametrize(
+    ("frame", "world", "says"),
+    [
+        ("other", "map", "/points comes in several frames, lidar, other; give reader.body_T_lidar"),
+        ("lidar", "odom", "/truth gives poses in several frames: map, odom"),
+    ],
+)
+def test_a_topic_in_several_frames_is_refused(tmp_path: Path, frame: str, world: str, says: str) -> None:
+    def write(bag: BagWriter) -> None:
+        cloud(bag, START_NS)
+        cloud(bag, START_NS + STEP_NS, frame=frame)
+        bag.odometry(START_NS + 5 * STEP_NS, world, "base_link", at(5), "/truth")
+
+    with one_line(LogError, says):
+        Bag(truth="/truth").open(written(tmp_path, write), "drive")

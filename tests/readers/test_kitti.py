@@ -91,26 +91,19 @@ def test_a_part_or_a_log_that_does_not_exist_is_refused(tmp_path: Path, sequence
     ("change", "says"),
     [
         ({"calib": None}, "calib.txt"),
-        ({"calib": ""}, "'Tr:' with 12 numbers"),
         ({"calib": "P0: 1 0 0 0 0 1 0 0 0 0 1 0\n"}, "'Tr:' with 12 numbers"),
-        ({"calib": "Tr: 1 2 3\n"}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "x " * 12}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "nan " * 12}, "'Tr:' with 12 numbers"),
-        ({"calib": "Tr: " + "0 " * 12}, "calib.txt"),  # cannot be inverted
         ({"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"}, "calib.txt"),  # no rotation: the poses would be NaN
         ({"poses": None}, "07.txt"),
-        ({"poses": ""}, "07.txt"),
         ({"poses": "1 0 0 0\n" * 6}, "12 numbers"),
         ({"poses": f"{POSE}0\n" * 3 + f"{POSE}nan\n" + f"{POSE}0\n" * 2}, "row 4 is not finite"),
         ({"poses": f"{POSE}0\n" * 5}, "6 times for 5 poses"),
         ({"times": None}, "times.txt"),
-        ({"times": "0\n1\n2\n3\n3\n4\n"}, "row 5 is stamped"),
         ({"times": "0\n1\n2\n1.5\n3\n4\n"}, "row 4 is stamped"),
         ({"times": "0\n1e-11\n2\n3\n4\n5\n"}, "row 2 is stamped 1e-11 s, after 0; stamps must increase"),  # 0 ns both
         ({"times": "0\n1\nnan\n3\n4\n5\n"}, "row 3 is stamped"),
         ({"times": "0 1\n" * 6}, "1 numbers"),
-        ({"times": "0\n1\n2\n3\n4\n1e300\n"}, "times.txt"),
-        ({"times": "0\n1\n2\n3\n4\ninf\n"}, "times.txt"),
         ({"scans": {}}, "no readable scan"),
         ({"scans": {"000009": bytes(16)}}, "no readable scan"),
     ],

@@ -79,9 +79,7 @@ def test_packets_are_found_one_after_the_other(tmp_path: Path) -> None:
         (packet(1, magic=(44_444, 44_444, 44_443, 44_444)), "no whole packet at byte 0;"),
         (TWO[:40] + b"\0" + TWO[41:], "no whole packet at byte 40;"),  # the second packet starts at byte 24 + 2 · 8 = 40
         (TWO[:-1], "no whole packet at byte 40;"),
-        (TWO[:-8], "no whole packet at byte 40;"),
         (TWO[:30], "no whole packet at byte 0;"),
-        (TWO + b"\x9c", "no whole packet at byte 72;"),
         (TWO + TWO[:20], "no whole packet at byte 72;"),
         (TWO[:8] + b"\xff\xff\xff\xff" + TWO[12:], "no whole packet at byte 0;"),  # claims four thousand million hits
         (packet(2**63 + 1), "which is no time in µs"),
@@ -119,14 +117,11 @@ def test_leading_rows_without_a_pose_are_gaps(tmp_path: Path) -> None:
     ("text", "says"),
     [
         (row(0) + row(2) + row(1), "row 3 is stamped"),
-        (row(0) + row(1) + row(1) + row(2), "row 3 is stamped"),
         (row(0) + row(1).replace(str(START + 100_000), "nan"), "row 2 is stamped nan, which is no time"),
         (row(0, 1, 2, 3), "7 numbers"),
-        (row(0) + row(1, 1, 2), "7 numbers"),
         (row(0) + row(1).replace("1, 0", "one, 0"), "7 numbers"),
         (row(0, 1, 2, 3, 4, 5, 6, 7), "7 numbers"),
         ("", "expected 7 numbers|holds no rows"),
-        ("\n\n", "expected 7 numbers|holds no rows"),
         ("1e30, 0, 0, 0, 0, 0, 0\n", "row 1 is stamped"),
     ],
 )

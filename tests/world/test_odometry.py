@@ -5,9 +5,8 @@ import pytest
 
 from pipeline.frames import Poses
 from pipeline.world.driving.drive import drive
-from pipeline.world.driving.ins import simulate_ins
 from pipeline.world.driving.motion import CAR
-from pipeline.world.driving.odometry import visual_odometry, wheel_odometry
+from pipeline.world.driving.odometry import simulate_ins, visual_odometry, wheel_odometry
 from pipeline.world.layout.ground import Ground
 
 FLAT = Ground(np.zeros((600, 40)), -100.0, -100.0)

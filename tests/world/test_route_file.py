@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import ConfigError
 from pipeline.world.driving.drive import drive
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.route_file import read_route
+from pipeline.world.layout.routes import read_route
 from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
 from tests.world.conftest import SEQUENCES

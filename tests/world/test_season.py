@@ -3,7 +3,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.world.driving.season import extinction_per_m, foliage
+from pipeline.world.driving.day import extinction_per_m, foliage
 from pipeline.world.layout.shapes import Species
 
 

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.world.driving.scene import Scene, build_scene
-from pipeline.world.driving.season import extinction_per_m
 from pipeline.world.layout.campus import Campus, shapes_on
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, records
+from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, Species, records
 from pipeline.world.seeds import Stream, generator
 
 OCCUPANCIES = (0.15, 0.9)
@@ -26,6 +25,12 @@ WALKING_SPEEDS_MPS, DRIVING_SPEEDS_MPS = (0.8, 1.7), (5.0, 11.0)
 WALKER_RADIUS_M, WALKER_HEIGHTS_M, PERSON_REFLECTANCE = 0.28, (1.55, 1.9), 0.3
 DRIVER_LANE_M, DRIVER_RADIUS_M, DRIVER_PARTS_M = 1.9, 0.95, (-1.4, 0.0, 1.4)
 MOVERS_WITHIN_M = 80.0
+
+BARE_UNTIL, FULL_FROM, FULL_UNTIL, BARE_FROM = (4, 15), (5, 30), (9, 22), (11, 14)
+"""(month, day): leaves come out between the first two and fall between the last two, as in Michigan."""
+
+BARE_AND_LEAVES_PER_M = {Species.DECIDUOUS: (0.06, 0.85), Species.CONIFER: (1.1, 0.0), Species.HEDGE: (0.5, 1.5)}
+"""Extinction per metre of the twigs, and of all leaves, which adds to it; the free path of a ray is −log(u) / extinction."""
 
 
 @dataclass(frozen=True)
@@ -141,3 +146,17 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
     back_x, back_y = x_m - 0.2 * c, y_m - 0.2 * s
     cabins = records(BOX, x_m=back_x, y_m=back_y, bottom_m=base_m + 0.55 * height_m, top_m=base_m + height_m, **turn, **cabin)
     return np.concatenate([hulls, cabins])
+
+
+def foliage(day: date) -> float:
+    """The share of the leaves that are out on `day`, 0 to 1."""
+    turns = [date(day.year, *turn).toordinal() for turn in (BARE_UNTIL, FULL_FROM, FULL_UNTIL, BARE_FROM)]
+    return float(np.interp(day.toordinal(), turns, [0.0, 1.0, 1.0, 0.0]))
+
+
+def extinction_per_m(species: NDArray[np.int64], day: date) -> NDArray[np.float64]:
+    """Extinction (n,) of shapes of these `species` (n,) on `day`; solid ones get 0."""
+    density = np.zeros(len(species))
+    for kind, (bare, leaves) in BARE_AND_LEAVES_PER_M.items():
+        density[species == kind] = bare + leaves * foliage(day)
+    return density

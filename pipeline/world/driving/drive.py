@@ -5,10 +5,10 @@ from datetime import UTC, date, datetime, time
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from pipeline.frames import Poses, Stamps, Trajectory, pose
 from pipeline.world.driving.motion import SEGWAY, Motion
-from pipeline.world.driving.noise import smooth, wander
 from pipeline.world.layout.ground import Ground
 from pipeline.world.seeds import Stream, generator
 
@@ -112,11 +112,11 @@ def _path(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings (n,) in radians."""
     middle_m = _resample(line_m)
-    middle_m = np.stack([smooth(middle_m[:, axis], round(motion.corner_m / LINE_STEP_M)) for axis in (0, 1)], 1)
+    middle_m = np.stack([_smooth(middle_m[:, axis], round(motion.corner_m / LINE_STEP_M)) for axis in (0, 1)], 1)
     along = np.gradient(middle_m, axis=0)
     along /= np.hypot(*along.T)[:, None] + 1e-9
-    weave_m = wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
-    weave_m = OFFSET_RESTORED * smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
+    weave_m = _wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
+    weave_m = OFFSET_RESTORED * _smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
     usual_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
     left_m = (usual_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
     path_m = _resample(middle_m + left_m[:, None] * np.stack([-along[:, 1], along[:, 0]], 1))
@@ -134,8 +134,8 @@ def _resample(line_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> NDArray[np.float64]:
     """Roll, pitch and heading noise (knots, 3) in radians, at knots `motion.knot_m` apart."""
     sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
-    tilts = [wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg]
-    heading = wander(rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG)
+    tilts = [_wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg]
+    heading = _wander(rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG)
     return np.deg2rad(np.stack([*tilts, heading], 1))
 
 
@@ -152,7 +152,24 @@ def _pilot(
 ) -> NDArray[np.float64]:
     """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and angle."""
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
-    bearing_deg = wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
-    range_m = PILOT_BEHIND_M + wander(rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M)
+    bearing_deg = _wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
+    range_m = PILOT_BEHIND_M + _wander(rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M)
     towards = heading + np.deg2rad(180.0 + side_deg + bearing_deg)
     return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(towards), np.sin(towards)], 1))
+
+
+def _wander(
+    rng: np.random.Generator, steps: int, step_m: float, sd: float, correlation_m: float, clip: float
+) -> NDArray[np.float64]:
+    """A stationary Gauss–Markov process (steps,) of deviation `sd` and length `correlation_m`, clipped at ± `clip`."""
+    keep = np.exp(-step_m / correlation_m)
+    pushes = rng.normal(0, sd * np.sqrt(1 - keep**2), steps)
+    pushes[0] = rng.normal(0, sd)
+    return np.asarray(lfilter([1.0], [1.0, -keep], pushes)).clip(-clip, clip)
+
+
+def _smooth(values: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+    """`values` (n,) smoothed by a Hann window of `samples`; beyond the ends the first and last values are repeated."""
+    window = np.hanning(samples + 2)[1:-1]
+    held = np.concatenate([np.repeat(values[:1], samples), values, np.repeat(values[-1:], samples)])
+    return np.convolve(held, window / window.sum(), "same")[samples:-samples]

@@ -42,11 +42,7 @@ def furnish_streets(rng: np.random.Generator, draft: Draft) -> None:
 
 
 def _beside(
-    draft: Draft,
-    street: int,
-    along: NDArray[np.float64],
-    left: NDArray[np.float64],
-    stations: list[tuple[float, float]],
+    draft: Draft, street: int, along: NDArray[np.float64], left: NDArray[np.float64], stations: list[tuple[float, float]]
 ) -> NDArray[np.float64]:
     """World points (n, 2) in metres of pairs (metres along the street, metres left of its middle)."""
     table = np.array(stations).reshape(-1, 2)

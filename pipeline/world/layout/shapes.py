@@ -32,7 +32,7 @@ class Kind(IntEnum):
 
 
 class Species(IntEnum):
-    """The species of a porous shape, which determines its extinction over the year (`season.extinction_per_m`)."""
+    """The species of a porous shape, which determines its extinction over the year (`day.extinction_per_m`)."""
 
     SOLID = -1
     DECIDUOUS = 0

@@ -21,10 +21,10 @@ class KittiWriter(FilesWriter):
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the calibration, the times since the first scan, and the poses of cam0 in its first frame; no odometry."""
         log = kitti_log(self.sequence)
-        kitti.write_calib(kitti.calib_path(self.folder, log))
-        kitti.write_times(kitti.times_path(self.folder, log), (drive.scan_utimes - drive.scan_utimes[0]) / 1e6)
+        kitti.write_calib(self.folder / kitti.CALIB.format(log=log))
+        kitti.write_times(self.folder / kitti.TIMES.format(log=log), (drive.scan_utimes - drive.scan_utimes[0]) / 1e6)
         world_T_cam = drive.world_T_body[drive.scan_rows] @ self.body_T_sensor @ np.linalg.inv(kitti.CAM_T_VELO)
-        kitti.write_poses(kitti.poses_path(self.folder, log), np.linalg.inv(world_T_cam[0]) @ world_T_cam)
+        kitti.write_poses(self.folder / kitti.POSES.format(log=log), np.linalg.inv(world_T_cam[0]) @ world_T_cam)
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """velodyne/<scan>.bin."""
@@ -32,4 +32,4 @@ class KittiWriter(FilesWriter):
         (self._scans() / f"{scan:06d}.bin").write_bytes(data)
 
     def _scans(self) -> Path:
-        return kitti.scan_folder(self.folder, kitti_log(self.sequence))
+        return self.folder / kitti.SCANS.format(log=kitti_log(self.sequence))

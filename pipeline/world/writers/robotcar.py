@@ -8,9 +8,8 @@ import numpy as np
 from pipeline.formats import robotcar
 from pipeline.frames import flip_ned, pose
 from pipeline.world.driving.drive import Drive
-from pipeline.world.driving.ins import simulate_ins
 from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns
-from pipeline.world.driving.odometry import visual_odometry
+from pipeline.world.driving.odometry import simulate_ins, visual_odometry
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.files import FilesWriter, xyzrpy
 
@@ -29,21 +28,21 @@ class RobotCarWriter(FilesWriter):
     """Writes one sequence into its folder."""
 
     def open(self) -> None:
-        robotcar.sweep_folder(self.folder, "", LASER).mkdir(parents=True, exist_ok=True)
+        (self.folder / LASER).mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the extrinsics, the stamps of the sweeps, the visual odometry, and the INS with its outages."""
         robotcar.write_extrinsics(self.folder / "extrinsics")
-        robotcar.write_timestamps(robotcar.timestamps_path(self.folder, "", LASER), drive.scan_utimes)
+        robotcar.write_timestamps(self.folder / robotcar.STAMPS.format(laser=LASER), drive.scan_utimes)
         images, rows = (np.arange(drive.utimes[0], drive.utimes[-1], step_us) for step_us in (IMAGES_US, INS_US))
         motion = visual_odometry(noise(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE)
-        robotcar.write_vo(robotcar.vo_path(self.folder, ""), images, xyzrpy(flip_ned(motion)))
+        robotcar.write_vo(self.folder / robotcar.VO, images, xyzrpy(flip_ned(motion)))
         reported, good = simulate_ins(noise(Stream.OUTAGES), drive.at(rows) @ BODY_T_VEHICLE)
         reported[:, :3, 3] += ORIGIN_M
         statuses = np.where(good, robotcar.INS_GOOD, BLIND).tolist()
-        robotcar.write_ins(robotcar.ins_path(self.folder, ""), rows, statuses, xyzrpy(flip_ned(reported) @ VEHICLE_T_INS))
+        robotcar.write_ins(self.folder / robotcar.INS, rows, statuses, xyzrpy(flip_ned(reported) @ VEHICLE_T_INS))
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """lms_front/<utime>.bin."""
         data = robotcar.encode_sweep(returns.points_m[:, :2], returns.intensity)
-        (robotcar.sweep_folder(self.folder, "", LASER) / f"{utime}.bin").write_bytes(data)
+        (self.folder / LASER / f"{utime}.bin").write_bytes(data)
