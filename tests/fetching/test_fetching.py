@@ -161,16 +161,60 @@ def arrived(served: Served) -> list[int]:
 # One file
 
 
-def test_a_file_comes_whole(big: Served, tmp_path: Path) -> None:
+TEN, RANGE = 10 * CHUNK, f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}"
+
+
+@pytest.mark.parametrize(
+    ("answers", "starts"),
+    [
+        ([], [0]),
+        # Whole chunks of 65,536 bytes are kept: of 10 and a half chunks ten, then of five more all.
+        ([drops(TEN + CHUNK // 2), drops(5 * CHUNK)], [0, TEN, 15 * CHUNK]),
+        # A server that ignores ranges sends all again.
+        ([drops(TEN), says(200, len(BIG), BIG)], [0, TEN]),
+        # Another part than was asked for is thrown away.
+        ([drops(TEN), says(206, 10, bytes(10), Content_Range="bytes 0-9/10")], [0, TEN, 0]),
+        ([drops(TEN), says(206, 10, bytes(10), Content_Range=f"bytes {TEN}-{TEN + 9}/{len(BIG)}")], [0, TEN, 0]),
+        ([drops(TEN), says(206, 10, bytes(10))], [0, TEN, 0]),
+        ([drops(TEN), says(416, 0, Content_Range="bytes */5")], [0, TEN, 0]),
+        # The right part, of a file that has changed, from a server that ignores If-Range.
+        ([drops(TEN), says(206, REST, BIG[-REST:], Content_Range=RANGE, ETag='"another"')], [0, TEN, 0]),
+        ([hangs], [0, 0]),
+        *(([says(status), says(status)], [0, 0, 0]) for status in (408, 429, 500, 502, 503, 504)),
+    ],
+)
+def test_a_file_comes_whole_whatever_happens_on_the_way(
+    big: Served, tmp_path: Path, answers: list[Answer], starts: list[int]
+) -> None:
+    big.answers = list(answers)
     assert download(big, tmp_path / "big") == BIG
     assert [path.name for path in tmp_path.iterdir()] == ["big"]
+    assert arrived(big) == starts
 
 
-def test_a_dropped_connection_is_taken_up_where_it_broke_off(big: Served, tmp_path: Path) -> None:
-    # Whole chunks of 65,536 bytes are kept: of 10 and a half chunks ten, then of five more all.
-    big.answers = [drops(10 * CHUNK + CHUNK // 2), drops(5 * CHUNK)]
-    assert download(big, tmp_path / "big") == BIG
-    assert arrived(big) == [0, 10 * CHUNK, 15 * CHUNK]
+@pytest.mark.parametrize(
+    ("answers", "asked", "match"),
+    [
+        ([hangs] * 9, 3, "gave up after 3 tries, the last one: ReadTimeout"),
+        ([says(503)] * 9, 3, "gave up after 3 tries, the last one: TryAgainError: 503"),
+        ([says(200, len(BIG) + 5, BIG, ETag='"x"'), *[says(200, len(BIG) + 5, BIG)] * 9], 3, "gave up after 3 tries"),
+        *(([says(status)], 1, f"/big: the server says {status} .*is there such a") for status in (400, 401, 403, 404, 410)),
+        ([says(200, None, BIG)], 1, "does not say how long the file is"),
+        ([says(200, -1)], 1, "does not say how long the file is"),
+        ([says(200, len(BIG), BIG, Content_Encoding="br")], 1, "does not say how long the file is"),
+        *(
+            ([says(301, Location=to)], 1, "is the base address right")
+            for to in ("file:///etc/passwd", "ftp://127.0.0.1/big", "gopher:x", "http://[", "javascript:1")
+        ),
+        ([says(301, Location="/big")] * 50, 6, "more than 5 times"),
+    ],
+)
+def test_a_file_that_cannot_come_is_one_line(big: Served, tmp_path: Path, answers: list[Answer], asked: int, match: str) -> None:
+    big.answers = list(answers)
+    with one_line(LogError, match):
+        download(big, tmp_path / "big", tries=3)
+    assert len(big.seen) == asked
+    assert not (tmp_path / "big").exists()
 
 
 def test_a_later_call_goes_on_from_what_an_earlier_one_kept(big: Served, tmp_path: Path) -> None:
@@ -218,11 +262,6 @@ def test_a_file_that_arrived_whole_before_a_kill_is_not_asked_for_again(big: Ser
     assert len(big.gets()) == 1
 
 
-def test_a_server_that_ignores_ranges_sends_it_whole_again(big: Served, tmp_path: Path) -> None:
-    big.answers = [drops(10 * CHUNK), says(200, len(BIG), BIG)]
-    assert download(big, tmp_path / "big") == BIG
-
-
 def test_a_file_that_changed_between_tries_is_not_pieced_together(big: Served, tmp_path: Path) -> None:
     def changes(handler: Handler, data: bytes) -> bool:
         done = drops(10 * CHUNK)(handler, data)
@@ -233,23 +272,6 @@ def test_a_file_that_changed_between_tries_is_not_pieced_together(big: Served, t
     assert download(big, tmp_path / "big") == BIG[::-1]
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [
-        says(206, 10, bytes(10), Content_Range="bytes 0-9/10"),
-        says(206, 10, bytes(10), Content_Range=f"bytes {10 * CHUNK}-{10 * CHUNK + 9}/{len(BIG)}"),
-        says(206, 10, bytes(10)),
-        says(416, 0, Content_Range="bytes */5"),
-        # The right part, of a file that has changed, from a server that ignores If-Range.
-        says(206, REST, BIG[-REST:], Content_Range=f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}", ETag='"another"'),
-    ],
-)
-def test_another_part_than_was_asked_for_is_thrown_away(big: Served, tmp_path: Path, answer: Answer) -> None:
-    big.answers = [drops(10 * CHUNK), answer]
-    assert download(big, tmp_path / "big") == BIG
-    assert arrived(big) == [0, 10 * CHUNK, 0]
-
-
 @pytest.mark.parametrize("tag", ["", 'W/"weak"', "torn"])
 def test_without_a_strong_tag_nothing_is_resumed(big: Served, tmp_path: Path, tag: str) -> None:
     big.tag = tag
@@ -258,75 +280,11 @@ def test_without_a_strong_tag_nothing_is_resumed(big: Served, tmp_path: Path, ta
     assert arrived(big) == [0, 0]
 
 
-@pytest.mark.parametrize("status", [408, 429, 500, 502, 503, 504])
-def test_an_error_that_may_pass_is_waited_out(big: Served, tmp_path: Path, status: int) -> None:
-    big.answers = [says(status), says(status)]
-    assert download(big, tmp_path / "big") == BIG
-
-
-def test_a_server_that_says_nothing_is_not_waited_for_without_end(big: Served, tmp_path: Path) -> None:
-    big.answers = [hangs]
-    assert download(big, tmp_path / "big") == BIG
-    big.answers = [hangs, hangs]
-    with pytest.raises(LogError, match=r"gave up after 2 tries, the last one: ReadTimeout"):
-        download(big, tmp_path / "again", tries=2)
-
-
-def test_tries_are_bounded(big: Served, tmp_path: Path) -> None:
-    big.answers = [says(503)] * 9
-    with pytest.raises(LogError, match=r"gave up after 4 tries, the last one: TryAgainError: 503"):
-        download(big, tmp_path / "big", tries=4)
-    assert len(big.gets()) == 4
-
-
-@pytest.mark.parametrize("status", [400, 401, 403, 404, 410])
-def test_a_refusal_is_not_asked_again(big: Served, tmp_path: Path, status: int) -> None:
-    big.answers = [says(status)]
-    with one_line(LogError, f"/big: the server says {status} .*is there such a sequence"):
-        download(big, tmp_path / "big")
-    assert len(big.gets()) == 1
-
-
-def test_a_server_that_claims_more_than_it_sends_is_given_up(big: Served, tmp_path: Path) -> None:
-    big.answers = [says(200, len(BIG) + 5, BIG, ETag='"x"')] + [says(200, len(BIG) + 5, BIG)] * 2
-    with pytest.raises(LogError, match="gave up after 3 tries"):
-        download(big, tmp_path / "big", tries=3)
-    assert not (tmp_path / "big").exists()
-
-
-@pytest.mark.parametrize(
-    "answer",
-    [says(200, None, BIG), says(200, -1), says(200, len(BIG), BIG, Content_Encoding="br")],
-    ids=["none", "minus", "coded"],
-)
-def test_a_length_that_cannot_be_checked_is_refused(big: Served, tmp_path: Path, answer: Answer) -> None:
-    big.answers = [answer]
-    with pytest.raises(LogError, match="does not say how long the file is"):
-        download(big, tmp_path / "big")
-
-
 def test_a_redirection_is_followed_and_the_rest_asked_for_there(big: Served, tmp_path: Path) -> None:
     big.files["moved"] = BIG
     big.answers = [says(302, Location="/moved"), drops(5 * CHUNK), says(307, Location=f"{big.address}moved")]
     assert download(big, tmp_path / "big") == BIG
     assert big.gets() == [("big", None), ("moved", None), ("big", f"bytes={5 * CHUNK}-"), ("moved", f"bytes={5 * CHUNK}-")]
-
-
-@pytest.mark.parametrize(
-    ("to", "says_why", "asked"),
-    [
-        *((to, "is the base address right", 1) for to in ("file:///etc/passwd", "ftp://127.0.0.1/big", "gopher:x")),
-        *((to, "is the base address right", 1) for to in ("http://[", "javascript:1")),
-        ("/big", "more than 5 times", 6),
-    ],
-)
-def test_a_redirection_elsewhere_than_to_the_web_or_without_end_is_refused(
-    big: Served, tmp_path: Path, to: str, says_why: str, asked: int
-) -> None:
-    big.answers = [says(301, Location=to)] * 50
-    with one_line(LogError, says_why):
-        download(big, tmp_path / "big")
-    assert len(big.seen) == asked
 
 
 def test_a_redirection_from_https_to_http_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
