@@ -1,4 +1,4 @@
-"""Do queries see the principal axes of their nearest training pose again, on which M2DP stands?
+"""Do queries have the same principal axes as their nearest training pose, as M2DP needs?
 
 `python -m benchmarks.axes campus TRAIN TEST TEST …` after `dvc repro`.
 """
@@ -15,7 +15,7 @@ from pipeline.views import m2dp_kernel as kernel
 from pipeline.views.m2dp import principal_axes
 
 EVERY = 4
-"""Of so many submaps one is looked at."""
+"""One of so many submaps is measured."""
 NEAR_M = 5.0
 SAME = 0.9
 """Cosine of axes that count as the same: 26°."""
@@ -40,8 +40,8 @@ def measure(study: str, train: str, test: str) -> str:
     cosine = np.einsum("qij,qij->qj", axes, trained[away_m.argmin(axis=1)])[seen]
     same = (cosine > SAME).all(axis=1)
     flipped = (np.abs(cosine) > SAME).all(axis=1) & ~same
-    told = f"same {same.mean():.3f}, flipped {flipped.mean():.3f}, turned {1 - same.mean() - flipped.mean():.3f}"
-    return f"{study} {test}: of {seen.sum()} queries within {NEAR_M:g} m of a training pose, principal axes {told}"
+    shares = f"same {same.mean():.3f}, flipped {flipped.mean():.3f}, turned {1 - same.mean() - flipped.mean():.3f}"
+    return f"{study} {test}: of {seen.sum()} queries within {NEAR_M:g} m of a training pose, principal axes {shares}"
 
 
 if __name__ == "__main__":

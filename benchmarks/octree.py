@@ -26,7 +26,7 @@ Drive = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 def drive() -> tuple[str, Drive]:
-    """What is raced on: 16 scans, about 0.9 m apart."""
+    """The input of the races: 16 scans, about 0.9 m apart."""
     root = Path(os.environ.get("YEARLOC_KITTI", ""))
     if "YEARLOC_KITTI" in os.environ:
         log = Kitti().open(root, "00")
@@ -59,11 +59,11 @@ def octomap(octree: Octree, discretize: bool, recorded: Drive) -> Callable[[int]
 
 def ours(octree: Octree, recorded: Drive) -> Callable[[int], object]:
     """All scans into the map that there is: it decays, its window follows, and its memory never grows."""
-    made = octree.grow()
+    grown = octree.grow()
 
     def insert(_: int) -> None:
         for points, pose in recorded:
-            made.insert(points, pose)
+            grown.insert(points, pose)
 
     return insert
 
@@ -80,12 +80,12 @@ def _insertion(name: str, recorded: Drive, depth: int) -> Race:
         "yearloc, a ray a cell": ours(octree, short),
         "yearloc, all rays": ours(Octree(depth=depth, rays="all"), short),
     }
-    said = "OctoMap not raced: pyoctomap is not installed"
+    note = "OctoMap not raced: pyoctomap is not installed"
     if find_spec("pyoctomap"):
-        said = _agree(Octree(depth=depth, motion="none"), recorded)
+        note = _agree(Octree(depth=depth, motion="none"), recorded)
         candidates["OctoMap, discretised: a ray a cell"] = octomap(octree, True, short)
         candidates["OctoMap, all rays"] = octomap(octree, False, short)
-    title = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, 50 m around the robot, {name} ({said})"
+    title = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, 50 m around the robot, {name} ({note})"
     return race(title, candidates, rounds=3)
 
 
@@ -93,16 +93,16 @@ def _agree(octree: Octree, recorded: Drive) -> str:
     """Compare a map of one scan with OctoMap's at a sample of the window's leaves."""
     pyoctomap = import_module("pyoctomap")
     points, pose = recorded[5]
-    made, tree = octree.grow(), pyoctomap.OcTree(octree.leaf_m)
-    made.insert(points, pose)
+    grown, tree = octree.grow(), pyoctomap.OcTree(octree.leaf_m)
+    grown.insert(points, pose)
     sensor = pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m)
     world = np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3])
     tree.insertPointCloud(world, sensor, max_range=octree.reach_m, discretize=True)
-    cells = np.argwhere(made.log_odds != 0)[::7]
-    middles = made.corner_m + (cells + 0.5) * made.leaf_m
+    cells = np.argwhere(grown.log_odds != 0)[::7]
+    middles = grown.corner_m + (cells + 0.5) * grown.leaf_m
     nodes = [tree.search(middle.tolist()) for middle in middles]
     same = [
-        node is not None and (node.getLogOdds() > 0) == (made.log_odds[tuple(cell)] > 0)
+        node is not None and (node.getLogOdds() > 0) == (grown.log_odds[tuple(cell)] > 0)
         for node, cell in zip(nodes, cells, strict=True)
     ]
     if np.mean(same) < 0.999:
@@ -112,11 +112,11 @@ def _agree(octree: Octree, recorded: Drive) -> str:
 
 def _sweeps(recorded: Drive) -> Race:
     octree = Octree()
-    made, sweeps = octree.grow(), [(points[::220], pose) for points, pose in recorded]
-    copy, leaves = np.empty_like(made.log_odds), made.log_odds
+    grown, sweeps = octree.grow(), [(points[::220], pose) for points, pose in recorded]
+    copy, leaves = np.empty_like(grown.log_odds), grown.log_odds
     return race(
         "a sweep of some 540 points into the same map",
-        {"yearloc": lambda i: made.insert(*sweeps[i % 16]), "memcpy of the leaves": lambda _: np.copyto(copy, leaves)},
+        {"yearloc": lambda i: grown.insert(*sweeps[i % 16]), "memcpy of the leaves": lambda _: np.copyto(copy, leaves)},
         rounds=100,
     )
 

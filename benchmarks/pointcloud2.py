@@ -31,13 +31,13 @@ def messages(number: int = 16, unaligned: int = 0) -> list[Message]:
     """So many that they do not stay in a core's own cache; one point in a hundred is NaN."""
     rng = np.random.default_rng(0)
     fields: list[Field] = [SimpleNamespace(name=name, offset=4 * i, datatype=7, count=1) for i, name in enumerate("xyzi")]
-    made = []
+    found = []
     for _ in range(number):
         points = rng.normal(0, 30, (POINTS, STEP // 4)).astype("<f4")
         points[rng.integers(0, POINTS, POINTS // 100), 0] = np.nan
         data = np.frombuffer(bytes(unaligned) + points.tobytes(), np.uint8)[unaligned:]
-        made.append(Message(data, fields))
-    return made
+        found.append(Message(data, fields))
+    return found
 
 
 def structured(message: Message) -> NDArray[np.float32]:

@@ -15,15 +15,15 @@ def scans(number: int = 16, points: int = 120_000) -> list[NDArray[np.float32]]:
     rng = np.random.default_rng(0)
     azimuth = np.repeat(np.linspace(0, 2 * np.pi, points // 64, endpoint=False), 64)
     elevation = np.tile(np.deg2rad(np.linspace(-24.8, 2.0, 64)), points // 64)
-    made = []
+    clouds = []
     for _ in range(number):
         wall_m = 8 + 30 * np.abs(np.sin(azimuth * rng.integers(1, 4) + rng.uniform(0, 6))) + rng.normal(0, 0.05, len(azimuth))
         ground_m = np.where(elevation < 0, 1.73 / np.maximum(-np.sin(elevation), 1e-6), np.inf)
         range_m = np.minimum(wall_m, ground_m)
         turned = azimuth + rng.uniform(0, 2 * np.pi)
         xyz = np.stack([np.cos(turned) * np.cos(elevation), np.sin(turned) * np.cos(elevation), np.sin(elevation)], axis=1)
-        made.append((xyz * range_m[:, None] + (0, 0, 1.73)).astype(np.float32))
-    return made
+        clouds.append((xyz * range_m[:, None] + (0, 0, 1.73)).astype(np.float32))
+    return clouds
 
 
 def reference(points: NDArray[np.float32]) -> NDArray[np.float32]:

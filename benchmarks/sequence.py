@@ -56,7 +56,7 @@ def plain(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> tuple[ND
 
 
 def run() -> list[Race]:
-    """One thread, made-up images and differences: what they hold changes no time."""
+    """One thread, random images and differences: their values do not change the time."""
     rng = np.random.default_rng(0)
     references = rng.integers(0, 256, (FEW, PIXELS), dtype=np.uint8)
     queries = np.where(rng.random((FEW, PIXELS)) < 0.3, references, rng.integers(0, 256, (FEW, PIXELS), dtype=np.uint8))
