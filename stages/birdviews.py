@@ -22,8 +22,8 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         done = instantiate(cfg.compute).each(lambda sequence: draw(cfg, sequence, folder), sequences)
-        told = list(ProgressBar().track(done, len(sequences), "draw"))
-    return "; ".join(told)
+        lines = list(ProgressBar().track(done, len(sequences), "draw"))
+    return "; ".join(lines)
 
 
 def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:

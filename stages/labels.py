@@ -17,10 +17,10 @@ def main(cfg: DictConfig) -> str:
     trained = cfg.train.split()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        told = [
+        lines = [
             labelled(cfg, sequence, sequence if sequence in trained else trained[0], folder) for sequence in cfg.sequences.split()
         ]
-    return "; ".join(told)
+    return "; ".join(lines)
 
 
 def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
@@ -34,8 +34,8 @@ def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
         for name, column in asdict(labels).items():
             out.put(name, column)
     seen = int((labels.places >= 0).sum())
-    told = "" if seen else ": no submap lies at a place of training, do the poses of both share a frame?"
-    return f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places of {grid.cell_m:g} m{told}"
+    hint = "" if seen else ": no submap lies at a place of training, do the poses of both share a frame?"
+    return f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places of {grid.cell_m:g} m{hint}"
 
 
 if __name__ == "__main__":

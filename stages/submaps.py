@@ -17,23 +17,23 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         done = instantiate(cfg.compute).each(lambda sequence: cut(cfg, sequence, folder), sequences)
-        told = list(ProgressBar().track(done, len(sequences), "cut"))
-    return "; ".join(told)
+        lines = list(ProgressBar().track(done, len(sequences), "cut"))
+    return "; ".join(lines)
 
 
 def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The submaps of one sequence."""
     scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-    made = instantiate(cfg.submap).cut(scans, Progress())
-    left_out = "".join(f", {count} left out ({reason})" for reason, count in sorted(made.left_out.items()))
-    if not len(made.scans):
+    submaps = instantiate(cfg.submap).cut(scans, Progress())
+    left_out = "".join(f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items()))
+    if not len(submaps.scans):
         raise ArtifactError(f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from it{left_out}")
-    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, layout=made.layout, left_out=dict(made.left_out)) as out:
+    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, layout=submaps.layout, left_out=dict(submaps.left_out)) as out:
         for name in ("first", "scans", "ground_m", "used"):
-            out.put(name, getattr(made, name))
-        out.put("stamps_ns", scans.load("stamps_ns")[made.scans])
-        out.put("world_T_anchor", scans.load("world_T_scan")[made.scans])
-    return f"{sequence}: {len(made.scans)} submaps of {len(made.used)} scans{left_out}"
+            out.put(name, getattr(submaps, name))
+        out.put("stamps_ns", scans.load("stamps_ns")[submaps.scans])
+        out.put("world_T_anchor", scans.load("world_T_scan")[submaps.scans])
+    return f"{sequence}: {len(submaps.scans)} submaps of {len(submaps.used)} scans{left_out}"
 
 
 if __name__ == "__main__":

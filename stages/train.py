@@ -30,8 +30,8 @@ def main(cfg: DictConfig) -> str:
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
-    told = f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training"
-    return f"{told}: {numbers}" if numbers else told
+    line = f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training"
+    return f"{line}: {numbers}" if numbers else line
 
 
 def joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:

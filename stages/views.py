@@ -1,4 +1,4 @@
-"""Submaps → one view of each, as a method looks at it."""
+"""Submaps → one view of each."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -28,15 +28,15 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         if opened(cfg, sequences[0]).one_scan_each:
-            told = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
+            lines = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
         else:  # neighbouring submaps share scans: sequences are drawn side by side, not blocks
             done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()), sequences)
-            told = list(ProgressBar().track(done, len(sequences), "draw"))
-    return "; ".join(told)
+            lines = list(ProgressBar().track(done, len(sequences), "draw"))
+    return "; ".join(lines)
 
 
 def opened(cfg: DictConfig, sequence: str) -> Drawing:
-    """One sequence's submaps and scans, and the view to draw of them."""
+    """One sequence's scans and submaps, and the view to compute."""
     scans, submaps = Path(cfg.scans, f"{sequence}.zarr"), Path(cfg.submaps, f"{sequence}.zarr")
     return Drawing(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), instantiate(cfg.view))
 

@@ -1,8 +1,8 @@
-"""Alterations: what is done to the points of a query before anything is drawn of them (SCI paper, section V; METHODS 2.8).
+"""Alterations: changes to the points of a query before its view is computed (SCI paper, section V; METHODS 2.8).
 
-Every draw is made with `default_rng((alteration.seed, stamp_ns))`, anew for each query and each of its cases. So all methods are
-asked with the same changes, and cases that draw the same numbers first share what these stand for: the larger wedge begins where
-the smaller one does, the second wall comes to the first.
+Each query and each of its cases gets a fresh `default_rng((alteration.seed, stamp_ns))`. So all methods get the same changes, and
+cases that use the same random numbers first agree in them: a wider wedge begins where the narrower one does, and two walls are
+the one wall and another.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,16 +19,16 @@ TURNED = "turned"
 
 @dataclass(frozen=True)
 class Case:
-    """One of the ways in which an alteration meets every query; the first of each alteration leaves them as driven."""
+    """One change of an alteration, made to every query; each alteration's first case changes nothing."""
 
     change: str = AS_DRIVEN
     """`turned`, `demolition`, `construction`; empty for a query as it was driven."""
     level: float = 0.0
     """Degrees of a wedge, or number of walls."""
     shadow: bool = False
-    """What lies behind a new wall is hidden by it."""
+    """Points behind a new wall are removed."""
     repeat: int = 0
-    """Of drawings that differ by chance alone."""
+    """Number of the random repeat."""
 
 
 def read_cases(attrs: Mapping[str, Any]) -> list[Case]:
@@ -41,11 +41,11 @@ class Alteration(Protocol):
 
     @property
     def seed(self) -> int:
-        """Of every draw, with the stamp of the query's anchor."""
+        """Seeds the random numbers, together with the stamp of the query's anchor."""
 
     @property
     def cases(self) -> Sequence[Case]:
-        """What it makes of each query, one after the other; the first is as driven."""
+        """The cases of each query; the first is as driven."""
 
     def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
         """Points (m, 3) of one query of (n, 3), z up from the ground around the sensor, and by how many radians the robot is

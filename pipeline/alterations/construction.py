@@ -1,4 +1,4 @@
-"""Construction: walls that were not there, with or without what they hide (SCI paper, Fig. 9; METHODS 2.8)."""
+"""Construction: new walls, with or without the occlusion they cause (SCI paper, Fig. 9; METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence
@@ -19,16 +19,16 @@ OWN_M = 1e-6
 
 @dataclass(frozen=True)
 class Construction:
-    """Adds the points of walls that stand upright on the ground, and maybe takes away what lies behind them."""
+    """Adds the points of upright walls; with a shadow, removes the points behind them."""
 
     walls: Sequence[int] = (1, 2, 3)
-    """A case each, without and with shadow. The first walls of a query are the same in all of them."""
+    """Numbers of walls, a case each. A query's first walls are the same in all cases."""
     shadows: Sequence[bool] = (False, True)
-    """With one, no point is left that a new wall hides from the sensor, the other new walls' points among them."""
+    """Whether points that a new wall hides from the sensor are removed, those of the other new walls included."""
     seed: int = 0
-    """Of the walls, with each query's stamp: see pipeline.alterations."""
+    """See pipeline.alterations."""
     nearest_m: float = 5.0
-    """Distance from the sensor to the middle of a wall, at least; all these ranges are drawn from evenly."""
+    """Least distance from the sensor to the middle of a wall; all these ranges are sampled uniformly."""
     farthest_m: float = 20.0
     shortest_m: float = 5.0
     longest_m: float = 20.0
@@ -36,7 +36,7 @@ class Construction:
     """Height of a wall, at least."""
     highest_m: float = 10.0
     skew_deg: float = 30.0
-    """A wall is turned by so much at most, either way, from standing square to the ray to its middle."""
+    """Largest angle, either way, between a wall's normal and the ray to its middle."""
     spacing_m: float = 0.2
     """From one point of a wall to the next, along it and up."""
     sensor_height_m: float = 1.3
@@ -70,14 +70,14 @@ class Construction:
         """The points (m, 3), behind them those of `case.level` walls, and no turn."""
         if case.change == AS_DRIVEN:
             return points_m, 0.0
-        walls = self.drawn(int(case.level), rng)
+        walls = self.random_walls(int(case.level), rng)
         points = np.concatenate([points_m, *(wall.points(self.spacing_m) for wall in walls)])
         if case.shadow:
             points = points[~np.any([wall.hides(points, self.sensor_height_m) for wall in walls], axis=0)]
         return points, 0.0
 
-    def drawn(self, count: int, rng: np.random.Generator) -> list["Wall"]:
-        """So many random walls."""
+    def random_walls(self, count: int, rng: np.random.Generator) -> list["Wall"]:
+        """`count` random walls."""
         skew_rad = math.radians(self.skew_deg)
         low = (0.0, self.nearest_m, self.shortest_m, self.lowest_m, -skew_rad)
         high = (2 * math.pi, self.farthest_m, self.longest_m, self.highest_m, skew_rad)

@@ -1,4 +1,4 @@
-"""Demolition: nothing comes back from a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
+"""Demolition: no points in a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence
@@ -16,12 +16,12 @@ DEMOLITION = "demolition"
 
 @dataclass(frozen=True)
 class Demolition:
-    """Takes away all points whose azimuth lies in a wedge, the ground among them."""
+    """Removes all points, ground included, whose azimuth lies in a wedge."""
 
     widths_deg: Sequence[float] = (30, 60, 90)
-    """A case each. All of a query begin at one random azimuth and widen to the left, so what one lacks a wider one lacks too."""
+    """Widths of the wedge, a case each. All wedges of a query begin at one random azimuth and open to the left."""
     seed: int = 0
-    """Of the azimuths, with each query's stamp: see pipeline.alterations."""
+    """See pipeline.alterations."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "widths_deg", tuple(self.widths_deg))

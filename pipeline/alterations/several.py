@@ -1,4 +1,4 @@
-"""Several alterations in one go, which share the case as driven."""
+"""Several alterations that share the case as driven."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from pipeline.errors import ConfigError
 
 @dataclass(frozen=True)
 class Several:
-    """The cases of its parts, one part after the other; each query meets one part at a time, drawn as it would be alone."""
+    """The cases of several alterations, one after the other; each case is that of its part alone."""
 
     parts: Sequence[Alteration]
     """All of one seed, and no two with a case in common but the first."""
@@ -35,6 +35,6 @@ class Several:
         return (Case(), *(case for part in self.parts for case in part.cases if case != Case()))
 
     def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
-        """As the part does whose case it is."""
+        """See the part that has this case."""
         (part, *_) = (part for part in self.parts if case in part.cases)
         return part.alter(case, points_m, rng)

@@ -1,4 +1,4 @@
-"""The robot turned by random angles on its place, before anything is drawn (SCI paper, Fig. 10; METHODS 2.8)."""
+"""The robot turned on the spot by random angles, before its view is computed (SCI paper, Fig. 10; METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from pipeline.running.settings import check, positive
 
 @dataclass(frozen=True)
 class Turned:
-    """Turns the points themselves, not the columns of a view."""
+    """Rotates the points, not the columns of a view."""
 
     repeats: int = 5
     """Angles of each query."""
     seed: int = 0
-    """Of the angles, with each query's stamp: see pipeline.alterations."""
+    """See pipeline.alterations."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")

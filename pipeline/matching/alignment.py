@@ -101,8 +101,8 @@ class Aligned:
         """
         cost = np.take_along_axis(sums, best[:, None], axis=1)[:, 0].astype(np.float64)
         other = runner_up(sums, best, self.how.length) - float(self.base)
-        told = np.isfinite(other) & (other > 0)
-        ratio = np.divide(cost - float(self.base), other, out=np.ones_like(cost), where=told)
+        defined = np.isfinite(other) & (other > 0)
+        ratio = np.divide(cost - float(self.base), other, out=np.ones_like(cost), where=defined)
         if not self.how.subtract_minimum:
             with np.errstate(divide="ignore"):
                 cost = -np.minimum(1 / cost, 1)

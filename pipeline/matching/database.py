@@ -1,4 +1,4 @@
-"""What a descriptor method keeps of the training sequence besides its descriptors, and how it answers with it."""
+"""The places and poses of training submaps, and rankings of queries by their nearest descriptors."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,7 +18,7 @@ from pipeline.running.settings import check, positive
 
 PREFIX = "database/"
 QUERIES = 256
-"""Asked at once when each is held against the whole database."""
+"""Queries per block when each is compared with the whole database."""
 KIND = "distance"
 """The one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)."""
 Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]]
@@ -27,13 +27,13 @@ Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float
 
 @dataclass(frozen=True)
 class DescriptorMethod:
-    """What all methods have in common that answer with the nearest of a database."""
+    """Settings of every method that answers with the nearest of a database."""
 
     distinct_places: bool = False
     """Rank places, each once where its nearest training row lies, instead of training rows."""
     held_out_every_m: float = 40.0
     held_out_length_m: float = 4.0
-    """One block of this length in every `held_out_every_m` of the training path chooses what is to be chosen."""
+    """One block of this length in every `held_out_every_m` of the training path is held out to choose thresholds."""
     neighbour_m: float = 20.0
     """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
 
@@ -44,7 +44,7 @@ class DescriptorMethod:
 
 @dataclass(frozen=True)
 class Database:
-    """A row a training submap."""
+    """Place and pose of each training submap."""
 
     places: NDArray[np.int64]
     """(n,)."""
@@ -62,26 +62,26 @@ class Database:
 
     @classmethod
     def of(cls, model: Model) -> Self:
-        """What a model holds of it."""
+        """The database in a model."""
         return cls(**{name.removeprefix(PREFIX): model[name] for name in model if name.startswith(PREFIX)})
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """As a part of a model."""
+        """Its arrays, as they are stored in a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """How held-out blocks of the path fare against the rest of it, and with their surroundings forgotten.
+        """Results of held-out blocks of the path against the rest of it, with and without the blocks' surroundings.
 
-        The database that answers the year holds the blocks too: nothing but a threshold is chosen on them.
+        The model's database holds the blocks too: only a threshold is chosen on them.
         """
         held = holdout.blocks(views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m)
         held = held if held.any() else ~held  # a path too short for blocks: each of its views against the others
-        asked = np.flatnonzero(held)
-        others = asked[:, None] != np.arange(len(held)) if held.all() else np.broadcast_to(~held, (len(asked), len(held)))
-        away = others & ~near(self.xy_m[asked], self.xy_m, method.neighbour_m)
-        seen, found = search(asked, others)
-        unseen, _ = search(asked, np.where(away.any(axis=1, keepdims=True), away, others))
-        return Evidence(self.places[found] == self.places[asked], {KIND: seen}, {KIND: unseen})
+        queries = np.flatnonzero(held)
+        others = queries[:, None] != np.arange(len(held)) if held.all() else np.broadcast_to(~held, (len(queries), len(held)))
+        away = others & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
+        seen, found = search(queries, others)
+        unseen, _ = search(queries, np.where(away.any(axis=1, keepdims=True), away, others))
+        return Evidence(self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen})
 
     def answer(
         self,
@@ -128,9 +128,9 @@ class Database:
 def euclidean(descriptors: NDArray[np.float32]) -> Search:
     """The search among training's own descriptors (n, d)."""
 
-    def search(asked: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        distances = np.where(allowed, scipy.spatial.distance.cdist(descriptors[asked], descriptors), np.inf)
+    def search(queries: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        distances = np.where(allowed, scipy.spatial.distance.cdist(descriptors[queries], descriptors), np.inf)
         rows = distances.argmin(axis=1)
-        return distances[np.arange(len(asked)), rows], rows
+        return distances[np.arange(len(queries)), rows], rows
 
     return search

@@ -1,4 +1,4 @@
-"""Places known at several headings: the distance of a query's one code to the nearest of a place's (METHODS 5.4)."""
+"""The distance of a query's code to the nearest of the codes that a place has at several headings (METHODS 5.4)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,15 @@ def nearest_heading(codes: NDArray[np.floating], queries: NDArray[np.floating]) 
     if codes.ndim != 3 or queries.ndim != 2 or codes.shape[2] != queries.shape[1] or not 1 <= codes.shape[1] <= 256:
         raise InputError(f"queries of shape {queries.shape}: expected (m, d) for codes (n, heading, d) of shape {codes.shape}")
     places, headings, width = codes.shape
-    asked = queries.astype(np.float32)
-    centre = asked.sum(axis=0) / np.float32(max(len(asked), 1))  # about it vectors are shorter, and lose less in their squares
-    asked -= centre
-    lengths = np.vecdot(asked, asked)
-    distances, bins = np.empty((places, len(asked)), np.float32), np.zeros((places, len(asked)), np.uint8)
+    vectors = queries.astype(np.float32)
+    centre = vectors.sum(axis=0) / np.float32(max(len(vectors), 1))  # shorter vectors lose fewer digits in their squares
+    vectors -= centre
+    lengths = np.vecdot(vectors, vectors)
+    distances, bins = np.empty((places, len(vectors)), np.float32), np.zeros((places, len(vectors)), np.uint8)
     for first in range(0, places, PLACES):
         few = codes[first : first + PLACES].astype(np.float32)
         few -= centre
-        squares = -2 * (few.reshape(-1, width) @ asked.T).reshape(len(few), headings, len(asked))
+        squares = -2 * (few.reshape(-1, width) @ vectors.T).reshape(len(few), headings, len(vectors))
         squares += np.vecdot(few, few)[..., None]
         nearest, which = squares[:, 0].copy(), bins[first : first + PLACES]
         for heading in range(1, headings):

@@ -48,11 +48,11 @@ def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> ND
     if references.shape[1:] != queries.shape[1:]:
         raise InputError(f"queries of shape {queries.shape[1:]}: expected {references.shape[1:]} like the references")
     pixels = math.prod(references.shape[1:])
-    ours, asked = (np.ascontiguousarray(images, np.uint8).reshape(len(images), pixels) for images in (references, queries))
-    sums = np.empty((len(ours), len(asked)), np.int32)
-    _sums(ours, asked, sums)
+    left, right = (np.ascontiguousarray(images, np.uint8).reshape(len(images), pixels) for images in (references, queries))
+    sums = np.empty((len(left), len(right)), np.int32)
+    _sums(left, right, sums)
     scaled: NDArray[np.float32] = sums.astype(np.float32)
-    scaled /= max(len(ours), 1)
+    scaled /= max(len(left), 1)
     return scaled
 
 
@@ -86,9 +86,9 @@ def _sums(references, queries, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def _difference(ours, asked):  # type: ignore[no-untyped-def]
+def _difference(left, right):  # type: ignore[no-untyped-def]
     """In int32 throughout: only so does the compiler find the processor's own sum of absolute differences."""
     total = np.int32(0)
-    for p in range(len(ours)):
-        total = np.int32(total + np.int32(abs(np.int32(np.int32(ours[p]) - np.int32(asked[p])))))
+    for p in range(len(left)):
+        total = np.int32(total + np.int32(abs(np.int32(np.int32(left[p]) - np.int32(right[p])))))
     return total

@@ -1,4 +1,4 @@
-"""When to say "I have never been here": thresholds on novelty, chosen on what the training sequence held out."""
+"""Thresholds on novelty, above which a query is rejected as unseen; chosen on held-out blocks of the training sequence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,20 +18,20 @@ PREFIX = "held_out/"
 
 @dataclass(frozen=True)
 class Evidence:
-    """How a model fared on h held-out queries, each asked twice: as it is, and with the places around it forgotten.
+    """A model's results on h held-out queries, each ranked twice: with the whole database, and without the places around it.
 
-    The second time it stands for a query that training never saw.
+    The second stands for a query from a place that training never saw.
     """
 
     right: NDArray[np.bool_]
-    """(h,) the first answer was the true place; never, the second time."""
+    """(h,) whether the first answer was the true place, with the whole database."""
     seen: Mapping[str, NDArray[np.float64]]
-    """Kind of novelty to its values (h,) as it is."""
+    """Kind of novelty to its values (h,) with the whole database."""
     unseen: Mapping[str, NDArray[np.float64]]
-    """The same with the places around it forgotten."""
+    """Kind of novelty to its values (h,) without the places around the query."""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """As a part of a model."""
+        """Its arrays, as they are stored in a model."""
         parts = {"right": self.right}
         for name, kinds in (("seen", self.seen), ("unseen", self.unseen)):
             parts |= {f"{name}/{kind}": values.astype(np.float32) for kind, values in kinds.items()}
@@ -39,9 +39,9 @@ class Evidence:
 
     @classmethod
     def of(cls, model: Model) -> Self:
-        """What a model holds of it; raises InputError where it holds none."""
+        """The evidence in a model; raises InputError where it has none."""
         if PREFIX + "right" not in model:
-            raise InputError(f"the model has no {PREFIX}right: a method must say how it fared on held-out blocks")
+            raise InputError(f"the model has no {PREFIX}right: a method must store its evidence of held-out blocks")
         seen, unseen = (
             {name.removeprefix(part): model[name].astype(np.float64) for name in model if name.startswith(part)}
             for part in (f"{PREFIX}seen/", f"{PREFIX}unseen/")
@@ -56,9 +56,9 @@ class Evidence:
 
 
 def near(xy_m: NDArray[np.float64], others_m: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
-    """What to forget around each query: (h, m) whether others (m, 2) lie nearer than this to it (h, 2).
+    """Whether others (m, 2) lie nearer than `radius_m` to each query (h, 2): (h, m).
 
-    Nothing where all of them do: a query needs something to be compared with.
+    A row where all of them do is False throughout, since a query needs something to be compared with.
     """
     close = np.linalg.norm(others_m - xy_m[:, None], axis=2) < radius_m
     return np.asarray(close & ~close.all(axis=1, keepdims=True))

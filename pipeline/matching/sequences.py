@@ -1,4 +1,4 @@
-"""Methods that answer with the training rows that a run of queries drove past: what PFL, AFL and SAD have in common.
+"""Methods that match a sequence of queries with a sequence of training rows: PFL, AFL and SAD.
 
 SeqSLAM's contrast enhancement and search (METHODS 6) with paper 2's settings and scores (METHODS 5.5).
 """
@@ -20,12 +20,12 @@ from pipeline.matching.sequence import cheapest
 from pipeline.running.settings import positive
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
-"""How training rows (n,) differ from other training rows (m,) that ask: (n, m)."""
+"""Differences (n, m) of training rows (m,) as queries from other training rows (n,)."""
 
 
 @dataclass(frozen=True)
 class SequenceMethod(Alignment):
-    """A method whose queries, asked together, are one drive; it answers with the training rows that they drove past."""
+    """A method whose queries, passed together, are one drive; it answers with the training rows of the best matching sequence."""
 
     novelty: Literal["cost", "ratio"] = "cost"
     """The sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere."""
@@ -33,7 +33,7 @@ class SequenceMethod(Alignment):
     """Rank places, each once where its cheapest training row lies, instead of training rows."""
     held_out_every_m: float = 200.0
     held_out_length_m: float = 40.0
-    """One block of this length in every `held_out_every_m` of the training path chooses what is to be chosen."""
+    """One block of this length in every `held_out_every_m` of the training path is held out to choose epochs and thresholds."""
     neighbour_m: float = 20.0
     """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
 
@@ -82,10 +82,10 @@ class SequenceMethod(Alignment):
         return joined(parts)
 
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
-        """How the odd training rows of held-out blocks fare against the even ones, and with their surroundings forgotten.
+        """Results of the odd training rows of held-out blocks against the even rows, with and without the queries' surroundings.
 
-        All odd rows ask in a row, so that a sequence is whole and no query its own answer; all count on a path too short for
-        blocks.
+        All odd rows are matched as one sequence, which stays whole, and no query can match itself. On a path too short for blocks
+        all of them count.
         """
         n = len(database.places)
         even, odd = np.arange(0, n, 2), np.arange(min(1, n - 1), n, 2)
@@ -94,13 +94,13 @@ class SequenceMethod(Alignment):
         aligned = Aligned(self, difference(even, odd))
         right, seen, unseen = [], [], []
         for queries, sums in aligned.blocks():
-            asked, sums = odd[queries][counts[queries]], sums[counts[queries]]
-            if not len(asked):
+            rows, sums = odd[queries][counts[queries]], sums[counts[queries]]
+            if not len(rows):
                 continue
             best = sums.argmin(axis=1)
-            right.append(database.places[even[best]] == database.places[asked])
+            right.append(database.places[even[best]] == database.places[rows])
             seen.append(aligned.novelty(sums, best))
-            away = ~near(database.xy_m[asked], database.xy_m[even], self.neighbour_m) & np.isfinite(sums)
+            away = ~near(database.xy_m[rows], database.xy_m[even], self.neighbour_m) & np.isfinite(sums)
             sums = np.where(away | ~away.any(axis=1, keepdims=True), sums, np.float32(np.inf))
             unseen.append(aligned.novelty(sums, sums.argmin(axis=1)))
         seen_kinds, unseen_kinds = (

@@ -29,8 +29,8 @@ class ShiftMethod(DescriptorMethod):
     """
 
     least_engaged: float
-    """A shift counts if it engages at least this share of the columns that the pair's fullest shift engages. The authors' 0 lets
-    one column that both have win, which a sensor that sees half the circle meets often; .9 mends that."""
+    """A shift counts if it engages at least this share of the columns that the pair's fullest shift engages. With the authors' 0
+    a shift at which a single column overlaps can win, as often with a sensor that sees half the circle; 0.9 prevents it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,11 +60,11 @@ class Spectra:
 
     @classmethod
     def of(cls, model: Model, least_engaged: float = 0.0) -> Self:
-        """What a model holds of it."""
+        """The spectra in a model."""
         return cls(model[f"{PREFIX}columns"], model[f"{PREFIX}engaged"], least_engaged)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """As a part of a model."""
+        """Its arrays, as they are stored in a model."""
         return {f"{PREFIX}columns": self.columns, f"{PREFIX}engaged": self.engaged}
 
     def compare(self, heights_m: NDArray[np.float32], rows: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

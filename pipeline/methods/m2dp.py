@@ -13,7 +13,7 @@ from pipeline.running.progress import Progress
 
 @dataclass(frozen=True)
 class M2dp(DescriptorMethod):
-    """Signatures are kept as they are drawn."""
+    """The database is the signatures themselves."""
 
     view: str = "m2dp"
 

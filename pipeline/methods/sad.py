@@ -20,7 +20,7 @@ from pipeline.running.settings import positive
 
 @dataclass(frozen=True)
 class Sad(SequenceMethod):
-    """Views are compared as the robot was heading: a turned one is another image, and no heading is told."""
+    """Views are compared at the robot's own heading, so a turned view is a different image; answers have no heading."""
 
     view: str = "birdview"
     side_px: int = 64
@@ -36,16 +36,16 @@ class Sad(SequenceMethod):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""
         database, images = Database.learned(views, places), self._images(views)
-        evidence = self.evidence(database, views, lambda known, asked: differences(images[known], images[asked]))
+        evidence = self.evidence(database, views, lambda rows, queries: differences(images[rows], images[queries]))
         return {"images": images, **database.arrays(), **evidence.arrays()}
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The model with another database, these views with their places; what its held-out blocks told is kept."""
+        """The model with another database, these views with their places; the evidence of its held-out blocks is kept."""
         database = Database.learned(views, places)
         return {"images": self._images(views), **database.arrays(), **Evidence.of(model).arrays()}
 
     def localizer(self, model: Model) -> Localizer:
-        """The training rows along the best sequence; the views that are asked together are one sequence."""
+        """The training rows along the best sequence; views passed together are one sequence."""
         database, images = Database.of(model), model["images"]
 
         def localize(views: Rows, k: int) -> Ranking:

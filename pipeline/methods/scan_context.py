@@ -32,9 +32,9 @@ class ScanContext50(ShiftMethod):
         heights_m, database = np.asarray(views.images[:]), Database.learned(views, places)
         spectra, keys = Spectra.learned(heights_m, self.least_engaged), ring_keys(heights_m)
 
-        def search(asked: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            distances, found = np.empty(len(asked)), np.empty(len(asked), np.int64)
-            for i, row in enumerate(asked):
+        def search(queries: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+            distances, found = np.empty(len(queries)), np.empty(len(queries), np.int64)
+            for i, row in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
                 rows = rows[nearest(keys[rows], keys[[row]], self.candidates)[1][0]]
                 compared, _ = spectra.compare(heights_m[row], rows)

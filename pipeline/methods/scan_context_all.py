@@ -29,9 +29,9 @@ class ScanContextAll(ShiftMethod):
         def distances(row: int) -> NDArray[np.float64]:
             return spectra.compare(heights_m[row], everything)[0]
 
-        def search(asked: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            found = [int(np.where(mask, distances(row), np.inf).argmin()) for row, mask in zip(asked, allowed, strict=True)]
-            return np.array([distances(row)[nearest] for row, nearest in zip(asked, found, strict=True)]), np.array(found)
+        def search(queries: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+            found = [int(np.where(mask, distances(row), np.inf).argmin()) for row, mask in zip(queries, allowed, strict=True)]
+            return np.array([distances(row)[nearest] for row, nearest in zip(queries, found, strict=True)]), np.array(found)
 
         evidence = database.evidence(search, views, self)
         return {**spectra.arrays(), **database.arrays(), **evidence.arrays()}

@@ -1,4 +1,4 @@
-"""What a stage hands to long work: how much of it to do, where to keep what is done, how to show it."""
+"""Progress of long work: the share of it to do, where to store checkpoints, and how to show it."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -17,17 +17,17 @@ class Progress:
     budget: float = 1.0
     """Share of a method's own full training to run."""
     checkpoint: Path | None = None
-    """Where interrupted training is kept, so that the next run goes on from its last whole epoch."""
+    """File for the state of training, from which an interrupted run goes on after its last whole epoch."""
 
     def __post_init__(self) -> None:
         positive("budget", share=self.budget)
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-        """Yield `items`, of which there are `total`, while showing how far `what` is."""
+        """Yield the `total` items, showing progress under the name `what`."""
         yield from items
 
     def note(self, **numbers: float) -> None:
         """Show the latest numbers, such as a loss, beside the bar."""
 
     def tell(self, line: str) -> None:
-        """Show a line that a person should read now, such as what work waits for."""
+        """Show a line to read at once, such as a warning or the reason for a wait."""

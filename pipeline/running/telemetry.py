@@ -1,7 +1,7 @@
-"""What a stage costs, kept beside its artifact and never inside it: an artifact's bytes hold no clock and no host.
+"""Time and memory that a stage used, stored beside its artifact and never in it: an artifact's bytes hold no clock and no host.
 
 The trace of `artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`, which neither git nor DVC
-tracks: a clone that pulls the artifact has none. It tells of the last time that the artifact was built here.
+tracks: a clone that pulls the artifact has none. It is of the last time that the artifact was built here.
 """
 
 import json
@@ -33,7 +33,7 @@ def beside(artifact: str | Path) -> Path:
 
 @dataclass(frozen=True)
 class Trace:
-    """What a process and all that it started used, from start to end."""
+    """Resources used by a process and its children, from start to end."""
 
     wall_s: float
     cpu_s: float
@@ -85,11 +85,11 @@ def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
     numbers: dict[str, float] = {}
     for stage, artifacts in stages.items():
         traces = [Trace.read(artifact) for artifact in artifacts]
-        known = [trace for trace in traces if trace is not None]
-        if known and len(known) == len(traces):
-            numbers[f"{stage}_wall_s"] = sum(trace.wall_s for trace in known)
-            numbers[f"{stage}_cpu_s"] = sum(trace.cpu_s for trace in known)
-            numbers[f"{stage}_peak_memory_mb"] = max(trace.peak_memory_mb for trace in known)
+        found = [trace for trace in traces if trace is not None]
+        if found and len(found) == len(traces):
+            numbers[f"{stage}_wall_s"] = sum(trace.wall_s for trace in found)
+            numbers[f"{stage}_cpu_s"] = sum(trace.cpu_s for trace in found)
+            numbers[f"{stage}_peak_memory_mb"] = max(trace.peak_memory_mb for trace in found)
     return numbers
 
 

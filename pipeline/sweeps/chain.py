@@ -81,20 +81,20 @@ def code(step: Step) -> list[Path]:
     return [Path(dep) for dep in step.deps if not dep.startswith("artifacts/")]
 
 
-def _filled(node: Any, known: Mapping[str, Any]) -> Any:
+def _filled(node: Any, values: Mapping[str, Any]) -> Any:
     """A node with every ${a.b} replaced; one that stands alone becomes whatever it names, such as a list."""
     if isinstance(node, Mapping):
-        return {_filled(key, known): _filled(value, known) for key, value in node.items()}
+        return {_filled(key, values): _filled(value, values) for key, value in node.items()}
     if isinstance(node, list):
-        return [_filled(value, known) for value in node]
+        return [_filled(value, values) for value in node]
     if not isinstance(node, str):
         return node
     whole = REFERENCE.fullmatch(node)
-    return _look_up(whole[1], known) if whole else REFERENCE.sub(lambda found: str(_look_up(found[1], known)), node)
+    return _look_up(whole[1], values) if whole else REFERENCE.sub(lambda found: str(_look_up(found[1], values)), node)
 
 
-def _look_up(path: str, known: Mapping[str, Any]) -> Any:
-    value: Any = known
+def _look_up(path: str, values: Mapping[str, Any]) -> Any:
+    value: Any = values
     for key in path.split("."):
         if not isinstance(value, Mapping) or key not in value:
             raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/lists.yaml")

@@ -1,4 +1,4 @@
-"""What MLflow shows: runs made of plain data, published as often as you like, each held once.
+"""Publishing runs to MLflow: each run is stored once, however often it is published.
 
 The database is a view that can be thrown away: publishing again rebuilds it from the artifacts. A run carries the tag
 `yearloc.key`, a digest of all that it holds, written last; so a run that stands whole is recognised and left alone, and one
@@ -42,7 +42,7 @@ Models = Mapping[str, Sequence["LoggedModel"]]
 
 @dataclass(frozen=True)
 class RunRecord:
-    """All that one MLflow run shows."""
+    """The content of one MLflow run."""
 
     name: str
     tags: Mapping[str, str]
@@ -149,14 +149,14 @@ def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
 
 def _experiment(client: "MlflowClient", name: str, artifacts: Path) -> str:
     """The id of the experiment of this name, created or brought back from MLflow's bin if need be."""
-    known = client.get_experiment_by_name(name)
-    if known is None:
+    found = client.get_experiment_by_name(name)
+    if found is None:
         return str(client.create_experiment(name, artifact_location=artifacts.as_uri()))
-    if known.artifact_location != artifacts.as_uri():
-        raise ConfigError(f"experiment {name} keeps its figures in {known.artifact_location}: delete the database, publish again")
-    if known.lifecycle_stage == "deleted":
-        client.restore_experiment(known.experiment_id)
-    return str(known.experiment_id)
+    if found.artifact_location != artifacts.as_uri():
+        raise ConfigError(f"experiment {name} keeps its figures in {found.artifact_location}: delete the database, publish again")
+    if found.lifecycle_stage == "deleted":
+        client.restore_experiment(found.experiment_id)
+    return str(found.experiment_id)
 
 
 def _active(client: "MlflowClient", experiment_id: str) -> list["Run"]:

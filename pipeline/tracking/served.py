@@ -48,7 +48,7 @@ OUTPUTS: Mapping[str, tuple[type, Dims]] = {
 
 @dataclass(frozen=True)
 class Served:
-    """What it takes to let a model answer again."""
+    """A trained model with everything needed to localise with it."""
 
     arrays: Path
     """The .safetensors file that `stages.train` wrote."""
@@ -83,7 +83,7 @@ class Served:
         return asdict(self) | {"arrays": _digest(self.arrays), "parameters": dict(self.parameters), "code": code}
 
     def note(self, model_id: str) -> str:
-        """What the model's page says of it: how to use it, and its signature, which MLflow shows in a file only."""
+        """The text of the model's page: how to call it, and its signature, which MLflow shows in a file only."""
         rows = [("in", name, _words(kind, dims)) for name, (kind, dims) in self.inputs.items()]
         rows += [("in", "k", f"int, {self.k} unless given")]
         rows += [("out", name, _words(kind, dims)) for name, (kind, dims) in OUTPUTS.items()]
@@ -140,7 +140,7 @@ def _words(kind: type, dims: Dims) -> str:
 
 
 def _plain(value: object) -> Any:
-    """A recipe's value, which may be told as a word: `0.002` a number, `True` a switch, `jet` a word."""
+    """A recipe's value from its text: `0.002` a number, `True` a bool, `jet` a string."""
     with suppress(ValueError, SyntaxError):
         return ast.literal_eval(str(value))
     return value

@@ -1,4 +1,4 @@
-"""The cloud that PointNetVLAD looks at: a fixed number of points around the sensor, without the ground.
+"""PointNetVLAD's input: a fixed number of points around the sensor, without the ground.
 
 Preprocessing of the SCI paper (RA-L 2019, Sec. V), whose numbers are those of its author's later script (METHODS 3.2).
 """
@@ -19,7 +19,7 @@ from pipeline.views import kernels
 
 @dataclass(frozen=True)
 class Cloud:
-    """What is drawn of a submap."""
+    """Settings of a submap's cloud."""
 
     schema: ClassVar[schemas.Schema] = schemas.CLOUDS
     points: int = 4096
@@ -34,7 +34,7 @@ class Cloud:
     iterations: int = 1000
     """Planes tried at most."""
     seed: int = 0
-    """Every cloud is drawn with the same one, so a view does not depend on those drawn before it."""
+    """The same for every cloud, so a view does not depend on those before it."""
 
     def __post_init__(self) -> None:
         check(self, "view")

@@ -1,4 +1,4 @@
-"""Drawing the views of submaps."""
+"""Views of submaps, each from the points of that submap alone."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ BLOCK = 64
 
 
 class View(Protocol):
-    """What is drawn of a submap's points (n, 3) in metres, z up from the ground; `schema` says how it is kept."""
+    """Computes an image of a submap's points (n, 3) in metres, z up from the ground; `schema` is that of the artifact."""
 
     schema: ClassVar[Schema]
 

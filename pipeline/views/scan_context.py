@@ -20,7 +20,7 @@ from pipeline.views import kernels
 
 @dataclass(frozen=True)
 class ScanContext:
-    """What is drawn of a submap; the defaults are the authors' Matlab reference."""
+    """Settings of a submap's Scan Context; the defaults are the authors' Matlab reference."""
 
     schema: ClassVar[Schema] = schemas.VIEWS
     rings: int = 40

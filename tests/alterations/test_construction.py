@@ -65,7 +65,7 @@ def test_a_nearer_wall_hides_a_farther_one_and_none_itself() -> None:
 
 
 def test_walls_are_drawn_within_their_ranges_evenly() -> None:
-    walls = np.array(Construction().drawn(2000, np.random.default_rng(0)))
+    walls = np.array(Construction().random_walls(2000, np.random.default_rng(0)))
     for numbers, low, high in zip(walls.T, (0, 5, 5, 3, -math.pi / 6), (2 * math.pi, 20, 20, 10, math.pi / 6), strict=True):
         assert low <= numbers.min() < numbers.max() < high
         # the mean of 2000 even numbers lies within 4 % of the range's middle: six deviations of 1 / √(12 · 2000)
@@ -77,7 +77,7 @@ def test_new_points_lie_on_the_walls_and_old_ones_stay(stamp_ns: int) -> None:
     points = made(Construction(), stamp_ns)[2, False]
     np.testing.assert_array_equal(points[:2000], POINTS_M)
     start = 2000
-    for azimuth, distance_m, length_m, height_m, skew in Construction().drawn(2, np.random.default_rng((0, stamp_ns))):
+    for azimuth, distance_m, length_m, height_m, skew in Construction().random_walls(2, np.random.default_rng((0, stamp_ns))):
         count = math.ceil(length_m / 0.2) * math.ceil(height_m / 0.2)
         own, start = points[start : start + count], start + count
         x, y = own[:, 0] - distance_m * math.cos(azimuth), own[:, 1] - distance_m * math.sin(azimuth)

@@ -1,4 +1,4 @@
-"""Place feature learning: a code of what a bird-view shows, learned by an adversarial game, matched in sequences (METHODS 5).
+"""Place feature learning: codes of bird-views, learned by an adversarial game and matched in sequences (METHODS 5).
 
 Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one; the distance is the least of the eight.
 """
@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.database import PREFIX as DATABASE
@@ -19,28 +18,26 @@ from pipeline.matching.database import Database
 from pipeline.matching.headings import nearest_heading
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.sequences import SequenceMethod
+from pipeline.methods.pfl import coding
 from pipeline.methods.pfl.adversarial import RIGHT, best_round, health, pixels, play
-from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
+from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import Game, Objective
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 from pipeline.running.settings import positive
 
-ENCODER, DECODER = "net/encoder.", "net/decoder."
 ROUNDS, LEAST_ITERATIONS, MOST_ITERATIONS = 8, 10, 2000
-"""A training has so many rounds, each of at least and at most so many iterations; after each it is looked at and kept."""
+"""Rounds of a training, and bounds on the iterations of each; after a round the networks are judged and kept."""
 REFERENCE = slice(0, None, 2)
-"""The headings of a view that a reference place is made of: 0°, 45°, … (METHODS 5.4); a query is heading 0."""
+"""Headings of a view whose codes are a reference place's: 0°, 45°, … (METHODS 5.4); a query is heading 0."""
 HELD, PICTURES = 256, 16
-"""At most so many held-out images are looked at after each round, and shown as pictures."""
-AT_ONCE = 256
-"""Images encoded at a time."""
+"""Held-out images used at most for judging a round, and stored as pictures."""
 
 
 @dataclass(frozen=True)
 class FeatureMethod(SequenceMethod, ABC):
-    """What place feature learning's variants share."""
+    """Training, codes and matching, shared by the variants of place feature learning."""
 
     view: str = "birdview"
     contrast_rows: int = 30
@@ -74,13 +71,13 @@ class FeatureMethod(SequenceMethod, ABC):
 
     @abstractmethod
     def terms(self) -> Objective:
-        """What this variant trains for."""
+        """The loss terms of this variant, and their weights."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on all headings of the rows that are not held out; the database has all rows."""
         images, database = _images(views), Database.learned(views, places)
         held = self.held_out(views)
-        shown = np.flatnonzero(held if held.any() else ~held)  # a path too short for blocks is looked at as it was trained
+        shown = np.flatnonzero(held if held.any() else ~held)  # a path too short for blocks is judged on its trained rows
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             game = self._game()
@@ -95,8 +92,8 @@ class FeatureMethod(SequenceMethod, ABC):
             pictures = {"pictures/seen": seen, "pictures/reconstructed": self.reconstructed(model, seen)}
             codes = self._codes(model, images)
 
-        def difference(rows: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.float32]:
-            return nearest_heading(codes[rows], codes[asked, 0].astype(np.float32))[0]
+        def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
+            return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
 
         evidence = self.evidence(database, views, difference)
         return {**model, **pictures, "codes": codes, **database.arrays(), **evidence.arrays()}
@@ -117,39 +114,27 @@ class FeatureMethod(SequenceMethod, ABC):
         return {**kept, "codes": self._codes(model, _images(views)), **Database.learned(views, places).arrays()}
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-        """What makes codes (n, code) of images (n, 64, 64), each by itself: the batch norms' running statistics are used."""
-        return self._batched(self._encoder(model))
+        """A function from images (n, 64, 64) to codes (n, code), each independent of the others in the batch."""
+        encode = coding.batched(coding.encoder(model, self.precision))
+
+        def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+            with loop.reproducible(self.threads):
+                return encode(images)
+
+        return codes
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What the decoder makes of the codes of images (n, 64, 64)."""
-        encoder, decoder = self._encoder(model), _loaded(Decoder(*_sizes(model)), model, DECODER)
-        made = self._batched(lambda images: decoder(encoder(images).float()))(images)
-        return ((made[:, 0] + 1) * 127.5).round().astype(np.uint8)
-
-    def _encoder(self, model: Model) -> Encoder:
-        kind = device().type
-        with loop.autocast(device(), self.precision):
-            wanted = torch.get_autocast_dtype(kind) if torch.is_autocast_enabled(kind) else torch.float32
-        return folded(_loaded(Encoder(*_sizes(model)), model, ENCODER), wanted)
+        """Images (n, 64, 64) decoded from the codes of images (n, 64, 64)."""
+        encoder, decoder = coding.encoder(model, self.precision), coding.decoder(model)
+        with loop.reproducible(self.threads):
+            decoded = coding.batched(lambda images: decoder(encoder(images).float()))(images)
+        return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
 
     def _codes(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.float16]:
         """Of the reference headings (n, 8, code)."""
         reference = images[:, REFERENCE]
         codes = self.encoder(model)(reference.reshape(-1, SIDE, SIDE))
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
-
-    def _batched(self, net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-        where = device()
-
-        @torch.inference_mode()
-        def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-            with loop.reproducible(self.threads):
-                parts = [
-                    net(pixels(images[i : i + AT_ONCE], where)).float().cpu() for i in range(0, max(len(images), 1), AT_ONCE)
-                ]
-                return torch.cat(parts).numpy()
-
-        return answer
 
     def _game(self) -> Game:
         objective = self.terms()
@@ -169,22 +154,18 @@ class FeatureMethod(SequenceMethod, ABC):
         total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
         iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
         shown = images[held if held.any() else ~held].reshape(-1, SIDE, SIDE)
-        looked_at = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
+        sample = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
 
-        @torch.inference_mode()
-        def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-            flat = images.reshape(-1, SIDE, SIDE)
-            parts = [game.encoder(pixels(flat[i : i + AT_ONCE], where)).float().cpu() for i in range(0, len(flat), AT_ONCE)]
-            return torch.cat(parts).numpy()
+        codes = coding.batched(game.encoder)
 
         @torch.inference_mode()
         def judge(game: Game) -> dict[str, float]:
-            def difference(rows: NDArray[np.int64], asked: NDArray[np.int64]) -> NDArray[np.float32]:
-                reference = codes(images[rows, REFERENCE]).reshape(len(rows), -1, self.code)
-                return nearest_heading(reference, codes(images[asked, 0]))[0]
+            def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
+                reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(len(rows), -1, self.code)
+                return nearest_heading(reference, codes(images[queries, 0]))[0]
 
             right = self.evidence(database, views, difference).right
-            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, looked_at)}
+            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, sample)}
 
         return play(
             game,
@@ -202,19 +183,6 @@ class FeatureMethod(SequenceMethod, ABC):
             seed=self.seed,
             progress=progress,
         )
-
-
-def _sizes(model: Model) -> tuple[int, int, int]:
-    """Width, channels and code of the networks in a model, whatever this method's settings are."""
-    width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
-    return width, channels, len(model[f"{ENCODER}dense.bias"])
-
-
-def _loaded(net: loop.Net, model: Model, prefix: str) -> loop.Net:
-    """The network with its part of the model, ready for use."""
-    part = {name.removeprefix(prefix): array for name, array in model.items() if name.startswith(prefix)}
-    net.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in part.items()})
-    return net.eval().to(device())
 
 
 def _images(views: Rows, headings: int | slice = slice(None)) -> NDArray[np.uint8]:

@@ -73,7 +73,7 @@ class Describer(nn.Module):
 
 def folded(net: nn.Module, kind: torch.dtype = torch.float32) -> nn.Module:
     """A copy for descriptions alone, several times faster: batch norms folded into the dense layers before them, and the dense
-    layers' weights of this kind; with bfloat16 it is to be asked under autocast."""
+    layers' weights of this kind; with bfloat16 it must run under autocast."""
     net = deepcopy(net).eval()
     for parent in list(net.modules()):
         for name, pair in parent.named_children():

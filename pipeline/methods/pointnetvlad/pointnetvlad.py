@@ -1,4 +1,4 @@
-"""PointNetVLAD: places told apart by a learned descriptor of the cloud around the sensor (Uy and Lee, CVPR 2018; METHODS 3.2)."""
+"""PointNetVLAD: places recognised by a learned descriptor of the cloud around the sensor (Uy and Lee, CVPR 2018; METHODS 3.2)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -125,7 +125,7 @@ class PointNetVlad(DescriptorMethod):
     ) -> dict[str, NDArray[Any]]:
         """Leave the weights of the best round in the network; returns its number and the curves."""
         rows = np.flatnonzero(~held)
-        asked = np.flatnonzero(held) if held.any() else rows  # a path too short for blocks is judged on what it trained
+        judged = np.flatnonzero(held) if held.any() else rows  # a path too short for blocks is judged on what it trained
         tuples = Tuples(
             database.xy_m[rows], self.positive_m, self.negative_m, self.positives, self.negatives, self.hard_negatives
         )
@@ -133,9 +133,9 @@ class PointNetVlad(DescriptorMethod):
         total = max(1, round(self.epochs * progress.budget * len(queries) / self.batch))
         steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
         rounds = round(total / steps)
-        gap_m = cdist(database.xy_m[asked], database.xy_m[rows])
+        gap_m = cdist(database.xy_m[judged], database.xy_m[rows])
         part = clouds[:, : self.train_points]
-        known: list[NDArray[np.float32]] = []
+        latest: list[NDArray[np.float32]] = []
 
         def batches(order: torch.Generator) -> Iterator[Tensor]:
             """A round's batches of clouds (query · tuple, point, xyz)."""
@@ -143,11 +143,11 @@ class PointNetVlad(DescriptorMethod):
             done = net.steps()
             descriptors = None
             if done >= WARM_UP * rounds * steps:
-                descriptors = (known[-1] if known else self._describer(net)(part))[rows]
+                descriptors = (latest[-1] if latest else self._describer(net)(part))[rows]
             chosen = np.concatenate([rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))])
             for few in chosen[: steps * self.batch].reshape(steps, self.batch):
-                drawn = rows[np.concatenate([tuples.draw(query, rng, descriptors) for query in few])]
-                yield self._points(clouds, drawn, rng)
+                chosen_rows = rows[np.concatenate([tuples.draw(query, rng, descriptors) for query in few])]
+                yield self._points(clouds, chosen_rows, rng)
 
         def step(answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
             descriptors = answer(batch).view(self.batch, 2 + self.positives + self.negatives, -1)
@@ -155,13 +155,15 @@ class PointNetVlad(DescriptorMethod):
 
         def judge(net: Describer) -> tuple[float, float]:
             """How held-out rows fare against all the trained ones: the loss's first term, and the place of the nearest."""
-            known[:] = [self._describer(net)(part)]
-            distances = cdist(known[0][asked], known[0][rows], "sqeuclidean")
-            distances[asked[:, None] == rows] = np.inf
+            latest[:] = [self._describer(net)(part)]
+            distances = cdist(latest[0][judged], latest[0][rows], "sqeuclidean")
+            distances[judged[:, None] == rows] = np.inf
             best = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
             apart = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
             losses = np.clip(self.margin + best - apart, 0, self.margin + 4)
-            return float(losses.mean()), float((database.places[rows[distances.argmin(axis=1)]] == database.places[asked]).mean())
+            return float(losses.mean()), float(
+                (database.places[rows[distances.argmin(axis=1)]] == database.places[judged]).mean()
+            )
 
         result = loop.fit(
             net,
@@ -192,7 +194,7 @@ class PointNetVlad(DescriptorMethod):
         return batch.to(device())
 
     def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
-        """What makes descriptors (n, 256) of clouds (n, point, xyz)."""
+        """A function from clouds (n, point, xyz) to descriptors (n, 256)."""
         where = next(net.parameters()).device
         with loop.autocast(where, self.precision):
             fast = folded(net, torch.get_autocast_dtype(where.type) if torch.is_autocast_enabled(where.type) else torch.float32)

@@ -58,8 +58,8 @@ class Tuples:
         near, far = self._around(query)
         far = rng.permutation(far)
         if descriptors is not None:
-            asked = far[:CANDIDATES]
-            hardest = asked[np.argsort(-descriptors[asked] @ descriptors[query], kind="stable")[: self.hard]]
+            candidates = far[:CANDIDATES]
+            hardest = candidates[np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")[: self.hard]]
             far = np.concatenate([hardest, far[~np.isin(far, hardest)]])
         near, far = np.resize(rng.permutation(near), self.positives), np.resize(far, self.negatives)
         taken = np.unique(np.append(far, query))

@@ -1,7 +1,7 @@
 """Table I's network closed into a ring: turning the image turns what it answers, exactly (METHODS 8.1).
 
 Kim, Park and Kim's layers (RA-L 2019; METHODS 2.4) but that the sectors' last is a neighbour of their first, and that the
-dense layers are asked at every heading with the same weights.
+dense layers run at every heading with the same weights.
 """
 
 import torch
@@ -69,7 +69,7 @@ class Ring(nn.Module):
 
     @staticmethod
     def count(sectors: int) -> int:
-        """The headings that are told apart."""
+        """Number of headings."""
         return sectors // POOLED
 
     def forward(self, images: Tensor) -> Tensor:
