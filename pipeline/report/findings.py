@@ -36,10 +36,7 @@ def answer(study: Study) -> Finding:
             (one.number("distance", "recall_at_1"), one.interval("distance", "recall_at_1"), one.days)
             for one in (group[0], group[-1])
         ]
-        at = {
-            name: _mean([one.number("distance", f"{name}_at_threshold") for one in group])
-            for name in ("precision", "recall")
-        }
+        at = {name: _mean([one.number("distance", f"{name}_at_threshold") for one in group]) for name in ("precision", "recall")}
         return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision}
 
     learned = study.models[study.best]

@@ -189,10 +189,11 @@ class Study:
     @cached_property
     def ranked(self) -> list[str]:
         """The models, those that place most right first."""
-        means = {
-            m: np.nanmean([one.number("distance", "recall_at_1") for one in group]) for m, group in by_model(self.results).items()
+        found = {
+            model: [one.number("distance", "recall_at_1") for one in group] for model, group in by_model(self.results).items()
         }
-        return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
+        means = {model: np.mean([one for one in values if np.isfinite(one)] or [-1.0]) for model, values in found.items()}
+        return sorted(means, key=lambda model: -means[model])
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:
