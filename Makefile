@@ -27,7 +27,7 @@ studies: .venv/ready
 	@yearloc results
 
 report: .venv/ready
-	@python -m stages.page
+	@python -m stages.report
 
 test: .venv/tools
 	ruff check .
@@ -53,6 +53,7 @@ benchmarks: .venv/ready
 	$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch==2.13.0
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@yearloc repair
 	@touch $@
 
 .venv/tools: .venv/ready
@@ -60,4 +61,4 @@ benchmarks: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry
+	rm -rf .venv artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock

@@ -34,7 +34,7 @@ class Clone:
             return
         for name in filter(lambda name: (ROOT / name).exists(), PROJECT):
             if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, folder / name)
+                shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("dvc.lock", "__pycache__"))
             else:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)

@@ -11,14 +11,22 @@ import yaml
 from pipeline.running.dvc_files import Yaml, files
 
 
-def repair(root: Path) -> list[Path]:
-    """Remove lock files that a kill tore, and return them; remove the table of locks if none of its holders lives.
+EMPTY = "schema: '2.0'\n"
+"""A lock file that records nothing: DVC then finds its finished stages in its run cache."""
 
-    DVC writes these in place. Without a lock file, DVC finds its stages in its run cache.
+
+def repair(root: Path) -> list[Path]:
+    """Empty the lock files that a kill tore, and return them; remove the table of locks if none of its holders lives.
+
+    DVC writes these in place. The project's lock files are links into .dvc/locks, which git ignores; a fresh clone has links
+    alone, and the files that they name are written here.
     """
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
-    for lock in torn:
-        lock.unlink()
+    missing = [lock for lock in (root / "dvc.lock", *root.glob("dag/*/dvc.lock")) if lock.is_symlink() and not lock.exists()]
+    for lock in (*torn, *missing):
+        path = lock.resolve()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(EMPTY)
     table = root / ".dvc/tmp/rwlock"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
         table.unlink()
