@@ -10,7 +10,6 @@ import yaml
 
 from pipeline.running.dvc_files import Yaml, files
 
-
 EMPTY = "schema: '2.0'\n"
 """A lock file that records nothing: DVC then finds its finished stages in its run cache."""
 

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 SOURCES = ("conf", "dag", "dvc.yaml", "pipeline", "stages", ".dvc/config", ".dvc/config.local", ".dvcignore")
-RESULTS = ("artifacts", "dvc.lock")
+RESULTS = ("artifacts", ".dvc/locks")
 STATE = Path(".dvc/tmp/unchanged.json")
 SKIPPED = ("__pycache__", ".numba")
+LOCK = "dvc.lock"
+"""A link into .dvc/locks, beside each dvc.yaml."""
 
 
 def unchanged(root: Path) -> bool:
@@ -44,7 +46,7 @@ def _files(path: Path) -> Iterator[str]:
         yield str(path)
     for folder, folders, files in os.walk(path, followlinks=True):
         folders[:] = [name for name in folders if name not in SKIPPED]
-        yield from (os.path.join(folder, name) for name in files)
+        yield from (os.path.join(folder, name) for name in files if name != LOCK)
 
 
 def _state(root: Path) -> dict[str, str]:
