@@ -1,6 +1,7 @@
 """Several alterations in one go, and the files of conf/alteration."""
 
-from dataclasses import fields
+import json
+from dataclasses import asdict, fields
 from pathlib import Path
 from pydoc import locate
 
@@ -9,9 +10,8 @@ import pytest
 import yaml
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
-from pipeline.alterations.as_driven import AsDriven
 
-from pipeline.alterations import Case
+from pipeline.alterations import AS_DRIVEN, Alteration, Case, read_cases
 from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
@@ -45,10 +45,17 @@ def test_parts_that_cannot_be_told_apart_are_refused() -> None:
         Several([])
 
 
-def test_as_driven_leaves_everything() -> None:
-    (case,) = AsDriven().cases
-    assert case == Case()
-    assert AsDriven().alter(case, POINTS_M, np.random.default_rng(0)) == (POINTS_M, 0.0)
+@pytest.mark.parametrize("alteration", [GLANCE, Turned(), Demolition(), Construction()], ids=lambda one: type(one).__name__)
+def test_the_first_case_leaves_everything_as_driven(alteration: Alteration) -> None:
+    assert alteration.cases[0] == Case() == Case(AS_DRIVEN, 0.0, False, 0)
+    points_m, left_rad = alteration.alter(Case(), POINTS_M, np.random.default_rng(0))
+    assert points_m is POINTS_M
+    assert left_rad == 0.0
+
+
+def test_cases_come_back_from_the_attributes_of_an_artifact() -> None:
+    attrs = json.loads(json.dumps({"cases": [asdict(case) for case in GLANCE.cases]}))
+    assert read_cases(attrs) == [*GLANCE.cases]
 
 
 @pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)

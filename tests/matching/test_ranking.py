@@ -1,28 +1,72 @@
-"""Rows: a window on a view artifact."""
+"""Rows: a window on a view artifact, of one case or of several."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipeline import store
+from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
-from pipeline.matching.ranking import Rows
+from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.schemas import VIEWS
+
+IMAGES = np.arange(6 * 2 * 3, dtype=np.float32).reshape(6, 2, 3)
+POSES = np.tile(np.eye(4), (6, 1, 1)) * np.arange(6)[:, None, None]
+STAMPS_NS = np.arange(6) * 10**9
+
+
+def view(path: Path, cases: Sequence[Case] = (Case(),)) -> Path:
+    """Six rows, as many of each case."""
+    with store.write(path, VIEWS, cases=[asdict(case) for case in cases]) as draft:
+        draft.put("images", IMAGES)
+        draft.put("stamps_ns", STAMPS_NS)
+        draft.put("world_T_anchor", POSES)
+    return path
 
 
 def test_rows_of_a_view_artifact_are_read_when_sliced(tmp_path: Path) -> None:
-    images = np.arange(5 * 2 * 3, dtype=np.float32).reshape(5, 2, 3)
-    poses = np.tile(np.eye(4), (5, 1, 1)) * np.arange(5)[:, None, None]
-    with store.write(tmp_path / "a.zarr", VIEWS) as draft:
-        draft.put("images", images)
-        draft.put("stamps_ns", np.arange(5) * 10**9)
-        draft.put("world_T_anchor", poses)
-    rows = Rows.read(tmp_path / "a.zarr")
-    np.testing.assert_array_equal(rows.images[1:3], images[1:3])
-    np.testing.assert_array_equal(rows.images[:], images)
-    np.testing.assert_array_equal(rows.stamps_ns, np.arange(5) * 10**9)
-    np.testing.assert_array_equal(rows.world_T_anchor, poses)
+    rows = Rows.read(view(tmp_path / "a.zarr"))
+    assert not isinstance(rows.images, np.ndarray)
+    np.testing.assert_array_equal(rows.images[1:3], IMAGES[1:3])
+    np.testing.assert_array_equal(rows.images[:], IMAGES)
+    np.testing.assert_array_equal(rows.stamps_ns, STAMPS_NS)
+    np.testing.assert_array_equal(rows.world_T_anchor, POSES)
+
+
+def test_each_case_has_its_own_rows_of_all_submaps(tmp_path: Path) -> None:
+    # two submaps in three cases: rows 0 and 1, 2 and 3, 4 and 5
+    cases = (Case("turned"), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
+    found = Rows.cases(view(tmp_path / "a.zarr", cases))
+    assert tuple(found) == cases
+    for i, rows in enumerate(found.values()):
+        np.testing.assert_array_equal(rows.images, IMAGES[2 * i : 2 * i + 2])
+        assert rows.stamps_ns.tolist() == [2 * i * 10**9, (2 * i + 1) * 10**9]
+        np.testing.assert_array_equal(rows.world_T_anchor, POSES[2 * i : 2 * i + 2])
+
+
+def test_the_only_case_is_the_whole_artifact(tmp_path: Path) -> None:
+    ((case, rows),) = Rows.cases(view(tmp_path / "a.zarr", [Case("demolition", 60.0)])).items()
+    assert case == Case("demolition", 60.0)
+    np.testing.assert_array_equal(rows.images[:], IMAGES)
+
+
+def test_rows_of_several_sequences_follow_one_another(tmp_path: Path) -> None:
+    one = Rows.read(view(tmp_path / "a.zarr"))
+    assert Rows.joined([one]) is one
+    both = Rows.joined([one, Rows(IMAGES[:1] + 99, STAMPS_NS[:1] + 7, POSES[:1])])
+    assert both.images[:, 0, 0].tolist() == [0, 6, 12, 18, 24, 30, 99]
+    assert both.stamps_ns.tolist() == [*STAMPS_NS, 7]
+    assert both.world_T_anchor.shape == (7, 4, 4)
+
+
+def test_rankings_of_several_cases_follow_one_another() -> None:
+    first, second = (Ranking(*[np.full((2, 1), value)] * 6, ("own",)) for value in (1, 2))  # type: ignore[arg-type]
+    both = joined([first, second])
+    assert all(getattr(both, name).tolist() == [[1], [1], [2], [2]] for name in vars(both) if name != "kinds")
+    assert both.kinds == ("own",)
 
 
 def test_a_view_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:

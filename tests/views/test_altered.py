@@ -14,12 +14,12 @@ from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
 from pipeline.alterations.turned import Turned, turned
-from pipeline.frames import pose
+from pipeline.frames import pose, yaw
 from pipeline.mapping import gathering
 from pipeline.mapping.octree import Octree
 from pipeline.matching.ranking import Rows
 from pipeline.running.compute import Compute
-from pipeline.views.altered import altered
+from pipeline.views.altered import AlteredRows, altered
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing
 from pipeline.views.mapped import MappedViews
@@ -100,11 +100,23 @@ def poles(folder: Path, stamps_ns: Sequence[int] = ()) -> tuple[store.Artifact, 
     return artifacts(folder, points, pose(xyz_m, np.zeros((3, 3))), stamps_ns=stamps_ns)
 
 
-def test_as_driven_is_what_the_stage_draws(driven: tuple[store.Artifact, store.Artifact]) -> None:
+@dataclass(frozen=True)
+class Nothing(Fixed):
+    """Does nothing in any case."""
+
+    def alter(self, case: Case, points_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+        return points_m, 0.0
+
+
+def test_all_cases_but_the_one_as_driven_are_drawn_of_every_submap(driven: tuple[store.Artifact, store.Artifact]) -> None:
     drawn = altered(*driven, Summary(), ALL)
-    assert tuple(drawn) == ALL.cases
+    assert tuple(drawn) == ALL.cases[1:]
+    assert {len(rows.images) for rows in drawn.values()} == {len(driven[1].load("scans"))}
+
+
+def test_a_case_that_changes_nothing_is_what_the_stage_of_the_view_draws(driven: tuple[store.Artifact, store.Artifact]) -> None:
+    rows = Rows(*altered(*driven, Summary(), Nothing())[Case("missed")])
     stage = np.concatenate(list(Drawing(*driven, Summary()).blocks(Compute(workers=1))))
-    rows = Rows(*drawn[Case()])
     assert rows.images.tobytes() == stage.tobytes()
     assert rows.images.dtype == stage.dtype
     for name in ("stamps_ns", "world_T_anchor"):
@@ -133,8 +145,11 @@ def test_points_are_gathered_once_for_all_cases(
 
 
 def test_a_turned_robot_sees_the_same_world(driven: tuple[store.Artifact, store.Artifact]) -> None:
-    drawn = list(altered(*driven, Points(), Turned()).values())
-    headings = [np.arctan2(rows.world_T_anchor[:, 1, 0], rows.world_T_anchor[:, 0, 0]) for rows in drawn]
+    as_driven = AlteredRows(
+        np.stack(list(Drawing(*driven, Points()).points())), *map(driven[1].load, ("stamps_ns", "world_T_anchor"))
+    )
+    drawn = [as_driven, *altered(*driven, Points(), Turned()).values()]
+    headings = [yaw(rows.world_T_anchor) for rows in drawn]
     assert len({heading for case in headings for heading in case}) == 6 * len(headings[0])
     worlds = [rows.images @ rows.world_T_anchor[:, :3, :3].swapaxes(1, 2) + rows.world_T_anchor[:, None, :3, 3] for rows in drawn]
     for rows, world in zip(drawn[1:], worlds[1:], strict=True):
@@ -142,24 +157,23 @@ def test_a_turned_robot_sees_the_same_world(driven: tuple[store.Artifact, store.
         np.testing.assert_allclose(world, worlds[0], atol=1e-9)
 
 
-def test_bird_views_as_driven_are_what_the_stage_draws(tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", [Case(TURNED), Case("missed")])
+def test_bird_views_of_a_case_that_changes_nothing_are_what_the_stage_draws(tmp_path: Path, case: Case) -> None:
     scans, submaps = poles(tmp_path)
-    drawn = altered(scans, submaps, BIRDVIEW, Fixed())
-    stage = np.stack(list(MappedViews(scans, submaps, BIRDVIEW)))
+    drawn, stage = altered(scans, submaps, BIRDVIEW, Nothing()), np.stack(list(MappedViews(scans, submaps, BIRDVIEW)))
     assert (stage[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]
-    np.testing.assert_array_equal(drawn[Case()].images, stage)
+    np.testing.assert_array_equal(drawn[case].images, stage)
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
 def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(tmp_path: Path, quarters: int) -> None:
     """Of eight images a quarter turn is two: image h shows what image h + 2 showed of the robot as driven."""
-    drawn = altered(*poles(tmp_path), BIRDVIEW, Fixed(90.0 * quarters))
-    straight, turned = drawn[Case()].images, drawn[Case(TURNED)].images
+    still, left = (altered(*poles(tmp_path), BIRDVIEW, Fixed(angle)) for angle in (0.0, 90.0 * quarters))
+    straight, turned = still[Case(TURNED)].images, left[Case(TURNED)].images
     rolled = np.roll(straight, -2 * quarters, axis=1)
     assert (rolled != straight).any()
     np.testing.assert_allclose(turned.astype(int), rolled.astype(int), atol=16)  # one of a pixel's sixteen samples
-    headings = np.arctan2(drawn[Case(TURNED)].world_T_anchor[:, 1, 0], drawn[Case(TURNED)].world_T_anchor[:, 0, 0])
-    np.testing.assert_allclose(headings % (2 * math.pi), math.pi / 2 * quarters)
+    np.testing.assert_allclose(yaw(left[Case(TURNED)].world_T_anchor) % (2 * math.pi), math.pi / 2 * quarters)
 
 
 def test_every_scan_of_a_map_is_altered_by_its_own_draw(tmp_path: Path) -> None:
@@ -169,4 +183,4 @@ def test_every_scan_of_a_map_is_altered_by_its_own_draw(tmp_path: Path) -> None:
     drawn = altered(*poles(tmp_path, [kept, missed, later]), BIRDVIEW, Fixed())
     # the second scan's pole is missed, also by the third submap
     assert (drawn[Case("missed")].images[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 1, 2]
-    assert (drawn[Case()].images[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]
+    assert (drawn[Case(TURNED)].images[:, 0] > 30).sum(axis=(1, 2)).tolist() == [1, 2, 3]
