@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.errors import ConfigError
 from pipeline.evaluation.ageing import Ageing, Line, newness
-from tests.reports.made import evaluation
+from tests.evaluation.made import evaluation
 
 DAYS, VALUES = np.array([0, 100, 200, 300]), np.array([1.0, 0.9, 0.7, 0.6])
 """Means 150 and .8; Sxx = 50,000, Sxy = −70: slope −.0014, intercept 1.01. Residuals −.01 .03 −.03 .01: squares .002, so

@@ -9,7 +9,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import NUMBERS, Bands, banded, distances, nearest_m
 from pipeline.formats.changes import Change
-from tests.reports.made import BOOTSTRAP, evaluation
+from tests.evaluation.made import BOOTSTRAP, evaluation
 
 BUILT, GONE = Change("construction", 10, 120, 3.0, 4.0), Change("demolition", 60, 60, 100.0, 0.0)
 TREE = Change("tree", 5, 5, 0.0, 0.0)

@@ -1,23 +1,24 @@
 """The judgement of one test sequence by both protocols, and its numbers."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from pipeline import store
+from pipeline import schemas, store
+from pipeline.alterations import Case, read_cases
 from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.judgement import Evaluation, Judgement, judge, outcomes, summary
+from pipeline.evaluation.judge import judge, judge_cases, outcomes
+from pipeline.evaluation.judgement import Evaluation, Judgement, columns, summary
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.matching.places import Labels
-from pipeline.matching.ranking import Ranking
+from pipeline.matching.ranking import Ranking, joined
 from pipeline.schemas import EVALUATIONS
+from tests.evaluation.made import rows, standing, write
 
 XY_M = np.array([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)], float)
 RANKING = Ranking(
@@ -40,39 +41,37 @@ LABELS = Labels(
 )
 
 
+LEFT_DEG = np.array([30.0, -90.0, 180.0, 0.0, 10.0], np.float32)
+"""How far a case turned the robots."""
+TURNED = replace(
+    RANKING, places=RANKING.places[:, ::-1], heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG) % np.float32(360)
+)
+"""Their told headings turn with them, and their answers are swapped: right is the third alone."""
+
+
 def drive(
-    ranking: Ranking = RANKING, labels: Labels = LABELS, xy_m: np.ndarray = XY_M, reject_from: tuple[float, ...] = (0.5, 4.5)
+    ranking: Ranking = RANKING,
+    labels: Labels = LABELS,
+    xy_m: np.ndarray = XY_M,
+    reject_from: tuple[float, ...] = (0.5, 4.5),
+    turned_deg: np.ndarray | None = None,
 ) -> Evaluation:
     """Five queries: right; right but turned around; true place second; right but rejected; unseen and rejected.
 
     By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
     """
-    return judge(ranking, reject_from, labels, poses(xy_m), 20, Distance(), Bootstrap(block_m=5.0, resamples=40))
-
-
-def poses(xy_m: np.ndarray) -> np.ndarray:
-    """Where queries stand, those five with their own yaw."""
-    world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
-    world_T_anchor[:, :2, 3] = xy_m
-    if len(xy_m) == len(YAW_DEG):
-        world_T_anchor[:, :3, :3] = Rotation.from_euler("z", YAW_DEG[:, None], degrees=True).as_matrix()
-    return world_T_anchor
-
-
-def rows(whole: Any, index: slice) -> Any:
-    """Some rows of a ranking or of labels."""
-    arrays = {f.name: getattr(whole, f.name) for f in fields(whole) if f.name not in ("kinds", "cells")}
-    return replace(whole, **{name: array[index] for name, array in arrays.items()})
+    poses = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
+    return judge(ranking, reject_from, labels, poses, 20, Distance(), Bootstrap(block_m=5.0, resamples=40), turned_deg)
 
 
 def test_an_evaluation_is_what_its_schema_asks_for() -> None:
-    columns = drive().columns()
-    assert columns.keys() == EVALUATIONS.columns.keys()
-    lengths = {"protocol": 2, "xy": 2, "top_n": 25, "threshold": 200, "query": 5, "kind": 2, "bound": 2, "bound3": 3}
-    lengths |= {"number": len(NUMBERS), "measure": len(MEASURES)}
+    found = columns([drive(), drive(TURNED, turned_deg=LEFT_DEG), drive()])
+    assert found.keys() == EVALUATIONS.columns.keys()
+    lengths = {"case": 3, "protocol": 2, "xy": 2, "top_n": 25, "threshold": 200, "query": 5, "kind": 2, "bound3": 3}
+    lengths |= {"number": len(NUMBERS), "measure": len(MEASURES), "confidence2": 2}
     for name, column in EVALUATIONS.columns.items():
-        assert columns[name].dtype == np.dtype(column.dtype), name
-        assert columns[name].shape == tuple(lengths[dim] for dim in column.dims), name
+        assert found[name].dtype == np.dtype(column.dtype), name
+        assert found[name].shape == tuple(lengths[dim] for dim in column.dims), name
 
 
 def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
@@ -151,7 +150,7 @@ def test_the_arrays_and_the_numbers_agree() -> None:
         assert judgement.auc_exact[0] == numbers["auc_exact_top1"]
         assert judgement.rejection[0, :, 0].tolist() == [numbers[measure] for measure in MEASURES]
         indices = [NUMBERS.index(measure) for measure in MEASURES]
-        assert np.array_equal(judgement.rejection[0, :, 1:], judgement.interval[indices], equal_nan=True)
+        assert np.array_equal(judgement.rejection[0, :, 1:], judgement.numbers[indices, 1:], equal_nan=True)
         counts = (judgement.hits, judgement.misses, judgement.false_alarms, judgement.correct_rejections)
         near = np.searchsorted(evaluation.thresholds, 0.5)  # no query's novelty lies between it and .5
         assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [array[0, near] for array in counts]
@@ -182,7 +181,7 @@ def test_every_number_lies_in_its_interval() -> None:
     evaluation = drive(ranking, labels, xy_m, (0.5,))
     numbers = summary(evaluation)
     for name in ("cells", "distance"):
-        low, high = evaluation.protocol(name).interval.T
+        low, high = evaluation.protocol(name).numbers[:, 1:].T
         found = np.array([numbers[name][number] for number in NUMBERS])
         inside = (low <= found) & (found <= high)
         assert [n for n, ok in zip(NUMBERS, inside, strict=True) if not ok] == []
@@ -211,7 +210,7 @@ def test_a_threshold_that_rejects_everything_is_valid_json() -> None:
 def test_a_sequence_without_unseen_queries_cannot_be_rejected_well_or_badly() -> None:
     evaluation = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])
     assert summary(evaluation)["cells"]["auroc"] is None
-    assert np.isnan(evaluation.cells.interval[NUMBERS.index("auroc")]).all()
+    assert np.isnan(evaluation.number("cells", "auroc")).all()
     assert np.isnan(evaluation.cells.rejection[:, MEASURES.index("auroc")]).all()
     assert summary(evaluation)["cells"]["recall_at_1"] == 3 / 4
 
@@ -222,36 +221,80 @@ def test_a_sequence_without_queries_is_judged_too() -> None:
     assert (numbers["queries"], numbers["cells"]["recall_at_1"]) == (0, None)
 
 
-def test_what_is_written_is_read_back(tmp_path: Path) -> None:
-    evaluation, path = drive(), tmp_path / "a.zarr"
-    attrs = {"sequence": "2012-02-04", "train": "2012-01-15", "wanted_precision": 0.99, "distance": {}, "bootstrap": {}}
-    with store.write(path, EVALUATIONS, **evaluation.attrs(), **attrs) as draft:
-        for name, column in evaluation.columns().items():
-            draft.put(name, column)
-    again = Evaluation.read(store.read(path, EVALUATIONS))
-    assert (again.kinds, again.reject_from, again.days) == (("entropy", "energy"), (0.5, 4.5), 20)
-    assert again.columns().keys() == evaluation.columns().keys()
-    for name, column in evaluation.columns().items():
-        assert np.array_equal(again.columns()[name], column, equal_nan=column.dtype.kind == "f"), name
-    assert isinstance(again.distance, Judgement)
-    assert summary(again) == summary(evaluation)
+def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
+    cases = {Case(): drive(), Case("turned", repeat=1): drive(TURNED, turned_deg=LEFT_DEG)}
+    artifact = write(tmp_path / "a.zarr", cases)
+    assert read_cases(artifact.attrs) == [*cases]
+    for i, evaluation in enumerate(cases.values()):
+        again = Evaluation.read(artifact, i)
+        assert (again.kinds, again.reject_from, again.days) == (("entropy", "energy"), (0.5, 4.5), 20)
+        assert isinstance(again.distance, Judgement)
+        found, expected = columns([again]), columns([evaluation])
+        for name in EVALUATIONS.columns:
+            np.testing.assert_array_equal(found[name], expected[name], name)
 
 
-def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path) -> None:
-    evaluation, path = drive(), tmp_path / "a.zarr"
-    attrs = evaluation.attrs() | {
-        "numbers": list(NUMBERS[::-1]),
-        "sequence": "a",
-        "train": "b",
-        "wanted_precision": 0.99,
-        "distance": {},
-        "bootstrap": {},
-    }
-    with store.write(path, EVALUATIONS, **attrs) as draft:
-        for name, column in evaluation.columns().items():
-            draft.put(name, column)
-    with pytest.raises(ArtifactError, match=r"a.zarr: its numbers are not today's; `dvc repro` it"):
-        Evaluation.read(store.read(path, EVALUATIONS))
+@pytest.mark.parametrize("name", ["numbers", "measures", "protocols"])
+def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path, name: str) -> None:
+    artifact = write(tmp_path / "a.zarr", {Case(): drive()}, **{name: ["other"]})
+    with pytest.raises(ArtifactError, match=rf"a.zarr: its {name} are not this version's; `dvc repro` it"):
+        Evaluation.read(artifact)
+
+
+def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
+    driven, turned = drive(), drive(TURNED, turned_deg=LEFT_DEG)
+    np.testing.assert_allclose(turned.heading_error_deg, driven.heading_error_deg, atol=1e-4)
+    # against the nearest training pose: 10 + 30, 180 − 90, −45 + 180, 46 and 0 + 10; only the first of the seen drives its way
+    np.testing.assert_allclose(turned.turn_deg, [40, 90, 135, 46, 10], atol=1e-4)
+    assert turned.number("cells", "recall_at_1_turned")[0] == pytest.approx(1 / 3)
+    assert turned.number("cells", "recall_at_1_same_heading")[0] == 0.0
+    assert (turned.cells.turned_share(turned.turn_deg), driven.cells.turned_share(driven.turn_deg)) == (3 / 4, 2 / 4)
+    assert np.isnan(drive(labels=replace(LABELS, places=np.full(5, -1))).cells.turned_share(driven.turn_deg))
+
+
+def test_a_turn_of_nothing_changes_nothing() -> None:
+    still = columns([drive(turned_deg=np.zeros(5, np.float32))])
+    for name, column in columns([drive()]).items():
+        np.testing.assert_allclose(still[name], column, atol=1e-12, err_msg=name)
+
+
+def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
+    cases, ranking = [Case(), Case("turned", repeat=1)], joined([RANKING, TURNED])
+    attrs = {"cases": [asdict(case) for case in cases], "kinds": ["entropy", "energy"], "thresholds": [0.5, 4.5]}
+    with store.write(tmp_path / "rankings", schemas.RANKINGS, **attrs, wanted_precision=0.99) as draft:
+        draft.put("turned_deg", np.r_[np.zeros(5), LEFT_DEG])
+        for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
+            draft.put(name, getattr(ranking, name))
+    with store.write(tmp_path / "labels", schemas.LABELS, days=20, cell_m=10.0, x_m=[0, 1], y_m=[0, 1]) as draft:
+        for name in schemas.LABELS.columns:
+            draft.put(name, getattr(LABELS, name))
+    with store.write(tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+        draft.put("world_T_anchor", standing(XY_M, YAW_DEG))
+        draft.put("ground_m", np.zeros(5))
+        for name in ("first", "scans", "stamps_ns"):
+            draft.put(name, np.arange(5))
+        draft.put("used", np.ones(5, bool))
+    artifacts = (store.read(tmp_path / name, getattr(schemas, name.upper())) for name in ("rankings", "labels", "submaps"))
+    found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
+    assert list(found) == cases
+    for one, alone in zip(found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True):
+        for name, column in columns([alone]).items():
+            np.testing.assert_allclose(columns([one])[name], column, atol=1e-12, err_msg=name)
+    # by cells three of the four seen are right as driven, the third at second rank; swapped, the third alone
+    driven, turned = found.values()
+    assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (0.75, 0.25)
+    assert turned.answer.tolist() == [1, 1, 9, 1, 1]
+
+
+def test_the_exact_curve_passes_every_novelty() -> None:
+    # by cells in the order of novelty: right, right, wrong, right, unseen; all four seen count in recall: hits / (hits + misses)
+    precision, recall = drive().exact_curve("cells")
+    np.testing.assert_allclose(precision, [1, 1, 1, 2 / 3, 3 / 4, 3 / 5])
+    np.testing.assert_allclose(recall, [0, 1 / 4, 2 / 4, 2 / 3, 1, 1])
+    # by distance right, right, right, then the one that is not judged, then unseen
+    precision, recall = drive().exact_curve("distance")
+    np.testing.assert_allclose(precision[-1], 3 / 4)
+    assert recall[-1] == 1.0
 
 
 def test_a_query_at_the_threshold_is_rejected() -> None:

@@ -1,4 +1,4 @@
-"""Latency: what is timed, on which submaps, how it is told, and the stage on artifacts at their smallest."""
+"""Latency: what is timed, on which submaps, the rows that tell it, and the stage on artifacts at their smallest."""
 
 import json
 import time
@@ -7,18 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
-from pipeline.evaluation.timing import WARM_UP, Contender, Latency, Machine, clouds, processor
+from pipeline.evaluation.rows import COLUMNS, TYPED
+from pipeline.evaluation.timing import WARM_UP, Contender, Latency, Machine, clouds, cost_rows, processor
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.methods.m2dp import M2dp
-from pipeline.reports import latency as told
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.studies.expansion import expand
+from pipeline.running.telemetry import Trace
+from pipeline.studies.expansion import ModelName
 from pipeline.views.draw import Drawing
 
 MACHINE = Machine("Abacus", 4, "", 0.5, 1.0, {"Python": "3", "torch": ""})
@@ -30,6 +32,9 @@ BY_HAND = Latency(
     k=25,
     machine=MACHINE,
 )
+
+
+PARTS = [f"{part}_ms{end}" for part in ("generation", "retrieval", "query") for end in ("", "_p95")]
 
 
 def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1, points: int = 200) -> tuple[store.Artifact, store.Artifact]:
@@ -139,39 +144,41 @@ def test_points_are_those_that_views_are_drawn_from(sweeps: int, tmp_path: Path)
     assert len(found[0]) == sum(200 + i for i in range(1, 1 + sweeps))
 
 
-def test_a_row_holds_medians_and_95th_percentiles_of_each_part() -> None:
+def test_rows_hold_medians_and_95th_percentiles_of_each_part() -> None:
     # b: generation 10 10 40, retrieval 0.5, total 10.5 10.5 40.5; nine tenths of the way from the second to the third: 37.
     # a: totals 5 3 4.
-    rows = told.table(BY_HAND).rows
-    assert rows[1] == ("b", "narrow", "10.00", "37.00", "0.50", "0.50", "10.50", "37.50")
-    assert rows[0][:3] == ("a", "wide", "2.00")
-    assert rows[0][6] == "4.00"
-    assert told.line(BY_HAND) == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
+    found = {(one["method"], one["number"]): one["value"] for one in BY_HAND.rows()}
+    assert list(found) == [(method, part) for method in "abc" for part in PARTS]
+    assert [found["b", part] for part in PARTS] == pytest.approx([10, 37, 0.5, 0.5, 10.5, 37.5])
+    assert (found["a", "generation_ms"], found["a", "query_ms"]) == (2, 4)
+    assert BY_HAND.line() == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
 
 
-def test_the_page_names_the_machine_the_database_and_whose_numbers_are_the_papers(tmp_path: Path) -> None:
-    told.write(BY_HAND, tmp_path / "out", "campus", "2012-02-04", 1_234, simulated=True)
-    page, plain = ((tmp_path / "out" / f"latency.{suffix}").read_text() for suffix in ("md", "txt"))
-    for text in (page, plain):
-        words = " ".join(text.split())
-        assert "3 queries spread over 2012-02-04 of simulated campus" in words
-        assert "(300 in the median)" in words
-        assert "25 places from 1,234 training submaps" in words
-        assert "Measured on Abacus, 4 cores; Python 3." in words
-        assert "on other hardware (Matlab, GTX 1080 Ti)" in words
-    assert told.table(BY_HAND).markdown() in page
-    assert told.table(BY_HAND).text() in plain
-    assert max(map(len, plain.splitlines())) <= 130
-    told.write(BY_HAND, tmp_path / "real", "nclt", "2012-02-04", 1_234, simulated=False)
-    assert "simulated" not in (tmp_path / "real" / "latency.md").read_text()
+def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("here", "elsewhere"):
+        Path(name).write_bytes(bytes(2_500))
+    Trace(wall_s=3.0, cpu_s=5.0, peak_memory_mb=70.0).write("here")
+    found = list(cost_rows({ModelName("sci", "4way", 1): Path("here"), ModelName("m2dp"): Path("elsewhere")}))
+    assert {(one["method"], one["variant"], one["seed"]) for one in found} == {("sci", "4way", 1), ("m2dp", "", 0)}
+    assert [(one["number"], one["value"]) for one in found if one["method"] == "m2dp"] == [("model_mb", 0.0025)]
+    assert {one["number"]: one["value"] for one in found[:-1]} == {
+        **{"model_mb": 0.0025, "train_cpu_s": 5.0, "train_wall_s": 3.0, "train_peak_memory_mb": 70.0},
+    }
 
 
-def test_every_sample_is_kept(tmp_path: Path) -> None:
-    told.write(BY_HAND, tmp_path / "out", "campus", "2012-02-04", 1_234, simulated=True)
-    kept = json.loads((tmp_path / "out" / "latency.json").read_text())
+def test_every_sample_is_recorded() -> None:
+    kept = json.loads(json.dumps(BY_HAND.record()))
     assert kept["milliseconds"]["total"] == {"a": [5, 3, 4], "b": [10.5, 10.5, 40.5], "c": [8, 10, 12]}
     assert kept["milliseconds"]["generation"]["narrow"] == [10, 10, 40]
-    assert (kept["machine"]["processor"], kept["training_submaps"], kept["simulated"]) == ("Abacus", 1_234, True)
+    assert (kept["machine"]["processor"], kept["views"], kept["k"], kept["points"]) == (
+        "Abacus",
+        BY_HAND.views,
+        25,
+        [100, 300, 5_000],
+    )
 
 
 def test_this_machine_has_a_processor_with_a_name() -> None:
@@ -197,28 +204,22 @@ def test_methods_run_on_one_thread(stage: Any) -> None:
     assert stage.alone("m2dp") == M2dp()
 
 
-def test_the_stage_measures_each_method_of_a_study_with_its_model(stage: Any, tmp_path: Path) -> None:
-    for sequence, submaps in (("2012-01-15", 12), ("2012-02-04", 6)):
-        drive(tmp_path / "artifacts", sequence, submaps)
+def test_the_stage_measures_each_method_of_a_study_with_its_model(
+    stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive(tmp_path / "artifacts", "2012-02-04", 6)
     rng = np.random.default_rng(0)
     views = Rows(rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1)))
     model = M2dp().learn(views, np.arange(12), Progress())
     store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
-    study = {
-        **dict.fromkeys(("world", "source", "heeds", "root", "submap", "budget"), "x"),
-        **{"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"], "methods": [{"name": "m2dp", "view": "m2dp"}]},
-        "question": "year",
-    }
-    cfg = {
-        "benchmark": {"studies": {"campus": study}, **expand({"campus": study})},
-        "dataset": {"simulated": True},
-        **{"study": "campus", "cells": "10m", "artifacts": "artifacts", "out": "artifacts/latency/campus/10m"},
-        **{"queries": 4, "k": 3},
-    }
-    line = stage.main.run(OmegaConf.create(cfg))
+    study = {"tests": ["2012-02-04"], "methods": [{"name": "m2dp", "view": "m2dp"}]}
+    monkeypatch.setattr(stage, "studies", lambda: {"campus": study})
+    cfg = {"study": "campus", "cells": "10m", "artifacts": "artifacts", "queries": 4, "k": 3, "dataset": {"simulated": True}}
+    line = stage.main.run(OmegaConf.create(cfg | {"out": "artifacts/latency/campus/10m.csv", "samples": "10m.json"}))
     assert line.startswith("m2dp ")
     assert line.endswith(" ms; medians of 4 queries, from points to places")
-    out = tmp_path / "artifacts/latency/campus/10m"
-    assert {path.name for path in out.iterdir()} == {"latency.md", "latency.txt", "latency.json"}
-    assert "3 places from 12 training submaps" in " ".join((out / "latency.md").read_text().split())
-    assert len(json.loads((out / "latency.json").read_text())["milliseconds"]["total"]["m2dp"]) == 4
+    table = pd.read_csv("artifacts/latency/campus/10m.csv")
+    assert table.columns.tolist() == [*COLUMNS, *TYPED]
+    assert table["number"].tolist() == [*PARTS, "model_mb"]
+    kept = json.loads(Path("10m.json").read_text())
+    assert (kept["sequence"], kept["k"], len(kept["milliseconds"]["total"]["m2dp"])) == ("2012-02-04", 3, 4)

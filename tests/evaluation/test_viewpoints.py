@@ -14,7 +14,7 @@ from pipeline.evaluation.viewpoints import Judged, Viewpoints, turned
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.running.progress import Progress
-from tests.reports.viewed import judged
+from tests.evaluation.made import judged
 
 STEP_M = 3.0
 SIDE = 32
@@ -63,6 +63,9 @@ class Fake:
         self.moves.append((model, views, places))
         kept = {"evidence": np.zeros(5)} | {name: array for name, array in model.items() if name == "evidence"}
         return kept | {"codes": small(views.images[:, ::2]), "xy_m": views.world_T_anchor[:, :2, 3], "places": places}
+
+    def reconstructed(self, model: Model, images: np.ndarray) -> np.ndarray:
+        return 255 - images
 
     def localizer(self, model: Model) -> Localizer:
         def localize(views: Rows, k: int) -> Ranking:
@@ -144,6 +147,8 @@ def test_the_queries_are_the_odd_headings_and_the_reference_is_the_sequence_itse
     assert (found.novelty, found.length, found.correct_m) == ("cost", 4, 10.0)
     assert found.score.dtype == np.float32
     assert (found.score < 0).all()  # a distance's negative
+    assert (found.pictures == VIEWS.images[15, ::2]).all()  # the middle place at the reference's eight headings
+    assert (found.reconstructed == 255 - found.pictures).all()
     # 8 codes of 64 float32 a place, 16 B of position and 8 B of place; the evidence does not grow
     assert found.bytes_per_place == 8 * 64 * 4 + 16 + 8
 
@@ -155,7 +160,9 @@ def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
         off_m = 0.0 if heading_deg == 22.5 else 50.0 * odd
         return xy_m + np.stack([off_m * np.ones(len(xy_m)), np.zeros(len(xy_m))], axis=1), 1.0 - 0.5 * odd
 
-    numbers = judge(Scripted(answers)).numbers()
+    found = judge(Scripted(answers))
+    np.testing.assert_allclose(found.values, [[np.nan, 1, 1, 1], *[[0, 0.25, 0.5, 0]] * 7])
+    numbers = found.numbers()
     assert list(numbers) == [*(f"{deg}_deg" for deg in (22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5)), "mean"]
     assert numbers["22.5_deg"] == {"roc_auc": None, "pr_auc": 1.0, "accuracy": 1.0, "recall": 1.0}
     # Precision falls from 1 (nothing accepted) to 0 with the wrong half at recall 0, then rises to 1/2 at recall 1: area 1/4.

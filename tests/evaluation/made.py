@@ -1,0 +1,104 @@
+"""Small evaluations and judgements, worked out by hand, that several tests look at, and how they are written as artifacts."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline import store
+from pipeline.alterations import Case
+from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.judge import judge
+from pipeline.evaluation.judgement import Evaluation, attrs, columns
+from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.viewpoints import Judged
+from pipeline.frames import pose
+from pipeline.matching.places import Labels
+from pipeline.matching.ranking import Ranking
+from pipeline.schemas import EVALUATIONS
+
+XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
+BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
+NAN = np.full(7, np.nan, np.float32)
+COST = np.array([0.05, 0.75, 0.15, 0.25, 0.05, 0.45, 0.95], np.float32)
+AWAY_M = np.array([(1, 300), (1, 300), (200, 300), (6, 300), (1, 300), (1, 300), (1, 300)], float)
+SCI = Ranking(
+    places=np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]]),
+    costs=np.stack([COST, np.ones_like(COST)], axis=1),
+    xy_m=np.stack([XY_M[:, :1] + AWAY_M, XY_M[:, 1:] + 0 * AWAY_M], axis=2),
+    novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
+    confidence=1 - COST / 2,
+    heading_deg=NAN,
+    kinds=("entropy", "energy"),
+)
+"""The outcomes by cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm
+(unseen), correct rejection; by distance the fourth is a hit."""
+M2DP = replace(
+    SCI,
+    places=np.array([[1], [9], [3], [9], [9], [9], [9]]),
+    costs=SCI.costs[:, :1],
+    xy_m=SCI.xy_m[:, :1] + np.array([0.0, 199.0, -200.0, 199.0, 199.0, 0.0, 0.0])[:, None, None] * (1, 0),
+    novelty=SCI.novelty[:, :1],
+    confidence=NAN,
+    kinds=("distance",),
+)
+"""Right at 0 and 2 alone, of which SCI misplaces 2: one for it, two (1 and 4) against it by cells."""
+LABELS = Labels(
+    places=np.array([1, 2, 3, 4, 5, -1, -1]),
+    cells=np.arange(10),
+    oracle=np.array([1, 2, 3, 5, 5, 5, 5]),
+    nearest_m=np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0, 120.0]),
+    nearest_turn_deg=np.array([0.0, 0.0, 0.0, 0.0, 179.0, 0.0, 0.0]),
+)
+
+
+def evaluation(days: int = 20, ranking: Ranking = SCI, labels: Labels = LABELS, **given: Any) -> Evaluation:
+    """Seven queries, the last two unseen."""
+    reject_from = (0.5, 6.0)[: len(ranking.kinds)]
+    return judge(ranking, reject_from, labels, standing(XY_M), days, Distance(), BOOTSTRAP, **given)
+
+
+def standing(xy_m: np.ndarray, yaw_deg: np.ndarray | float = 0.0) -> np.ndarray:
+    """Poses (n, 4, 4) at these positions."""
+    still = np.zeros((len(xy_m), 2))
+    return pose(np.c_[xy_m, still[:, 0]], np.c_[still, still[:, 0] + np.deg2rad(yaw_deg)])
+
+
+def rows(whole: Any, index: Any) -> Any:
+    """Some rows of a ranking or of labels."""
+    arrays = {field.name: getattr(whole, field.name) for field in fields(whole) if field.name not in ("kinds", "cells")}
+    return replace(whole, **{name: array[index] for name, array in arrays.items()})
+
+
+def write(path: Path, cases: Mapping[Case, Evaluation], **other: Any) -> store.Artifact:
+    """An `evaluations` artifact; `other` replaces attributes."""
+    named = {"sequence": path.stem, "train": "2012-01-15", "wanted_precision": 0.99, "distance": {}, "bootstrap": vars(BOOTSTRAP)}
+    with store.write(path, EVALUATIONS, **{**attrs(cases), **named, **other}) as draft:
+        for name, column in columns([*cases.values()]).items():
+            draft.put(name, column)
+    return store.read(path, EVALUATIONS)
+
+
+def judged(correct: np.ndarray, score: np.ndarray) -> Judged:
+    """Queries 2 m apart on a line, each (heading, query) matched 1 m off or 80 m off, with this score; all are valid."""
+    headings, n = correct.shape
+    xy_m = np.stack([2.0 * np.arange(n), np.zeros(n)], axis=1)
+    error_m = np.where(correct, 1.0, 80.0)
+    return Judged(
+        headings_deg=(np.arange(headings) + 0.5) * 360 / headings,
+        row=np.tile(np.arange(n), (headings, 1)),
+        answer_xy_m=xy_m + np.stack([error_m, np.zeros_like(error_m)], axis=2),
+        error_m=error_m,
+        score=np.asarray(score, np.float32),
+        correct=np.asarray(correct, bool),
+        valid=np.ones(n, bool),
+        xy_m=xy_m,
+        pictures=np.zeros((headings, 4, 4), np.uint8),
+        reconstructed=np.zeros((0, 4, 4), np.uint8),
+        correct_m=10.0,
+        length=10,
+        novelty="cost",
+        bytes_per_place=8224.0,
+    )
