@@ -6,13 +6,14 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration, Section
-from pipeline.report.table import Table, fixed, signed
+from pipeline.report.table import MISSING, Table, fixed, signed
 
 UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")
 """A blank that no line breaks at."""
@@ -96,8 +97,8 @@ def listing(names: Sequence[str], last: str = "and") -> str:
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """`63 %`."""
-    return f"{100 * share:.{digits}f}".removesuffix(".0") + " %"
+    """`63 %`; a dash for NaN."""
+    return f"{100 * share:.{digits}f}".removesuffix(".0") + " %" if np.isfinite(share) else MISSING
 
 
 def _group(one: Section | Illustration) -> str:
@@ -110,9 +111,16 @@ def _words() -> Mapping[str, Any]:
     return found
 
 
+class _Filled(Environment):
+    """`one.clear` is the entry of a mapping that has one, not the method that empties it."""
+
+    def getattr(self, obj: Any, attribute: str) -> Any:
+        return obj[attribute] if isinstance(obj, Mapping) and attribute in obj else super().getattr(obj, attribute)
+
+
 @cache
 def _environment(html: bool) -> Environment:
-    made = Environment(
+    made = _Filled(
         loader=PackageLoader("pipeline.report"),
         autoescape=html,
         undefined=StrictUndefined,
