@@ -16,6 +16,7 @@ from pipeline.errors import ArtifactError
 from pipeline.evaluation.judgement import Evaluation, Judgement
 from pipeline.frames import yaw
 from pipeline.report.alike import best_shifts, spectra
+from pipeline.report.figures.maps import OUTCOMES
 from pipeline.report.study import Result, Study, by_sequence, dates
 from pipeline.views.scan_context import colours, quantize
 
@@ -23,8 +24,6 @@ NONE = 0xFFFF_FFFF
 """The training row of an answer without a position."""
 COLUMNS = 16
 """Views beside each other in a picture."""
-OUTCOMES = {"hit": "#6BB6E8", "miss": "#EFA31D", "false alarm": "#B2182B", "correct rejection": "#1B3C73"}
-"""Name to colour, in the order of the codes of `Judgement.outcome`."""
 
 
 def chart(study: Study) -> dict[str, Any]:
@@ -44,7 +43,7 @@ def chart(study: Study) -> dict[str, Any]:
         "simulated": study.simulated,
         "best": study.best,
         "correct_m": study.distance.correct_m,
-        "outcomes": [{"name": name, "colour": colour} for name, colour in OUTCOMES.items()],
+        "outcomes": [{"name": name, "colour": colour} for name, colour, _ in OUTCOMES],
         "path": packed(study.train_xy_m, "f4"),
         "train": train.picture if train else None,
         "sequences": sequences,

@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.evaluation.study_rows import ORACLE, PER_DAYS
 from pipeline.report.figures.panels import name_rows
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.table import signed
 
-PER_DAYS = 100
-ORACLE = "oracle"
 ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest slope; it cuts longer intervals
 
 

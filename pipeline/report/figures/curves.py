@@ -7,8 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pipeline.evaluation.counts import ExactCounts
-from pipeline.evaluation.numbers import curve
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.figures.panels import balanced, in_corner, name_ends, panels, precision_axes, share_limits
 from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, figure, handles, look, styled
@@ -30,7 +28,7 @@ def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) 
     fig = figure(width_in, 0.85 + (1.5 if columns > 3 else 2.0) * rows, simulated, f"Precision over recall, by {protocol}")
     for axis, group in zip(panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True):
         for line, result in enumerate(reversed(group)):
-            (tint, dash), (precision, recall) = looks[result.model], exact_curve(result, protocol)
+            (tint, dash), (precision, recall) = looks[result.model], result.evaluation.exact_curve(protocol)
             axis.plot(recall, precision, color=tint, ls=dash, lw=1.0, zorder=3)
             dot = [result.number(protocol, f"{name}_at_threshold") for name in ("recall", "precision")]
             if np.isfinite(dot).all():
@@ -39,14 +37,6 @@ def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) 
         precision_axes(axis, group[0].label)
     below(fig, handles(looks), 5 if columns > 1 else 2, title="number: exact AUC; dot: the model's own threshold")
     return fig
-
-
-def exact_curve(result: Result, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Precision and recall (t,) of the first answer, as each distinct novelty in use is accepted, from none to all queries."""
-    truth, novelty = result.evaluation.truth(protocol), result.evaluation.novelty[:, 0]
-    counts = ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)
-    precision, recall = curve(truth, counts, np.array([float(truth.seen.sum())]))
-    return precision[0], recall[0]
 
 
 @styled

@@ -1,27 +1,30 @@
 """Small evaluations and comparisons, worked out by hand, that the tests of figures draw."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.judgement import Evaluation, judge
-from pipeline.evaluation.numbers import numbers
+from pipeline.evaluation.judge import judge
+from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.rows import of_evaluation, row, table
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
-from pipeline.report.comparison import Found, Kind, Measure
+from pipeline.report.comparison import MEASURES, Comparison, Kind
+from pipeline.report.study import Result
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)
 """Ten places of five submaps each, 2.04 m apart."""
+PLACES = np.array([1, 2, 3, 4, 5, -1, -1])
+BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
 
 
-def evaluation(days: int = 20) -> Evaluation:
+def evaluation(days: int = 20, places: np.ndarray = PLACES, threshold: float = 0.5) -> Evaluation:
     """Seven queries, the last two unseen, with two kinds of novelty.
 
     By cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm (unseen),
@@ -42,7 +45,7 @@ def evaluation(days: int = 20) -> Evaluation:
         kinds=("entropy", "energy"),
     )
     labels = Labels(
-        places=np.array([1, 2, 3, 4, 5, -1, -1]),
+        places=places,
         cells=np.arange(10),
         oracle=np.array([1, 2, 3, 5, 5, 5, 5]),
         nearest_m=np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0, 120.0]),
@@ -50,78 +53,50 @@ def evaluation(days: int = 20) -> Evaluation:
     )
     world_T_anchor = np.tile(np.eye(4), (7, 1, 1))
     world_T_anchor[:, :2, 3] = xy_m
-    return judge(ranking, (0.5, 6.0), labels, world_T_anchor, days, Distance(), Bootstrap(block_m=15.0, resamples=40))
+    return judge(ranking, (threshold, 6.0), labels, world_T_anchor, days, Distance(), BOOTSTRAP)
 
 
-@dataclass(frozen=True)
-class Given:
-    """What figures use of a Result, with some numbers replaced."""
-
-    model: str
-    sequence: str
-    days: int
-    evaluation: Evaluation
-    bounds: tuple[float, float] | None = None
-    wanted_precision: float = 0.9
-
-    @property
-    def label(self) -> str:
-        return f"{self.sequence}, {self.days:+d} d"
-
-    def number(self, protocol: str, name: str) -> float:
-        e = self.evaluation
-        return float(numbers(e.truth(protocol), e.queries, np.ones((1, len(e.answer))))[name][0])
-
-    def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
-        return self.bounds
+def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
+    """Its numbers are those of the table of results."""
+    rows = [each for each in of_evaluation(one) if not each.get("kind")]
+    numbers = {(each["protocol"], each["number"]): (each["value"], each["low"], each["high"]) for each in rows}
+    return Result(model, sequence, days, one, 0.9, numbers)
 
 
-def results(*models: str) -> list[Any]:
+def results(*models: str) -> list[Result]:
     return [
-        Given(model, date, days, evaluation(days)) for model in models for date, days in (("2012-02-04", 20), ("2012-03-17", 62))
+        result(model, date, days, evaluation(days)) for model in models for date, days in (("2012-02-04", 20), ("2012-03-17", 62))
     ]
+
+
+def bounded(one: Result, low: float, high: float) -> Result:
+    """The same with another interval of all numbers."""
+    return replace(one, numbers={key: (value, low, high) for key, (value, _, _) in one.numbers.items()})
 
 
 ONE = results("sci")
 BOTH = results("sci", "m2dp")
-E = ONE[0].evaluation
-UNSEEN = replace(E.cells, recall_at=np.full(25, np.nan), seen=np.zeros(7, bool), oracle_right=np.zeros(7, bool))
-NOTHING = replace(ONE[0], evaluation=replace(E, reject_from=(float(np.finfo(np.float64).min), 0.0), cells=UNSEEN))
+NOTHING = result("sci", "2012-02-04", 20, evaluation(20, np.full(7, -1), float(np.finfo(np.float64).min)))
 """A sequence that training never saw, and a threshold that accepts nothing."""
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """What figures use of a Comparison: values (seed, sequence, repeat) of all measures by model and kind."""
-
-    values: Mapping[tuple[str, Kind], Sequence[Sequence[Sequence[float]]]]
-    sequences: tuple[str, ...] = ("2012-02-04", "2012-06-15")
-
-    @property
-    def models(self) -> list[str]:
-        return list(dict.fromkeys(model for model, _ in self.values))
-
-    @property
-    def kinds(self) -> list[Kind]:
-        return list(dict.fromkeys(kind for _, kind in self.values))
-
-    @property
-    def changes(self) -> list[Kind]:
-        return self.kinds[1:]
-
-    def found(self, model: str, kind: Kind, measure: Measure) -> Found:
-        whole = np.array(self.values[model, Kind()])[:, :, :1] if measure.relative else 1.0
-        return Found(np.array(self.values[model, kind]) / whole)
-
-    def ordered(self, kind: Kind, measure: Measure) -> list[str]:
-        return sorted(self.models, key=lambda model: -self.found(model, kind, measure).mean)
-
-    def ways(self) -> dict[int, str]:
-        return {2: "sci", 4: "sci-4way"}
+def compared(
+    values: Mapping[tuple[str, Kind], Sequence[Sequence[Sequence[float]]]], n_way: Mapping[str, int], **own: float
+) -> Comparison:
+    """Values (seed, sequence, repeat) by model and kind, the same of all numbers but those of `own`, the same everywhere."""
+    rows = []
+    for (model, kind), array in values.items():
+        (method, _, variant), place = model.partition("-"), vars(kind)
+        for (seed, sequence, repeat), value in np.ndenumerate(np.array(array)):
+            where = {"method": method, "variant": variant, "seed": seed, "repeat": repeat, "sequence": DAYS[sequence]}
+            for one in MEASURES:
+                rows.append(place | where | {"days": sequence} | row(one.name, one.protocol, own.get(one.name, value)))
+    return Comparison(table(rows), n_way)
 
 
+DAYS = ("2012-02-04", "2012-06-15", "2012-10-28")
 TURNED = Kind("turned")
-COMPARED: Any = Numbers(
+COMPARED = compared(
     {
         ("sci", Kind()): [[[0.8], [0.8]]],
         ("sci", TURNED): [[[0.2, 0.2], [0.4, 0.4]]],
@@ -129,14 +104,16 @@ COMPARED: Any = Numbers(
         ("sci-4way", TURNED): [[[0.7, 0.7], [0.78, 0.78]]],
         ("sci_ring", Kind()): [[[0.9], [0.8]], [[0.9], [0.8]]],
         ("sci_ring", TURNED): [[[0.9, 0.9], [0.8, 0.76]], [[0.9, 0.8], [0.7, 0.74]]],
-    }
+    },
+    {"sci": 2, "sci-4way": 4},
 )
-BUILT: Any = Numbers(
+BUILT = compared(
     {
         (model, Kind("construction" if level else "", level, shadow)): [[[auc], [auc]]]
         for model, aucs in (("sci", (0.8, 0.7, 0.6, 0.6, 0.3)), ("m2dp", (0.5,) * 5))
         for (level, shadow), auc in zip(((0, False), (1, False), (2, False), (1, True), (2, True)), aucs, strict=True)
-    }
+    },
+    {},
 )
 
 

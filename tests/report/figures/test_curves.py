@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from pipeline.report.figures import curves, novelty, rejection, reliability
 from pipeline.report.figures.style import colour
 from pipeline.report.figures.year import year
-from tests.report.figures.made import BOTH, ONE, words
+from tests.report.figures.made import BOTH, ONE, bounded, words
 
 
 def test_curves_have_a_panel_a_sequence_each_exact_area_one_legend_and_a_dot_at_the_models_threshold() -> None:
@@ -24,11 +24,11 @@ def test_curves_have_a_panel_a_sequence_each_exact_area_one_legend_and_a_dot_at_
 
 def test_the_exact_curve_passes_every_novelty_and_by_distance_a_misplaced_query_lowers_recall() -> None:
     # Accepted one by one as novelty rises: right, right, misplaced, misplaced, unseen, right, unseen; 5 are seen.
-    precision, recall = curves.exact_curve(ONE[0], "cells")
+    precision, recall = ONE[0].evaluation.exact_curve("cells")
     assert precision == pytest.approx([1, 1, 1, 2 / 3, 2 / 4, 2 / 5, 3 / 6, 3 / 7])
     assert recall == pytest.approx([0, 1 / 5, 2 / 5, 2 / 4, 2 / 3, 2 / 3, 1, 1])
     # By distance the second misplaced one is right, 6 m away; recall is of all five seen.
-    precision, recall = curves.exact_curve(ONE[0], "distance")
+    precision, recall = ONE[0].evaluation.exact_curve("distance")
     assert precision == pytest.approx([1, 1, 1, 2 / 3, 3 / 4, 3 / 5, 4 / 6, 4 / 7])
     assert recall == pytest.approx([0, 1 / 5, 2 / 5, 2 / 5, 3 / 5, 3 / 5, 4 / 5, 4 / 5])
 
@@ -54,7 +54,7 @@ def test_the_history_has_a_panel_a_curve_and_marks_the_round_that_was_kept() -> 
 
 
 def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_and_names_the_oracle() -> None:
-    fig = year([replace(one, bounds=(low, 0.9)) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15", False)
+    fig = year([bounded(one, low, 0.9) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15", False)
     assert [axis.get_ylabel() for axis in fig.axes] == ["AUC top-1 by cells", "recall@1 by cells", "recall@1 by distance"]
     assert fig.axes[-1].get_xticks().tolist() == [20, 62]
     assert {"2012-02-04", "2012-03-17", "sci", "oracle recall@1"} <= set(words(fig))

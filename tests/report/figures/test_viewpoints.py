@@ -18,6 +18,7 @@ from pipeline.views.birdview import BirdView
 from tests.report.figures.made import words
 
 RIGHT, HALF, WRONG = np.ones(4, bool), np.array([1, 0, 1, 0], bool), np.zeros(4, bool)
+NO_PICTURES = np.zeros((0, 4, 4), np.uint8)
 
 
 def at(*correct: np.ndarray) -> Judged:
@@ -27,7 +28,7 @@ def at(*correct: np.ndarray) -> Judged:
         headings_deg=(np.arange(len(correct)) + 0.5) * 360 / len(correct), row=nothing.astype(int),
         answer_xy_m=np.zeros((len(correct), 4, 2)), error_m=np.where(right, 1.0, 80.0), correct=right, valid=np.ones(4, bool),
         score=np.tile(np.array([4, 3, 2, 1], np.float32), (len(correct), 1)), xy_m=np.zeros((4, 2)), correct_m=10.0, length=10,
-        novelty="cost", bytes_per_place=1.0,
+        novelty="cost", bytes_per_place=1.0, pictures=NO_PICTURES, reconstructed=NO_PICTURES,
     )  # fmt: skip
 
 
