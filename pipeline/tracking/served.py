@@ -26,7 +26,19 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-SHIPPED = ("__init__", "errors", "frames", "schemas", "store", "matching", "methods", "networks", "running", "views")
+SHIPPED = (
+    "__init__",
+    "alterations",
+    "errors",
+    "frames",
+    "schemas",
+    "store",
+    "matching",
+    "methods",
+    "networks",
+    "running",
+    "views",
+)
 """Modules and folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
 """What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
