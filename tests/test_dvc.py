@@ -11,13 +11,11 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.running.unchanged import RESULTS, SOURCES
-from pipeline.studies.expansion import spelled_out
-from pipeline.studies.names import text
+from pipeline.studies.names import complete, lists_text, studies_text
 
 ROOT = Path(__file__).parents[1]
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {"pipeline.running.telemetry"}  # nor can what a stage costs
-ALSO = {"robustness": {"conf/localize.yaml", "conf/evaluate.yaml"}}  # it asks and judges as these stages do
 STAGES = list(Repo(ROOT).index.stages)
 GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)
 STAGE = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.addressing)
@@ -41,9 +39,9 @@ def test_params_are_the_files_that_the_stage_composes(stage):
     used = {
         f"conf/{group}/{choice}.yaml" for group, choice in groups if not group.startswith("hydra/") and group not in UNTRACKED
     }
-    if "benchmark" in cfg:
-        used.add("conf/benchmark.yaml")
-    assert paths(stage, params=True) == used | {f"conf/{name}.yaml"} | ALSO.get(name, set())
+    if "stages._studies" in GRAPH.find_upstream_modules(f"stages.{name}"):
+        used.add("conf/studies.yaml")
+    assert paths(stage, params=True) == used | {f"conf/{name}.yaml"}
 
 
 def targets(node: object) -> list[str]:
@@ -63,7 +61,7 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
         for key, value in cfg.items()
         if key not in ("hydra", "tracking") and isinstance(value, DictConfig)
     }
-    told = name in ("labels", "report", "viewpoints", "robustness", "cells", "latency", "publish")
+    told = name in ("labels", "latency", "publish", "results")
     if told or (name in ("logs", "events") and cfg.dataset.simulated):
         plain.pop("dataset")  # they look at the data set's box or label, and build no reader
     roots = {f"stages.{name}", *targets(plain)}
@@ -79,7 +77,7 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
 def test_an_artifact_lies_in_the_folder_of_its_stage(stage):
     name, _ = composed(stage)
     folder = {"birdviews": "views"}.get(name, name)
-    assert all(out.def_path.startswith(f"artifacts/{folder}/") for out in stage.outs)
+    assert all(Path(out.def_path).is_relative_to(f"artifacts/{folder}") for out in stage.outs)
 
 
 def keys(node: object) -> set[str]:
@@ -97,9 +95,17 @@ def test_no_key_that_dvc_cannot_see(path):
     assert "${" not in text
 
 
-def test_the_one_list_is_what_its_studies_come_to():
-    said = (ROOT / "conf/benchmark.yaml").read_text()
-    assert said == text(spelled_out(yaml.safe_load(said)["benchmark"]))
+def test_the_lists_follow_from_the_studies():
+    said = yaml.safe_load((ROOT / "conf/studies.yaml").read_text())["studies"]
+    studies = complete(ROOT / "conf", said)
+    assert (ROOT / "conf/lists.yaml").read_text() == lists_text(studies)
+    assert yaml.safe_load(studies_text(studies))["studies"] == said == studies
+
+
+def test_only_the_report_depends_on_what_it_looks_like():
+    shown = [stage for stage in STAGES if any(Path("pipeline/report").is_relative_to(dep) for dep in paths(stage, params=False))]
+    assert [stage.addressing.rpartition(":")[2].partition("@")[0] for stage in shown] == ["report"]
+    assert not [dep for stage in STAGES for dep in paths(stage, params=False) if dep in ("pipeline", "stages")]
 
 
 def test_a_change_of_anything_that_dvc_looks_at_is_seen_without_dvc():

@@ -26,8 +26,12 @@ DRIVE = ("world", "source", "heeds", "root")
 reader, or of a simulated one no more than that it is simulated."""
 STRUCTURE = ("demolition", "construction")
 """Alterations that a method's own model answers alone: variants and seeds differ in the headings that they learned."""
-INSTEAD = {"evaluated": "pipeline/errors.py", "viewed": "pipeline/frames.py", "changed": "pipeline/grid.py"}
-"""What a stage depends on where a study has no such artifact: DVC has no optional dependencies."""
+INSTEAD = {
+    "evaluated": "pipeline/__init__.py",
+    "viewed": "pipeline/evaluation/__init__.py",
+    "changed": "pipeline/formats/__init__.py",
+}
+"""What a stage depends on where a study has no such artifact, an empty file: DVC has no optional dependencies."""
 
 
 @dataclass(frozen=True)
