@@ -21,7 +21,8 @@ def repair(root: Path) -> list[Path]:
     alone, and the files that they name are written here.
     """
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
-    missing = [lock for lock in (root / "dvc.lock", *root.glob("dag/*/dvc.lock")) if lock.is_symlink() and not lock.exists()]
+    links = [path.with_name("dvc.lock") for path in files(root / "dvc.yaml")]
+    missing = [lock for lock in links if lock.is_symlink() and not lock.exists()]
     for lock in (*torn, *missing):
         path = lock.resolve()
         path.parent.mkdir(parents=True, exist_ok=True)
