@@ -13,7 +13,7 @@ from pipeline.running.repair import repair
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
     """A project with a root file and one stage, whose locks are links into .dvc/locks."""
-    for folder, link in (("", ".dvc/locks/dvc.lock"), ("dag/train", "../../.dvc/locks/train.lock")):
+    for folder, link in (("", ".dvc/locks/root.lock"), ("dag/train", "../../.dvc/locks/train.lock")):
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
         (tmp_path / folder / "dvc.yaml").write_text("stages: {}\n")
         (tmp_path / folder / "dvc.lock").symlink_to(link)

@@ -9,7 +9,7 @@ import pytest
 from pipeline.cli import main
 from pipeline.running.unchanged import STATE, remember, unchanged
 
-FILES = ("conf/a.yaml", "pipeline/b/c.py", "stages/d.py", "dag/e/dvc.yaml", "dvc.yaml", ".dvc/locks/dvc.lock", ".dvc/config")
+FILES = ("conf/a.yaml", "pipeline/b/c.py", "stages/d.py", "dag/e/dvc.yaml", "dvc.yaml", ".dvc/locks/root.lock", ".dvc/config")
 REPORT = "artifacts/report/campus/report.md"
 
 
