@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 
@@ -254,28 +254,6 @@ def test_points_and_poses_that_are_not_numbers_are_refused_and_leave_the_map_as_
     for each in (made, other):
         each.insert(points, at(1.0))
     np.testing.assert_array_equal(made.log_odds, other.log_odds)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"depth": 1},
-        {"depth": 6.5},
-        {"edge_m": 0.0},
-        {"hit": 0.4},
-        {"miss": 0.5},
-        {"lowest": 0.45},
-        {"highest": 1.0},
-        {"motion": "walk"},
-        {"rays": "some"},
-        {"sigma_m": 0.0},
-        {"max_range_m": -1.0},
-        {"sensor_height_m": 13.0},
-    ],
-)
-def test_numbers_that_make_no_octree_are_a_config_error(wrong: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match=r"view\.octree"):
-        Octree(**wrong)
 
 
 def octomap_states(tree: Any, made: OctreeMap) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching import alignment
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows
@@ -217,22 +217,6 @@ def test_all_odd_rows_count_on_a_path_without_blocks() -> None:
         assert len(evidence.right) == max(n // 2, 1)
         # Of 20 rows the even ones 8 to 12 can be the middle of a run: all near row 9, which is then held against them after all.
         assert not any(values.any() for values in (evidence.seen["cost"], evidence.unseen["cost"]))
-
-
-def test_a_setting_that_makes_no_sense_is_a_config_error() -> None:
-    wrong: dict[str, object] = {
-        "length": 0,
-        "slowest": 0.0,
-        "fastest": 0.7,
-        "speed_step": 0.0,
-        "contrast_rows": 1,
-        "novelty": "score",
-        "both_ways": "no",
-        "held_out_every_m": 0.0,
-    }
-    for name, value in wrong.items():
-        with pytest.raises(ConfigError, match=rf"method\.{name}={value}"):
-            SequenceMethod(**{name: value})  # type: ignore[arg-type]
 
 
 def test_differences_from_other_rows_than_the_database_s_are_refused() -> None:

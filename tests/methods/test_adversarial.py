@@ -1,7 +1,6 @@
 """The game: each term worked out by hand, who moves when, and a training that can be cut anywhere."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import exp, log, log1p
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, Joi
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
 from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut
 
 
 class Fixed(nn.Module):
@@ -171,17 +171,6 @@ def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_
     assert best_round(curves) == 2
     assert all(torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items())
     assert not same(resumed.encoder, game.encoder)
-
-
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the training when a round is about to be shown."""
-
-    at: int = 0
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == self.at:
-            raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize("at", [1, 2, 3])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.m2dp import M2dp
@@ -35,13 +35,6 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
     np.testing.assert_allclose(ranking.novelty, [[0.2], [5]], rtol=1e-6)
     np.testing.assert_array_equal(ranking.xy_m[:, :, 0], [[2, 3, 1], [0, 1, 2]])
     assert np.isnan(ranking.heading_deg).all()
-
-
-def test_distinct_places_are_answered_once_each() -> None:
-    method = M2dp(distinct_places=True)
-    ranking = method.localizer(method.learn(LINE, PLACES, Progress()))(rows(np.array([[0.4, 0]])), 3)
-    np.testing.assert_array_equal(ranking.places, [[0, 1, 2]])
-    np.testing.assert_allclose(ranking.costs, [[0.4, 1.6, 2.6]], rtol=1e-6)
 
 
 def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_blocks() -> None:
@@ -92,16 +85,3 @@ def test_views_that_are_no_signatures_are_refused() -> None:
     model = M2dp().learn(LINE, PLACES, Progress())
     with pytest.raises(InputError, match=r"expected \(q, d\) like the database's \(4, 2\)"):
         M2dp().localizer(model)(rows(np.zeros((1, 192))), 1)
-
-
-def test_every_training_view_needs_its_place() -> None:
-    for places in (PLACES[:3], np.array([0, 0, -1, 1])):
-        with pytest.raises(InputError, match="known place"):
-            M2dp().learn(LINE, places, Progress())
-
-
-def test_a_setting_of_the_wrong_kind_is_a_config_error() -> None:
-    with pytest.raises(ConfigError, match=r"method\.held_out_every_m"):
-        M2dp(held_out_every_m=0)
-    with pytest.raises(ConfigError, match=r"method\.distinct_places"):
-        M2dp(distinct_places="yes")  # type: ignore[arg-type]

@@ -1,20 +1,21 @@
 """PFL on a short made-up drive: it knows places under noise and at other headings, and goes on where it was cut."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pfl import features
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
 from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut, same
 
 ROWS, HEADINGS = 24, 16
 PLACES = np.repeat(np.arange(6), 4)
@@ -46,10 +47,6 @@ def rows(seed: int = 1) -> Rows:
 @pytest.fixture(scope="module")
 def model() -> Model:
     return SMALL.learn(rows(), PLACES, PROGRESS)
-
-
-def same(one: Model, other: Model) -> bool:
-    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
 
 
 def test_noisy_views_are_known_and_their_heading_told(model: Model) -> None:
@@ -108,15 +105,6 @@ def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
     assert not same(replace(SMALL, seed=1).learn(rows(), PLACES, PROGRESS), model)
 
 
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the training when its second round ends."""
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == 2:
-            raise KeyboardInterrupt
-
-
 def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model: Model) -> None:
     assert len(model["curves/image_cycle"]) == 2
     with pytest.raises(KeyboardInterrupt):
@@ -163,22 +151,6 @@ def test_more_budget_is_more_iterations() -> None:
 
     # 2, 4 and 8 iterations, in at most four rounds of at least 2.
     assert (rounds(0.125), rounds(0.25), rounds(0.5)) == (1, 2, 4)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "name"),
-    [
-        ({"width": 0}, "width"),
-        ({"epochs": 0}, "epochs"),
-        ({"batch": 1}, "batch"),
-        ({"beta1": 1.0}, "beta1"),
-        ({"generator_steps": 0}, "generator_steps"),
-        ({"objective": "none"}, "objective"),
-    ],
-)
-def test_settings_that_make_no_sense_are_config_errors(wrong: dict[str, object], name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"method\.{name}="):
-        Pfl(**wrong)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("shape", [(4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64)])

@@ -1,7 +1,7 @@
 """PointNetVLAD on a few made-up places: it learns, goes on where it was cut, and takes a user's weights."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pointnetvlad import pointnetvlad
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut, same
 
 PLACES, EACH, POINTS = 6, 6, 64
 TRUTH = np.repeat(np.arange(PLACES), EACH)
@@ -57,10 +58,6 @@ def ranking(model: Model) -> Ranking:
     return SMALL.localizer(model)(rows(3), 3)
 
 
-def same(one: Model, other: Model) -> bool:
-    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
-
-
 def test_places_are_told_apart(ranking: Ranking, model: Model) -> None:
     assert (ranking.places[:, 0] == TRUTH).mean() > 0.9
     assert np.array_equal(ranking.novelty[:, 0], ranking.costs[:, 0])
@@ -95,15 +92,6 @@ def test_the_database_holds_the_blocks_that_training_did_not_see(model: Model) -
 def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
     assert same(SMALL.learn(rows(), TRUTH, Progress()), model)
     assert not same(replace(SMALL, seed=1).learn(rows(), TRUTH, Progress()), model)
-
-
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the training when its second round ends."""
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == 2:
-            raise KeyboardInterrupt
 
 
 def test_an_interrupted_training_with_hard_negatives_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
@@ -160,22 +148,6 @@ def test_weights_that_cannot_be_read_are_a_config_error(tmp_path: Path, content:
         path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"w\.safetensors: (no|not a) [^;]*; correct method\.weights$"):
         replace(SMALL, weights=str(path)).learn(rows(), TRUTH, Progress())
-
-
-@pytest.mark.parametrize(
-    ("wrong", "name"),
-    [
-        ({"epochs": 0}, "epochs"),
-        ({"epochs": -1}, "epochs"),
-        ({"positive_m": 50.0}, "negative_m"),
-        ({"batch": 0}, "batch"),
-        ({"train_points": 0}, "train_points"),
-        ({"schedule": "none"}, "schedule"),
-    ],
-)
-def test_settings_that_make_no_sense_are_config_errors(wrong: dict[str, object], name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"method\.{name}="):
-        PointNetVlad(**wrong)  # type: ignore[arg-type]
 
 
 def test_views_that_are_no_clouds_are_refused(model: Model) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching.patches import differences, normalised
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
@@ -134,10 +134,3 @@ def test_views_that_are_no_bird_views_are_refused() -> None:
         Sad().learn(replace(rows(STREET), images=STREET[:, 0]), PLACES, Progress())
     with pytest.raises(InputError, match="known place"):
         Sad().learn(rows(STREET), PLACES - 1, Progress())
-
-
-def test_a_setting_of_the_wrong_kind_is_a_config_error() -> None:
-    with pytest.raises(ConfigError, match=r"method\.patch_px=0"):
-        Sad(patch_px=0)
-    with pytest.raises(ConfigError, match=r"method\.length=ten"):
-        Sad(length="ten")  # type: ignore[arg-type]

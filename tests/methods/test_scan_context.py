@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.frames import pose
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows
@@ -208,12 +208,6 @@ def test_views_of_another_shape_are_refused(method: Both):
     localize = method.localizer(method.learn(rows(1), TRUTH, Progress()))
     with pytest.raises(InputError, match="10 rings × 24 sectors"):
         localize(one(np.zeros((10, 25), np.float32)), 1)
-
-
-@pytest.mark.parametrize("candidates", [0, -3])
-def test_candidates_are_positive(candidates: int):
-    with pytest.raises(ConfigError, match=f"candidates={candidates}"):
-        ScanContext50(candidates=candidates)
 
 
 @pytest.mark.parametrize("lift_m", [1.73, 1.9])

@@ -1,6 +1,6 @@
 """SCI on a few made-up places: it learns them, forward and reversed, and says what it does not know."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci import Sci
 from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut, same
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, RINGS, SECTORS = 4, 12, 8, 24
@@ -42,10 +43,6 @@ def model() -> Model:
 @pytest.fixture(scope="module")
 def ranking(model: Model) -> Ranking:
     return SMALL.localizer(model)(rows(3), k=3)
-
-
-def same(one: Model, other: Model) -> bool:
-    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
 
 
 def test_places_are_learned(model: Model, ranking: Ranking) -> None:
@@ -132,18 +129,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(model: Model
     assert not same(replace(SMALL, seed=1).learn(rows(2), TRUTH, Progress()), model)
 
 
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the run when its fifth epoch is about to be shown."""
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == 5:
-            raise KeyboardInterrupt
-
-
 def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model: Model) -> None:
     with pytest.raises(KeyboardInterrupt):
-        SMALL.learn(rows(2), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
+        SMALL.learn(rows(2), TRUTH, PowerCut(at=5, checkpoint=tmp_path / "half"))
     assert (tmp_path / "half").is_file()
     assert same(SMALL.learn(rows(2), TRUTH, Progress(checkpoint=tmp_path / "half")), model)
 

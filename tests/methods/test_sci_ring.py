@@ -1,19 +1,20 @@
 """SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.frames import pose
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
+from tests.interrupted import PowerCut, same
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, SECTORS = 4, 10, 40
@@ -59,10 +60,6 @@ def ranking(model: Model) -> Ranking:
     return SMALL.localizer(model)(rows(3), 3)
 
 
-def same(one: Model, other: Model) -> bool:
-    return one.keys() == other.keys() and all(one[name].tobytes() == other[name].tobytes() for name in one)
-
-
 def off_deg(told: np.ndarray, true: np.ndarray) -> np.ndarray:
     off: np.ndarray = np.abs((told - true + 180) % 360 - 180)
     return off
@@ -93,14 +90,6 @@ def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(model: Mode
     np.testing.assert_allclose(off_deg(found.heading_deg, ranking.heading_deg - 72), 0, atol=1e-2)
 
 
-def test_answers_are_ranked_from_cheapest_to_dearest(ranking: Ranking) -> None:
-    assert ranking.places.shape == ranking.costs.shape == (len(TRUTH), 3)
-    assert ranking.xy_m.shape == (len(TRUTH), 3, 2)
-    assert (np.diff(ranking.costs, axis=1) >= 0).all()
-    assert ((ranking.costs >= 0) & (ranking.costs <= 1)).all()
-    assert all(len(set(answer)) == 3 for answer in ranking.places.tolist())
-
-
 def test_the_first_answer_lies_where_the_likest_training_view_stands_the_others_at_their_places_mean(ranking: Ranking) -> None:
     # Place p holds x = 10 p … 10 p + 9, whose mean is 10 p + 4.5; views stand a metre apart.
     first_m = ranking.xy_m[:, 0, 0]
@@ -120,14 +109,6 @@ def test_memory_looks_one_way_whatever_way_training_did(model: Model) -> None:
     assert cosine[alike].min() > np.quantile(cosine[~alike], 0.9)
 
 
-def test_costs_of_all_places_are_one_minus_a_probability(model: Model) -> None:
-    found = SMALL.localizer(model)(rows(3), 25)
-    np.testing.assert_allclose((1 - found.costs).sum(axis=1), 1, atol=1e-5)
-    assert sorted(found.places[0].tolist()) == list(range(PLACES))
-    odds = (1 - found.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
-    np.testing.assert_allclose(found.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
-
-
 def test_novelty_is_higher_for_unknown_scenes(model: Model, ranking: Ranking) -> None:
     unknown = SMALL.localizer(model)(rows(4, first=PLACES), 1)
     assert ranking.kinds == KINDS
@@ -144,15 +125,6 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(model: Model, r
     np.testing.assert_allclose(alone.heading_deg, ranking.heading_deg[30:31], atol=1e-2)
     none = ask(some(crowd, slice(0, 0)), 3)
     assert len(none.places) == len(none.novelty) == len(none.heading_deg) == 0
-
-
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the run when its second epoch is about to be shown."""
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == 2:
-            raise KeyboardInterrupt
 
 
 def test_an_interrupted_training_goes_on_to_the_same_bytes_and_another_seed_to_others(tmp_path: Path) -> None:
@@ -205,12 +177,6 @@ def test_views_of_another_shape_are_refused(model: Model) -> None:
         SMALL.localizer(model)(replace(other, images=other.images[:, :, :32]), 1)
     with pytest.raises(InputError, match="multiple of 8 sectors"):
         SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Progress())
-
-
-@pytest.mark.parametrize("wrong", [{"yaw_noise_deg": -1.0}, {"erased_deg": -1.0}, {"erased_deg": 360.0}])
-def test_what_training_views_cannot_suffer_is_a_config_error(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
-        replace(SMALL, **wrong)  # type: ignore[arg-type]
 
 
 def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:

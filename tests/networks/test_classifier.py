@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
@@ -41,13 +41,6 @@ def one_less(places: np.ndarray) -> np.ndarray:
 def test_every_training_view_needs_its_place(method: Classifier, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
     with pytest.raises(InputError, match="known place"):
         method.learn(rows(), spoil(TRUTH), Progress())
-
-
-@BOTH
-@pytest.mark.parametrize("wrong", [{"dropout": 1.5}, {"epochs": 0}, {"batch": 0}, {"h_max_m": 0.0}, {"learning_rate": 0.0}])
-def test_impossible_settings_are_a_config_error(method: Classifier, wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=f"method.{next(iter(wrong))}"):
-        replace(method, **wrong)  # type: ignore[arg-type]
 
 
 @BOTH

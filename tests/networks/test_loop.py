@@ -1,7 +1,7 @@
 """The training loop: reproducible, interruptible, and judged on what it did not see."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from pipeline.errors import ConfigError
 from pipeline.networks.loop import Fit, fit, one_cycle, reproducible
 from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut
 
 IMAGES = torch.randn(24, 6, generator=torch.Generator().manual_seed(1))
 CLASSES = (IMAGES[:, 0] > 0).long()
@@ -101,17 +102,6 @@ def test_the_epoch_of_the_highest_held_out_accuracy_is_kept(best: int) -> None:
 def test_of_equally_good_epochs_the_last_is_kept() -> None:
     result = train(epochs=3, accuracies=[0.5, 0.6, 0.6])
     assert result.best_epoch == 2
-
-
-@dataclass(frozen=True)
-class PowerCut(Progress):
-    """Stops the run when an epoch is about to be shown."""
-
-    at: int = 0
-
-    def note(self, **numbers: float) -> None:
-        if numbers["epoch"] == self.at:
-            raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize("at", [1, 2, 4, 6])

@@ -6,7 +6,16 @@ from typing import Literal
 import pytest
 
 from pipeline.errors import ConfigError
+from pipeline.mapping.octree import Octree
+from pipeline.matching.sequences import SequenceMethod
+from pipeline.methods.m2dp import M2dp
+from pipeline.methods.pfl.pfl import Pfl
+from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
+from pipeline.methods.sad import Sad
+from pipeline.methods.scan_context import ScanContext50
+from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.methods.sci import Sci
+from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check
@@ -45,22 +54,41 @@ def test_a_value_of_another_type_is_refused_by_name(bad, line):
     assert str(error.value) == line
 
 
+WRONG = [
+    (Sci, "method", {"epochs": -1, "batch": 0, "threads": 0, "learning_rate": "abc", "colormap": "rainbow", "dropout": 1.5}),
+    (Sci, "method", {"h_max_m": -1.0, "learning_rate": 0.0}),
+    (SciRing, "method", {"yaw_noise_deg": -1.0, "erased_deg": -1.0, "epochs": 0, "dropout": -0.5}),
+    (SciRing, "method", {"erased_deg": 360.0}),
+    (ScanContext50, "method", {"candidates": 0, "least_engaged": 1.5}),
+    (ScanContextAll, "method", {"least_engaged": -0.1}),
+    (M2dp, "method", {"held_out_every_m": 0, "distinct_places": "yes"}),
+    (PointNetVlad, "method", {"epochs": 0, "batch": 0, "train_points": 0, "schedule": "none"}),
+    (PointNetVlad, "method", {"epochs": -1}),
+    (Pfl, "method", {"width": 0, "epochs": 0, "batch": 1, "beta1": 1.0, "generator_steps": 0, "objective": "none"}),
+    (Sad, "method", {"patch_px": 0, "length": "ten"}),
+    (SequenceMethod, "method", {"length": 0, "slowest": 0.0, "fastest": 0.7, "speed_step": 0.0, "contrast_rows": 1}),
+    (SequenceMethod, "method", {"novelty": "score", "both_ways": "no", "held_out_every_m": 0.0}),
+    (Octree, "view.octree", {"depth": 1, "edge_m": 0.0, "motion": "walk", "rays": "some", "sigma_m": 0.0, "max_range_m": -1.0}),
+    (Octree, "view.octree", {"depth": 6.5, "sensor_height_m": 13.0}),
+    (ScanContext, "view", {"rings": 0, "beyond": "keep"}),
+    (Compute, "compute", {"workers": "many"}),
+]
+
+
 @pytest.mark.parametrize(
-    ("build", "name"),
-    [
-        (lambda: Sci(epochs=-1), "method.epochs"),
-        (lambda: Sci(batch=0), "method.batch"),
-        (lambda: Sci(threads=0), "method.threads"),
-        (lambda: Sci(learning_rate="abc"), "method.learning_rate"),
-        (lambda: Sci(colormap="rainbow"), "method.colormap"),
-        (lambda: Sci(dropout=1.5), "method.dropout"),
-        (lambda: Sci(h_max_m=-1.0), "method.h_max_m"),
-        (lambda: ScanContext(rings=0), "view.rings"),
-        (lambda: ScanContext(beyond="keep"), "view.beyond"),
-        (lambda: Compute(workers="many"), "compute.workers"),
-        (lambda: Progress(budget=0), "budget.share"),
-    ],
+    ("kind", "group", "field", "value"),
+    [(kind, group, field, value) for kind, group, wrong in WRONG for field, value in wrong.items()],
 )
-def test_what_a_person_may_mistype_is_refused_before_any_work(build, name):
-    with pytest.raises(ConfigError, match=name):
-        build()
+def test_what_a_person_may_mistype_is_refused_before_any_work(kind, group, field, value):
+    with pytest.raises(ConfigError, match=f"{group}.{field}="):
+        kind(**{field: value})
+
+
+def test_probabilities_distances_and_budgets_out_of_order_are_refused():
+    for wrong in ({"hit": 0.4}, {"miss": 0.5}, {"lowest": 0.45}, {"highest": 1.0}):
+        with pytest.raises(ConfigError, match=r"view\.octree: .*must increase"):
+            Octree(**wrong)
+    with pytest.raises(ConfigError, match=r"method\.negative_m="):
+        PointNetVlad(positive_m=50.0)
+    with pytest.raises(ConfigError, match=r"budget\.share"):
+        Progress(budget=0)
