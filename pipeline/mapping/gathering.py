@@ -39,24 +39,26 @@ class Gathering:
         """Points (n, 3) in metres of each submap, in its anchor's frame, z up from the ground."""
         start_T_scan = self.scans.load(self.layout)
         laid: deque[tuple[int, NDArray[np.float64]]] = deque()
-        scans = self._scans()
+        scans = scan_points(self.scans, int(self.first[0]), int(self.last[-1]) + 1)
+        used = ((row, points) for row, points in scans if self.used[row])
         for first, last, ground_m in zip(self.first, self.last, self.ground_m, strict=True):
             while not laid or laid[-1][0] < last:
-                row, points = next(scans)
+                row, points = next(used)
                 laid.append((row, _moved(start_T_scan[row], points)))
             while laid[0][0] < first:
                 laid.popleft()
             inside = np.concatenate([points for _, points in laid])
             yield _moved(np.linalg.inv(start_T_scan[last]), inside) - (0.0, 0.0, ground_m)
 
-    def _scans(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """Every scan that is used from the first window's start on, with its points in metres."""
-        offsets, grain_m = self.scans.load("offsets"), float(self.scans.attrs["grain_m"])
-        for start in range(int(self.first[0]), int(self.last[-1]) + 1, BLOCK):
-            stop = min(start + BLOCK, len(offsets) - 1)
-            points = self.scans["points"][offsets[start] : offsets[stop]] * grain_m
-            for row in (np.flatnonzero(self.used[start:stop]) + start).tolist():
-                yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]
+
+def scan_points(scans: Artifact, start: int, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres; BLOCK scans are read together."""
+    offsets, grain_m = scans.load("offsets"), float(scans.attrs["grain_m"])
+    for first in range(start, stop, BLOCK):
+        end = min(first + BLOCK, stop)
+        points = scans["points"][offsets[first] : offsets[end]] * grain_m
+        for row in range(first, end):
+            yield row, points[offsets[row] - offsets[first] : offsets[row + 1] - offsets[first]]
 
 
 def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[NDArray[np.float64]]:

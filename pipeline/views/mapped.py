@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Poses
-from pipeline.mapping.gathering import BLOCK
+from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
@@ -42,7 +42,7 @@ class MappedViews:
             odom_T_scan = self.scans.load("world_T_scan")
         anchors, ground_m = self.submaps.load("scans"), self.submaps.load("ground_m")
         grown, number = self.view.octree.grow(), 0
-        for row, points in self._points(int(anchors[-1]) + 1):
+        for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
             known = np.isfinite(odom_T_scan[row]).all()
             scan_T_ground = np.eye(4)
             scan_T_ground[2, 3] = ground_m[number]
@@ -55,12 +55,3 @@ class MappedViews:
                 yield points, grown, self.view.standing(points, pose)
                 number += 1
             grown = grown if known else self.view.octree.grow()
-
-    def _points(self, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-        """Each scan before `stop` with its points in metres."""
-        offsets, grain_m = self.scans.load("offsets"), float(self.scans.attrs["grain_m"])
-        for start in range(0, stop, BLOCK):
-            end = min(start + BLOCK, stop)
-            points = self.scans["points"][offsets[start] : offsets[end]] * grain_m
-            for row in range(start, end):
-                yield row, points[offsets[row] - offsets[start] : offsets[row + 1] - offsets[start]]

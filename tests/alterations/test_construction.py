@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pipeline.alterations.construction import Construction, Wall
-from pipeline.errors import ConfigError
 
 POINTS_M = np.random.default_rng(2).uniform((-40, -40, 0), (40, 40, 15), (2000, 3))
 AHEAD = Wall(azimuth_rad=0.0, distance_m=10.0, length_m=8.0, height_m=4.0, skew_rad=0.0)
@@ -104,23 +103,3 @@ def test_the_same_seed_builds_the_same_and_another_seed_or_query_other_walls() -
     assert made(Construction(walls=[2], shadows=[True]))[2, True].tobytes() == walls
     assert made(Construction(seed=1))[2, True].tobytes() != walls
     assert made(Construction(), stamp_ns=4)[2, True].tobytes() != walls
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"walls": [0]},
-        {"walls": []},
-        {"shadows": []},
-        {"seed": -1},
-        {"spacing_m": 0},
-        {"skew_deg": 90},
-        {"nearest_m": 21},
-        {"shortest_m": 30},
-        {"lowest_m": 11},
-        {"sensor_height_m": 3.0},
-    ],
-)
-def test_senseless_settings_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=f"alteration.{next(iter(wrong))}="):
-        Construction(**wrong)  # type: ignore[arg-type]

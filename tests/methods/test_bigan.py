@@ -66,13 +66,6 @@ def encoder() -> Encoder:
     return net.eval()
 
 
-def test_a_code_does_not_depend_on_what_is_encoded_with_it(encoder: Encoder) -> None:
-    images = torch.rand(6, 1, 64, 64)
-    with torch.inference_mode():
-        together, alone = encoder(images), torch.cat([encoder(image[None]) for image in images])
-    torch.testing.assert_close(together, alone)
-
-
 def test_folding_changes_no_code(encoder: Encoder) -> None:
     images = torch.rand(3, 1, 64, 64)
     quick = folded(encoder)

@@ -5,8 +5,12 @@ from typing import Literal
 
 import pytest
 
+from pipeline.alterations.construction import Construction
+from pipeline.alterations.demolition import Demolition
+from pipeline.alterations.turned import Turned
 from pipeline.errors import ConfigError
 from pipeline.mapping.octree import Octree
+from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.m2dp import M2dp
 from pipeline.methods.pfl.pfl import Pfl
@@ -19,6 +23,9 @@ from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check
+from pipeline.views.birdview import BirdView
+from pipeline.views.cloud import Cloud
+from pipeline.views.m2dp import M2dp as M2dpView
 from pipeline.views.scan_context import ScanContext
 
 
@@ -70,7 +77,22 @@ WRONG = [
     (SequenceMethod, "method", {"novelty": "score", "both_ways": "no", "held_out_every_m": 0.0}),
     (Octree, "view.octree", {"depth": 1, "edge_m": 0.0, "motion": "walk", "rays": "some", "sigma_m": 0.0, "max_range_m": -1.0}),
     (Octree, "view.octree", {"depth": 6.5, "sensor_height_m": 13.0}),
-    (ScanContext, "view", {"rings": 0, "beyond": "keep"}),
+    (ScanContext, "view", {"rings": 0, "sectors": -1, "max_range_m": 0.0, "beyond": "keep"}),
+    (Cloud, "view", {"points": 0, "half_m": 0.0, "iterations": 0, "slope_deg": 91.0, "seed": "a"}),
+    (M2dpView, "view", {"circles": 0, "sectors": 16.5, "azimuths": -1}),
+    (BirdView, "view", {"headings": 12, "side_px": 0, "occupied": 0.4, "jitter_m": -1.0}),
+    (BirdView, "view", {"headings": 0}),
+    (SingleScan, "submap", {"step_m": -1.0}),
+    (SingleScan, "submap", {"step_m": float("nan")}),
+    (Accumulated, "submap", {"step_m": 0.0, "window_m": -1.0, "layout": "gps", "ground_percentile": 101.0}),
+    (Accumulated, "submap", {"ground_radius_m": float("nan")}),
+    (Turned, "alteration", {"repeats": 0, "seed": -1}),
+    (Turned, "alteration", {"repeats": 1.5}),
+    (Demolition, "alteration", {"widths_deg": [0], "seed": -1}),
+    (Demolition, "alteration", {"widths_deg": []}),
+    (Demolition, "alteration", {"widths_deg": [360]}),
+    (Construction, "alteration", {"walls": [0], "shadows": [], "seed": -1, "spacing_m": 0, "skew_deg": 90, "nearest_m": 21}),
+    (Construction, "alteration", {"walls": [], "shortest_m": 30, "lowest_m": 11, "sensor_height_m": 3.0}),
     (Compute, "compute", {"workers": "many"}),
 ]
 
@@ -88,6 +110,8 @@ def test_probabilities_distances_and_budgets_out_of_order_are_refused():
     for wrong in ({"hit": 0.4}, {"miss": 0.5}, {"lowest": 0.45}, {"highest": 1.0}):
         with pytest.raises(ConfigError, match=r"view\.octree: .*must increase"):
             Octree(**wrong)
+    with pytest.raises(ConfigError, match=r"view\.low_m="):
+        BirdView(high_m=0.3)
     with pytest.raises(ConfigError, match=r"method\.negative_m="):
         PointNetVlad(positive_m=50.0)
     with pytest.raises(ConfigError, match=r"budget\.share"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
 
@@ -215,11 +215,3 @@ def test_its_yaml_makes_the_papers_map(name: str, edge_m: float, height_m: float
     view = BirdView(**conf)
     assert view == BirdView(Octree(edge_m=edge_m, sensor_height_m=height_m))
     assert conf["octree"] == vars(view.octree)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"headings": 12}, {"headings": 0}, {"side_px": 0}, {"high_m": 0.3}, {"occupied": 0.4}, {"jitter_m": -1.0}]
-)
-def test_numbers_that_make_no_view_are_a_config_error(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=r"view\."):
-        BirdView(**wrong)

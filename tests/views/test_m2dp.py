@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.readers.kitti import read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
 from pipeline.views import m2dp_kernel
@@ -169,9 +169,3 @@ def test_threads_draw_what_one_thread_draws() -> None:
     for thread in threads:
         thread.join()
     assert all(one.tobytes() == other.tobytes() for one, other in zip(alone, together, strict=True))
-
-
-@pytest.mark.parametrize("wrong", [{"circles": 0}, {"sectors": 16.5}, {"azimuths": -1}])
-def test_numbers_that_make_no_plane_or_bin_are_a_config_error(wrong: dict[str, int]) -> None:
-    with pytest.raises(ConfigError, match=r"view\."):
-        M2dp(**wrong)
