@@ -96,8 +96,8 @@ class Aligned:
     def novelty(self, sums: Costs, best: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
         """Each kind (q,), of sums (q, n) with their best row (q,).
 
-        The cost is told before the least difference is taken off, which would order the queries of one call no differently and
-        make two calls, and so a threshold, incomparable.
+        The cost is that before the least difference is taken off: taking it off would leave the order of one call's queries as it
+        is, but make the costs of two calls, and so a threshold, incomparable.
         """
         cost = np.take_along_axis(sums, best[:, None], axis=1)[:, 0].astype(np.float64)
         other = runner_up(sums, best, self.how.length) - float(self.base)

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 def nearest(database: NDArray[np.float32], queries: NDArray[np.float32], k: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Distances and rows (q, k) of the k nearest of a database (n, d), nearest first, to each of queries (q, d).
 
-    All n where there are no more. Of equally near rows the first comes first, however many queries are asked at once: faiss
+    All n where there are no more. Of equally near rows the first comes first, however many queries there are: faiss
     finds squared distances through inner products, so those of what it found are computed anew.
     """
     from faiss import knn

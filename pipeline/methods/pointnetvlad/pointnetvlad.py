@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
-from pipeline import store
-from pipeline.errors import ArtifactError, ConfigError, InputError
+from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
+from pipeline.methods.pointnetvlad.weights import NET, load
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
@@ -28,7 +28,6 @@ ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
 descriptors are computed anew, to judge the network by the held-out blocks and to find the hardest negatives."""
 WARM_UP = 0.25
 """Share of the training with random negatives alone: the authors' first 5 of 20 epochs."""
-NET = "net/"
 AT_ONCE = 16_384
 """Points described at a time: few enough for a processor's cache."""
 
@@ -91,7 +90,7 @@ class PointNetVlad(DescriptorMethod):
             torch.manual_seed(self.seed)
             net = Describer(momentum=self.batch_norm_momentum).to(device())
             if self.weights:
-                self._load(net)
+                load(net, Path(self.weights))
             curves = self._train(net, clouds, database, held, progress) if self.epochs else {}
             descriptors = self._describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
@@ -209,23 +208,6 @@ class PointNetVlad(DescriptorMethod):
             return torch.cat(parts).cpu().numpy()
 
         return describe
-
-    def _load(self, net: Describer) -> None:
-        """Raises ConfigError naming the file and the first tensor that is missing, unknown or of another shape."""
-        try:
-            tensors = store.read_model(Path(self.weights))
-        except ArtifactError as error:
-            raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
-        own = net.state_dict()
-        if any(name.startswith(NET) for name in tensors):
-            tensors = {name: value for name, value in tensors.items() if name.startswith(NET)}
-        found = {name.removeprefix(NET): torch.from_numpy(value.copy()) for name, value in tensors.items()}
-        found = {name: value for name, value in own.items() if name.endswith("num_batches_tracked")} | found
-        for name in [*own, *found]:
-            if name not in own or name not in found or found[name].shape != own[name].shape:
-                has, wants = (tuple(part[name].shape) if name in part else "none" for part in (found, own))
-                raise ConfigError(f"method.weights: {self.weights}: tensor {name} is {has}, expected {wants}")
-        net.load_state_dict(found)
 
 
 def _clouds(views: Rows) -> NDArray[np.float16]:

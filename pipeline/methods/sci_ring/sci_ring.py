@@ -19,7 +19,7 @@ from pipeline.networks.lenet import device
 from pipeline.networks.prediction import Kinds, Prediction, TrainingEmbeddings
 
 HEADING_SOFTNESS = 2.0
-"""Temperature of the softmax over the first place's headings, whose circular mean is the answer: at 1 the mean is drawn to the
+"""Temperature of the softmax over the first place's headings, whose circular mean is the answer: at 1 the mean leans to the
 nearest heading. Chosen on held-out blocks of two simulated worlds."""
 Batch = tuple[Tensor, Tensor, Tensor]
 """Images (b, channels, rings, sectors), their places (b,) and their yaw (b,) in (fractional) headings."""
