@@ -20,7 +20,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, WORDS, Rows, of_evaluation, row, table
+from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES, WORDS, Rows, of_evaluation, row, table
 from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, sequences_by_day, viewpoint_rows
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
@@ -92,7 +92,10 @@ class Gathering:
             for method in on_bird_views(self.study["methods"]):
                 for model in models_of({**method, "variants": {}}):
                     place = {"grid": grid, "method": model.method, "seed": model.seed}
-                    for path in sorted(self._path("viewpoints", grid, model.name).glob("*.zarr")):
+                    folder = self._path("viewpoints", grid, model.name)
+                    if not folder.is_dir():
+                        raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
+                    for path in sorted(folder.glob("*.zarr")):
                         judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
                         yield from (place | {"sequence": path.stem} | one for one in viewpoint_rows(judged))
 
@@ -134,10 +137,12 @@ def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
 def _parsed(path: Path) -> pd.DataFrame:
     try:
         missing = {name: [""] for name in NUMERIC}
-        frame = pd.read_csv(path, dtype=dict.fromkeys(WORDS, str), keep_default_na=False, na_values=missing)
-        return frame[[*COLUMNS, *TYPED]]
+        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=missing)[[*COLUMNS, *TYPED]]
+        if frame[[*WORDS]].isna().any(axis=None):
+            raise ValueError("a row is cut off")
+        return frame
     except (ValueError, KeyError) as error:
-        raise ArtifactError(f"{path}: not a table of results ({error}); `dvc repro` writes it anew") from None
+        raise ArtifactError(f"{path}: not a table of results ({str(error).strip()}); `dvc repro` writes it anew") from None
 
 
 def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:

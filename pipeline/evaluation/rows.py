@@ -24,9 +24,14 @@ TYPED = ("change", "level", "shadow", "repeat", "kind", "stress")
 within `level` metres), its level, whether walls hide what is behind them, the repeat; the `kind` of novelty, or the method that
 is compared with; and what is hard about a sequence of stress."""
 WORDS = ("study", "dataset", "grid", "method", "variant", "sequence", "case", "protocol", "number", "change", "kind", "stress")
-
-
 NUMERIC = ("days", "level", "value", "low", "high")
+TYPES: Mapping[str, type] = {
+    **dict.fromkeys(WORDS, str),
+    **dict.fromkeys(NUMERIC, float),
+    **dict.fromkeys(("seed", "repeat"), int),
+    **dict.fromkeys(("simulated", "shadow"), bool),
+}
+"""Of every column."""
 
 
 def case_text(case: Case) -> str:
@@ -63,5 +68,4 @@ def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
     """A frame with all columns, those of `common` the same in every row, each of its type."""
     usual = dict.fromkeys(WORDS, "") | {"simulated": False, "seed": 0, "days": np.nan, "level": 0.0, "shadow": False, "repeat": 0}
     frame = pd.DataFrame([usual | common | dict(one) for one in rows], columns=[*COLUMNS, *TYPED])
-    whole = {"seed": "int64", "repeat": "int64", "simulated": bool, "shadow": bool}
-    return frame.astype({**whole, **dict.fromkeys(("days", "level", "value", "low", "high"), "float64")})
+    return frame.astype(TYPES)
