@@ -1,0 +1,307 @@
+"""The one table of results: the rows of an evaluation, and a study's artifacts gathered into it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline import schemas, store
+from pipeline.alterations import Case
+from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.evaluation import results
+from pipeline.evaluation.ageing import Ageing
+from pipeline.evaluation.events import Bands
+from pipeline.evaluation.numbers import MEASURES, NUMBERS
+from pipeline.evaluation.plots import precision_recall, year
+from pipeline.evaluation.results import Gathering
+from pipeline.evaluation.rows import COLUMNS, TYPED, case_text, of_evaluation, table
+from pipeline.evaluation.study_rows import AGEING, Answers, ageing_rows, paired_rows
+from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
+from pipeline.formats.changes import Change, write_changes
+from pipeline.matching.rejection import Evidence
+from tests.evaluation.made import BOOTSTRAP, LABELS, M2DP, SCI, evaluation, judged, write
+
+FEB, MAR, RAIN = "2012-02-04", "2012-03-17", "2012-02-05"
+DAYS = {FEB: 20, MAR: 62, RAIN: 21}
+STUDY: Mapping[str, Any] = {
+    "question": "robustness",
+    **{"train": "2012-01-15", "tests": [MAR, FEB], "grids": ["10m"], "cells": ["5m"], "stress": {RAIN: "wet"}},
+    "methods": [{"name": "sci", "variants": {"4way": "method.n_way=4"}}, {"name": "sad", "stage": "birdviews"}],
+}
+CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
+WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
+"""As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
+EVIDENCE = Evidence(
+    np.ones(3, bool), *({kind: low + np.arange(3) / 10 for kind in ("entropy", "distance")} for low in (0.1, 0.7))
+)
+"""Right, and told apart."""
+
+
+def gathering(root: Path, study: Mapping[str, Any] = STUDY) -> Gathering:
+    return Gathering(root, "campus", study, True, Ageing(), Bands((25.0,)), 0.2)
+
+
+@pytest.fixture(scope="module")
+def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the stages before leave of the study: two methods and a variant, tests, a sequence of stress, turned queries."""
+    root = tmp_path_factory.mktemp("artifacts")
+    for grid, model in (("10m", "sci"), ("10m", "sci-4way"), ("10m", "sad"), ("5m", "sci"), ("5m", "sad")):
+        store.write_model(root / f"train/campus/{grid}/{model}.safetensors", EVIDENCE.arrays(), {})
+        for name in (FEB, MAR, RAIN) if grid == "10m" else (FEB, MAR):
+            ranking = M2DP if model == "sad" else WORSE if name == MAR else SCI
+            cases = dict.fromkeys(CASES if (model, name) == ("sci", FEB) else CASES[:1], evaluation(DAYS[name], ranking))
+            write(root / f"evaluate/campus/{grid}/{model}/{name}.zarr", cases)
+    (root / "events/campus").mkdir(parents=True)
+    for name in (FEB, MAR):
+        write_changes(root / f"events/campus/{name}.csv", [Change("construction", 1, 2, 0.0, 0.0)])
+    turned = judged(np.array([[True, True], [True, False]]), np.array([[2.0, 1.0], [2.0, 1.0]]))
+    with store.write(root / f"viewpoints/campus/10m/sad/{FEB}.zarr", schemas.VIEWPOINTS, **turned.attrs()) as draft:
+        for column, values in turned.columns().items():
+            draft.put(column, values)
+    return root
+
+
+@pytest.fixture(scope="module")
+def gathered(artifacts: Path) -> pd.DataFrame:
+    return gathering(artifacts).table()
+
+
+def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
+    """Of the only row."""
+    for column, wanted in {"grid": "10m", "number": number, **where}.items():
+        frame = frame[frame[column] == wanted]
+    (found,) = frame["value"]
+    return float(found)
+
+
+def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
+    one = evaluation()
+    found = {(row["case"], row["protocol"], row["number"]): row for row in of_evaluation(one)}
+    names = ("queries", "seen", "unseen", "threshold", "turned_share", *NUMBERS)
+    novelties = [f"novelty {kind}" for kind in one.kinds]
+    assert list(found) == [
+        *(key for by in ("cells", "distance") for key in (
+            *(("", by, name) for name in names), *((case, by, name) for case in novelties for name in MEASURES))),
+        *(("", "cells", name) for name in ("ece_raw", "ece")),
+    ]  # fmt: skip
+    told = {name: found["", "cells", name]["value"] for name in names}
+    # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and unseen right, energy all.
+    assert [told[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
+    assert told["recall_at_1"] == 3 / 5
+    assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx([0.9, 1.0])
+    assert found["novelty energy", "cells", "auroc"]["kind"] == "energy"
+    recall = found["", "cells", "recall_at_1"]
+    assert (recall["value"], recall["low"], recall["high"]) == one.number("cells", "recall_at_1")
+
+
+def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> None:
+    found = list(of_evaluation(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
+    parts = {(row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found}
+    assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
+    assert len(found) == 2 * (5 + len(NUMBERS)) + 2
+
+
+def test_a_case_reads_as_words() -> None:
+    cases = (Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0))
+    assert [*map(case_text, cases)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
+
+
+def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(gathered: pd.DataFrame) -> None:
+    assert gathered.columns.tolist() == [*COLUMNS, *TYPED]
+    kinds = {name: gathered[name].dtype.kind for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")}
+    assert kinds == {"simulated": "b", "seed": "i", "days": "f", "level": "f", "shadow": "b", "repeat": "i", "value": "f"}
+    assert gathered[["study", "dataset", "simulated"]].drop_duplicates().to_numpy().tolist() == [["campus", "campus", True]]
+    assert table([]).dtypes.tolist() == table([{}]).dtypes.tolist()
+
+
+def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataFrame) -> None:
+    driven = gathered[(gathered["number"] == "queries") & (gathered["case"] == "") & (gathered["protocol"] == "cells")]
+    found = set(map(tuple, driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist()))
+    tests = [(FEB, 20.0, ""), (MAR, 62.0, "")]
+    own = [
+        ("10m", *model, *test) for model in (("sci", ""), ("sci", "4way"), ("sad", "")) for test in (*tests, (RAIN, 21.0, "wet"))
+    ]
+    assert found == {*own, *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests)}
+    changes = gathered[gathered["change"].isin(["turned", "construction"])]
+    assert set(changes["case"]) == {"turned 1", "construction 2 walls, shadow"}
+    assert changes[["method", "variant", "sequence"]].drop_duplicates().to_numpy().tolist() == [["sci", "", FEB]]
+    held_out = gathered[gathered["number"] == "held_out_auc"]
+    assert held_out["value"].tolist() == pytest.approx([1.0] * 5)
+
+
+def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
+    # By cells 3/5 of day 20 and 2/5 of day 62: −.2 in 42 days, and .2 · 20 / 42 more on the day of training.
+    cells = {"method": "sci", "variant": "", "protocol": "cells"}
+    assert value(gathered, "recall_at_1_per_100_days", **cells) == pytest.approx(-20 / 42)
+    assert value(gathered, "recall_at_1_day_0", **cells) == pytest.approx(0.6 + 4 / 42)
+    assert value(gathered, "recall_at_1_line", sequence=MAR, **cells) == pytest.approx(0.4)
+    # The median entropy of the seen, .2, lies among .1 .2 .3 of the held out: above one and level with one, in single precision.
+    assert value(gathered, "novelty_percentile", sequence=FEB, method="sci") == pytest.approx(50.0)
+    # The nearest anchor is in the right cell at four of five on both days; it is no method's.
+    assert value(gathered, "recall_at_1", method="oracle", sequence=FEB) == pytest.approx(0.8)
+    assert value(gathered, "recall_at_1_per_100_days", method="oracle", protocol="cells") == pytest.approx(0)
+    ageing = gathered[gathered["number"].str.endswith("_line")]
+    assert set(zip(ageing["protocol"], ageing["number"].str.removesuffix("_line"), strict=True)) >= set(AGEING)
+    assert set(ageing["sequence"]) == {FEB, MAR}
+
+
+def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.DataFrame) -> None:
+    # On day 20 by cells one is right at 0, 1 and 4, the other at 0 and 2, of five seen; later the one is wrong at 0 too.
+    against = {"method": "sad", "change": "against", "case": "against sci", "kind": "sci", "protocol": "cells"}
+    for sequence, told in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
+        names = ("recall_at_1_difference", "only_this_right", "only_reference_right")
+        assert [value(gathered, name, sequence=sequence, **against) for name in names] == pytest.approx(told)
+        assert 0 < value(gathered, "recall_at_1_difference_p", sequence=sequence, **against) <= 1
+
+
+def test_queries_are_grouped_by_the_distance_to_real_changes(gathered: pd.DataFrame) -> None:
+    # Something is built at the origin: the first three queries, 0, 10 and 20 m off, are within 25 m; of both days together the
+    # one that is better is right at 2 + 1 of six. No change is still to come.
+    near = {"method": "sci", "change": "change shown", "level": 25.0, "case": "change shown, 0–25 m", "protocol": "cells"}
+    assert (value(gathered, "seen", **near), value(gathered, "recall_at_1", **near)) == (6, pytest.approx(3 / 6))
+    far = near | {"change": "change to come", "level": np.inf, "case": "change to come, over 25 m"}
+    assert value(gathered, "seen", **{**far, "change": "change shown", "case": "change shown, over 25 m"}) == 4
+    assert (value(gathered, "construction_changes"), value(gathered, "demolition_changes")) == (1, 0)
+    assert value(gathered, "seen_near_a_change", sequence=FEB) == 3
+
+
+def test_methods_on_bird_views_are_asked_from_other_headings(gathered: pd.DataFrame) -> None:
+    # Two headings between two: 90° and 270°; both matches are right at the first, one of two at the second.
+    of = {"method": "sad", "sequence": FEB}
+    assert [value(gathered, "accuracy", case=f"viewpoint {deg}°", level=deg, **of) for deg in (90, 270)] == [1.0, 0.5]
+    assert (value(gathered, "queries", case="viewpoint", **of), value(gathered, "bytes_per_place", **of)) == (2, 8224.0)
+    assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
+
+
+def test_a_study_of_viewpoints_has_no_rows_of_answers(artifacts: Path) -> None:
+    found = gathering(artifacts, {**STUDY, "question": "viewpoints"}).table()
+    assert set(found["change"]) == {"viewpoint", "viewpoint of all"}
+
+
+@pytest.mark.parametrize(
+    "missing",
+    [
+        f"evaluate/campus/10m/sci-4way/{RAIN}.zarr",
+        f"evaluate/campus/5m/sad/{MAR}.zarr",
+        "train/campus/10m/sad.safetensors",
+        "viewpoints/campus/10m/sad",
+        f"events/campus/{MAR}.csv",
+    ],
+)
+def test_an_artifact_that_is_not_there_is_one_clear_line(artifacts: Path, tmp_path: Path, missing: str) -> None:
+    path = (artifacts / missing).rename(tmp_path / "away")
+    try:
+        with pytest.raises((ArtifactError, LogError), match=missing):
+            gathering(artifacts).table()
+    finally:
+        path.rename(artifacts / missing)
+
+
+def test_the_plots_show_each_methods_own_answers_to_the_tests(artifacts: Path, gathered: pd.DataFrame) -> None:
+    wide = year(gathered)
+    assert wide[["method", "sequence", "days"]].to_numpy().tolist() == [
+        [method, sequence, DAYS[sequence]] for method in ("sad", "sci") for sequence in (FEB, MAR)
+    ]
+    assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
+    curve = precision_recall(gathering(artifacts))
+    assert curve.groupby(["method", "sequence"]).size().tolist() == [200] * 4
+
+
+def unseen(days: int) -> Answers:
+    """Three sequences of two methods, in the second of which no query is seen."""
+    nowhere = replace(LABELS, places=np.full(7, -1), nearest_m=np.full(7, 99.0))
+    labels = {"a": LABELS, "b": nowhere, "c": LABELS}
+    of = {
+        method: {name: evaluation(days * (i + 1), ranking, own) for i, (name, own) in enumerate(labels.items())}
+        for method, ranking in (("sci", SCI), ("sad", M2DP))
+    }
+    return Answers(of, {"sci": np.array([0.1, 0.3])})
+
+
+def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by() -> None:
+    answers = unseen(10)
+    frame = table([*ageing_rows(answers, Ageing()), *paired_rows(answers, BOOTSTRAP)], grid="10m")
+    cells = {"method": "sci", "protocol": "cells"}
+    assert value(frame, "recall_at_1_per_100_days", **cells) == 0.0  # through the first and the third
+    assert value(frame, "recall_at_1_line", sequence="b", **cells) == pytest.approx(3 / 5)
+    for gone in (
+        value(frame, "novelty_percentile", method="sci", sequence="b"),
+        value(frame, "recall_at_1", method="oracle", sequence="b"),
+        *(value(frame, f"recall_at_1_difference{p}", method="sad", protocol="cells", sequence="b") for p in ("", "_p")),
+    ):
+        assert np.isnan(gone)
+    assert np.isnan(frame.loc[(frame["method"] == "sad") & (frame["number"] == "novelty_percentile"), "value"]).all()
+
+
+def test_without_two_days_there_is_no_line() -> None:
+    frame = table(ageing_rows(unseen(0), Ageing()))
+    assert frame.loc[frame["number"].str.endswith("_line"), "value"].isna().all()
+    assert not frame["number"].str.contains("per_100_days").any()
+
+
+@pytest.fixture
+def written(gathered: pd.DataFrame, tmp_path: Path) -> Iterator[Path]:
+    (tmp_path / "results/campus").mkdir(parents=True)
+    gathered.to_csv(tmp_path / "results/campus/results.csv", index=False)
+    return tmp_path
+
+
+def test_every_digit_comes_back_from_the_csv(gathered: pd.DataFrame, written: Path) -> None:
+    rng = np.random.default_rng(0)
+    noisy = gathered.assign(value=rng.normal(0, 1, len(gathered)) * 10.0 ** rng.integers(-12, 12, len(gathered)))
+    for frame in (gathered, noisy):
+        frame.to_csv(written / "results/campus/results.csv", index=False)
+        pd.testing.assert_frame_equal(results.read(written, ["campus"]), frame, check_exact=True)
+
+
+def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) -> None:
+    (written / "latency/campus").mkdir(parents=True)
+    table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m").to_csv(
+        written / "latency/campus/10m.csv", index=False
+    )
+    found = results.read(written, ["campus"])
+    assert len(found) == len(gathered) + 1
+    assert value(found, "query_ms", method="sci") == 3.0
+    assert found.dtypes.tolist() == gathered.dtypes.tolist()
+    assert results.read(written, []).empty
+
+
+def test_a_study_without_results_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"):
+        results.read(tmp_path, ["campus"])
+
+
+DAMAGED: Sequence[tuple[str, Any]] = (
+    ("empty", lambda text: ""),
+    ("cut off within a row", lambda text: text[: text.rindex(",") - 3]),
+    ("a row too long", lambda text: text + "," * 40 + "\n"),
+    ("a word for a number", lambda text: text.replace("0.6", "many", 1)),
+    ("no column of cases", lambda text: text.replace(",case,", ",other,", 1)),
+    ("binary", lambda text: "\0\udcff" + text),
+)
+
+
+@pytest.mark.parametrize("damage", [damage for _, damage in DAMAGED], ids=[name for name, _ in DAMAGED])
+def test_a_damaged_table_is_refused(written: Path, damage: Any) -> None:
+    path = written / "results/campus/results.csv"
+    path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
+    with pytest.raises(ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"):
+        results.read(written, ["campus"])
+
+
+def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) -> None:
+    found = results.where(
+        gathered, {"method": "sci,sad", "number": "recall_at_1", "case": "", "sequence": FEB, "protocol": "cells"}
+    )
+    assert found[["grid", "method", "variant"]].to_numpy().tolist() == [
+        *(["10m", "sci", ""], ["10m", "sci", "4way"], ["10m", "sad", ""]),
+        *(["5m", "sci", ""], ["5m", "sad", ""]),
+    ]
+    assert len(results.where(found, {"seed": "0", "simulated": "True"})) == 5
+    assert results.where(found, {"method": "sc"}).empty
+    with pytest.raises(ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"):
+        results.where(gathered, {"model": "sci"})
