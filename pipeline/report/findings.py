@@ -14,6 +14,9 @@ from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
 from pipeline.report.study import Study, by_model
 
+SLIGHT = 0.0005
+"""A loss that is smaller would be printed as 0."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -101,19 +104,19 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
         for model in slopes.index
         if model in lost.index
     ]
-    others = slopes[(slopes["high"] >= 0)]
-    worst = {} if others.empty else {"model": others["low"].idxmin(), "slope": others["low"].min()}
-    return Finding(
-        "ageing", {"title": title, "known": len(slopes), "falls": falls, "worst": worst, "last": last_day, "per": PER_DAYS}
-    )
+    others = slopes[slopes["high"] >= 0]
+    worst = {"model": others["low"].idxmin(), "slope": others["low"].min()} if (others["low"] < -SLIGHT).any() else {}
+    values = {"title": title, "known": len(slopes), "falls": falls, "others": len(others), "worst": worst}
+    return Finding("ageing", values | {"last": last_day, "per": PER_DAYS})
 
 
 def newer(rows: pd.DataFrame) -> Finding:
     """To which models the seen places clearly look newer with the days."""
     slopes = _lines(rows, "distance", f"novelty_percentile_per_{PER_DAYS}_days")
+    slopes = slopes[np.isfinite(slopes["low"])]
     sure = slopes[slopes["low"] > 0]
     listed = [{"model": model, "slope": tuple(sure.loc[model])} for model in sure.index]
-    return Finding("newer", {"sure": listed, "all": len(sure) == len(slopes), "per": PER_DAYS})
+    return Finding("newer", {"known": len(slopes), "sure": listed, "all": len(sure) == len(slopes), "per": PER_DAYS})
 
 
 def confounders(study: Study) -> Finding:
@@ -128,7 +131,7 @@ def confounders(study: Study) -> Finding:
         correlation = float(np.corrcoef(days, shares)[0, 1]) if there else np.nan
         return {"first": shares[0], "last": shares[-1], "correlation": correlation}
 
-    return Finding("confounders", {"unseen": change(unseen), "turned": change(turned)})
+    return Finding("confounders", {"tests": len(days), "unseen": change(unseen), "turned": change(turned)})
 
 
 def slopes_counted(rows: pd.DataFrame, drawn: Sequence[tuple[str, str]], level: float = 0.95) -> Finding:

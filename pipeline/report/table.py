@@ -121,12 +121,12 @@ def spread(values: Sequence[float], digits: int, source: str = "") -> Cell:
 
 def fixed(value: float, digits: int) -> str:
     """A number with so many digits after the point and a true minus sign; a dash for NaN."""
-    return MISSING if not np.isfinite(value) else f"{value:.{digits}f}".replace("-", "−")
+    return MISSING if not np.isfinite(value) else f"{value:z.{digits}f}".replace("-", "−")
 
 
 def signed(value: float, digits: int) -> str:
     """A difference with its sign: `+0.031`, `−0.120`."""
-    return MISSING if not np.isfinite(value) else f"{value:+.{digits}f}".replace("-", "−")
+    return MISSING if not np.isfinite(value) else f"{value:+z.{digits}f}".replace("-", "−")
 
 
 def short(value: float, digits: int) -> str:

@@ -174,8 +174,8 @@ def paired(study: Study, protocol: str) -> Table | None:
     return Table("paired", header, tuple(rows), words=2, values={"protocol": protocol, "reference": reference})
 
 
-def costs(study: Study) -> Table:
-    """A row a model, variants and seeds too: what training cost where it was done here, and the time of a query on one thread."""
+def costs(study: Study) -> Table | None:
+    """A row a model, variants and seeds too: what training cost where it was done here, and a query's time; None if nothing did."""
     rows = []
     names = zip(study.rows["method"], study.rows["variant"], study.rows["seed"], strict=True)
     known = study.rows.assign(model=[ModelName(*name).name for name in names]).set_index(["model", "number"])["value"]
@@ -185,7 +185,8 @@ def costs(study: Study) -> Table:
             for _, key, digits in COSTS
         ]
         rows.append((word(model, study.source("train", model=model)), *cells))
-    return Table("costs", ("model", *(heading for heading, *_ in COSTS)), tuple(rows))
+    header = ("model", *(heading for heading, *_ in COSTS))
+    return Table("costs", header, tuple(rows)) if any(cell.key is not None for row in rows for cell in row) else None
 
 
 def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:

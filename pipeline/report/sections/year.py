@@ -36,7 +36,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     trained = tuple(study.source("train", model=model) for model in study.families)
     judged = tuple(study.source("evaluate", one.sequence, one.model) for one in study.results)
     yield Section(f"{name}-answer", "answer", "answer", values, (findings.answer(study),))
-    setup = (tables.setup(study), tables.sequences(study), tables.costs(study))
+    setup = tuple(one for one in (tables.setup(study), tables.sequences(study), tables.costs(study)) if one)
     yield Section(f"{name}-setup", "setup", "setup", values, tables=setup, folded=False, sources=trained, parameters=rests)
     for by in reversed(PROTOCOLS):
         main = tuple(tables.main(study, by, number) for number in tables.MAIN)

@@ -24,24 +24,29 @@ PLACES = np.array([1, 2, 3, 4, 5, -1, -1])
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
 
 
-def evaluation(days: int = 20, places: np.ndarray = PLACES, threshold: float = 0.5) -> Evaluation:
+def evaluation(
+    days: int = 20, places: np.ndarray = PLACES, threshold: float = 0.5, wrong: Sequence[int] = (), heading_deg: float = np.nan
+) -> Evaluation:
     """Seven queries, the last two unseen, with two kinds of novelty.
 
     By cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm (unseen),
     correct rejection; by distance the fourth is a hit. Entropy ranks 9 of 10 pairs of seen and unseen right, energy all.
+    The queries of `wrong` are placed 200 m off as well.
     """
     xy_m = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
     answers_xy_m = np.stack([xy_m + np.array([off, 0.0]) for off in (1.0, 300.0)], axis=1)
-    answers_xy_m[2, 0, 0] = xy_m[2, 0] + 200.0
+    answers_xy_m[[2, *wrong], 0, 0] = xy_m[[2, *wrong], 0] + 200.0
     answers_xy_m[3, 0, 0] = xy_m[3, 0] + 6.0
+    answered = np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]])
+    answered[list(wrong), 0] = 9
     cost = np.array([0.05, 0.75, 0.15, 0.25, 0.05, 0.45, 0.95], np.float32)
     ranking = Ranking(
-        places=np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]]),
+        places=answered,
         costs=np.stack([cost, np.ones_like(cost)], axis=1),
         xy_m=answers_xy_m,
         novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
         confidence=1 - cost / 2,
-        heading_deg=np.full(7, np.nan, np.float32),
+        heading_deg=np.full(7, heading_deg, np.float32),
         kinds=("entropy", "energy"),
     )
     labels = Labels(

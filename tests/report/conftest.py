@@ -1,0 +1,14 @@
+"""One small study for all tests of the report."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.report.study import Study
+from tests.report import studied
+
+
+@pytest.fixture(scope="session")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """Its artifacts lie on the disk."""
+    return studied.build(Path(tmp_path_factory.mktemp("study"), "artifacts"))
