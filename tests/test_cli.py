@@ -26,7 +26,18 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def studies(project: Path) -> dict[str, dict[str, object]]:
-    return yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]["studies"]
+    return yaml.safe_load((project / "conf/studies.yaml").read_text())["studies"]
+
+
+def lists(project: Path) -> dict[str, dict[str, dict[str, str]]]:
+    return yaml.safe_load((project / "conf/lists.yaml").read_text())["lists"]
+
+
+def by_hand(project: Path, old: str, new: str) -> None:
+    """Edit the first such word of the studies."""
+    path = project / "conf/studies.yaml"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
 
 
 def study(project: Path) -> dict[str, object]:
@@ -54,25 +65,34 @@ def test_use_campus_writes_the_list_of_each_world(project):
 
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):
     main(["use", "campus", "world=demo"])
-    add_a_test(project)
+    by_hand(project, "    - '2013-04-05'\n", "    - '2013-04-05'\n    - '2013-02-23'\n")
     main(["use", "campus", "world=demo", "--keep"])
     assert "2013-02-23" in study(project)["tests"]
     main(["use", "campus", "world=tiny", "--keep"])
     assert "2013-02-23" not in study(project)["tests"]
 
 
-def add_a_test(project: Path) -> Path:
-    path = project / "conf/benchmark.yaml"
-    path.write_text(path.read_text().replace("'2013-04-05'], ", "'2013-04-05', '2013-02-23'], ", 1))
-    return path
-
-
-def test_a_study_changed_by_hand_is_spelled_out_anew(project):
-    main(["use", "campus"])
-    path = add_a_test(project)
-    assert "campus-2013-02-23:" not in path.read_text()
+def test_a_study_written_by_hand_may_leave_out_what_follows(project):
+    """The question, and a method's view, code and stage; the lists then have what they would have with all told."""
+    main(["use", "campus", "world=tiny", "methods=sci,sad"])
+    told, spelled_out = lists(project), studies(project)
+    by_hand(project, "    question: year\n", "")
+    by_hand(project, "    - name: sci\n      view: scan_context\n      code: pipeline/methods/sci.py\n", "    - sci\n")
+    by_hand(project, "      code: pipeline/methods/sad.py\n      stage: birdviews\n", "")
     main(["use"])
-    assert "campus-2013-02-23:" in path.read_text()
+    assert (lists(project), studies(project)) == (told, spelled_out)
+    by_hand(project, "    - '2012-10-28'\n", "    - '2012-10-28'\n    - '2013-02-23'\n")
+    main(["use"])
+    assert lists(project)["drives"].keys() - told["drives"].keys() == {"campus-2013-02-23"}
+
+
+@pytest.mark.parametrize("key", ["world", "train", "tests", "grids", "methods", "budget"])
+def test_what_a_study_lacks_is_one_line(project, capsys, key):
+    main(["use", "campus"])
+    path, own = project / "conf/studies.yaml", studies(project)
+    del own["campus"][key]
+    path.write_text(yaml.safe_dump({"studies": own}))
+    assert f"campus has no {key}; `yearloc use campus` writes the study anew" in refused(capsys, "use")
 
 
 def test_studies_stand_side_by_side(project, capsys):
@@ -123,7 +143,8 @@ def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(projec
             (root / path).touch()
     main(["use", "kitti", f"root={root}", "question=viewpoints"])
     assert (study(project)["train"], study(project)["tests"]) == ("02 08", ["00"])
-    assert {"name": "sad", "view": "birdview", "stage": "birdviews"} in study(project)["methods"]
+    sad = {"name": "sad", "view": "birdview", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
+    assert sad in study(project)["methods"]
     assert "05: not below" in capsys.readouterr().out
     main(["use", "kitti", f"root={root}", "question=viewpoints", "train=00", "tests=02,08"])
     assert (study(project)["train"], study(project)["tests"]) == ("00", ["02", "08"])
@@ -132,13 +153,14 @@ def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(projec
 def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     main(["use", "campus", "world=tiny"])
     main(["use", "suburb", "world=tiny", "question=viewpoints", "--add"])
-    benchmark = yaml.safe_load((project / "conf/benchmark.yaml").read_text())["benchmark"]
-    assert list(benchmark["viewpoints"]) == ["campus-10m", "suburb-10m"]
-    assert list(benchmark["published"]) == ["campus"]
-    assert [name for name in benchmark["models"] if "seed" in name] == [
+    found = lists(project)
+    assert list(found["viewpoints"]) == ["campus-10m", "suburb-10m"]
+    assert list(found["published"]) == ["campus"]
+    assert [name for name in found["models"] if "seed" in name] == [
         f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)
     ]
-    assert benchmark["studies"]["campus"]["methods"][-1] == {"name": "sad", "view": "birdview_campus", "stage": "birdviews"}
+    sad = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
+    assert studies(project)["campus"]["methods"][-1] == sad
 
 
 @pytest.mark.parametrize(
@@ -153,7 +175,9 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
             "variants=engaged: expected some of 1way, 24way, 4way, 8way",
         ),
         (["use", "campus", "question=robustness", "cells=10m"], "cells=10m: expected some of 20m, 5m"),
-        (["use", "campus", "variants=4way"], "variants=4way: this question and these methods have none"),
+        (["use", "campus", "variants=4way"], "variants=4way: expected some of engaged"),
+        (["use", "suburb", "question=viewpoints", "variants=4way"], "variants=4way: this question and these methods have none"),
+        (["use", "campus", "altered=rain"], "altered=rain: expected some of glance"),
         (
             ["use", "campus", "question=robustness", "variants=5way"],
             "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged",
@@ -175,9 +199,9 @@ def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, argu
     assert part in refused(capsys, *arguments)
 
 
-def test_an_old_or_broken_list_is_written_anew(project, capsys):
-    for text in ("benchmark: {dataset: campus}\n", "benchmark: [\n", ""):
-        (project / "conf/benchmark.yaml").write_text(text)
+def test_a_broken_list_of_studies_is_written_anew(project, capsys):
+    for text in ("studies: {campus: year}\n", "studies: [\n", ""):
+        (project / "conf/studies.yaml").write_text(text)
         assert "yearloc use campus" in refused(capsys, "use")
         main(["use", "campus"])
         assert list(studies(project)) == ["campus"]
@@ -219,15 +243,18 @@ def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said)
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("[10m]", "[7m]", "the grid 7m; expected one of 10m"),
-        ("name: sci,", "name: sco,", "the method sco"),
+        ("    - 10m", "    - 7m", "the grid 7m; expected one of 10m"),
+        ("    grids:", "    cells: [7m]\n    grids:", "the grid 7m; expected one of 10m"),
+        ("glance", "rain", "the alteration rain; expected one of construction, demolition"),
+        ("name: sci\n", "name: sco\n", "methods=sco: expected some of afl"),
+        ("view: scan_context\n", "view: mirror\n", "the view mirror"),
         ("single", "dual", "submap"),
+        ("campus_demo", "moon", "the world moon"),
     ],
 )
 def test_a_study_by_hand_names_what_there_is(project, capsys, old, new, said):
     main(["use", "campus"])
-    path = project / "conf/benchmark.yaml"
-    path.write_text(path.read_text().replace(old, new, 1))
+    by_hand(project, old, new)
     assert said in refused(capsys, "use")
 
 

@@ -113,7 +113,7 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     """What is measured besides, and what it is gathered into."""
-    year, robust = asks_about_the_year(study), study["question"] == "robustness"
+    year, robust = asks_about_the_year(study), study.get("question") == "robustness"
     bird_views = bool(on_bird_views(study["methods"]))
     for grid in study["grids"]:
         entry = {"grid": grid, "dataset": dataset}
@@ -163,6 +163,10 @@ def on_bird_views(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any
 
 def checked(studies: Mapping[str, Study], lists: Mapping[str, Any]) -> Mapping[str, Study]:
     """The studies; raises ConfigError where conf/lists.yaml is not what they come to."""
-    if any(lists.get(name) != entries for name, entries in expand(studies).items()):
+    try:
+        follow = all(lists.get(name) == entries for name, entries in expand(studies).items())
+    except (AttributeError, KeyError, TypeError):  # a hand has left out what `yearloc use` fills in
+        follow = False
+    if not follow:
         raise ConfigError("conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it anew")
     return studies

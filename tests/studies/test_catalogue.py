@@ -58,6 +58,8 @@ def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch
 
 
 def test_no_method_is_imported_to_be_told() -> None:
-    code = "import sys; from pipeline import catalogue; catalogue.entries(); print({'torch', 'numpy'} & sys.modules.keys())"
+    code = (
+        "import sys; from pipeline.studies import catalogue; catalogue.entries(); print({'torch', 'numpy'} & sys.modules.keys())"
+    )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert told.stdout.strip() == "set()"

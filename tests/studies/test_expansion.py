@@ -4,9 +4,10 @@ import pytest
 import yaml
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import expand, spelled_out
-from pipeline.studies.names import text
+from pipeline.studies.expansion import INSTEAD, LISTS, checked, expand
+from pipeline.studies.names import lists_text, studies_text
 
+SCI, M2DP = {"name": "sci", "view": "sc", "code": "sci.py"}, {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
 ONE = {
     "world": "w",
     "source": "world",
@@ -16,44 +17,50 @@ ONE = {
     "train": "a",
     "tests": ["b", "c"],
     "grids": ["5m", "10m"],
-    "methods": [{"name": "sci", "view": "sc"}, {"name": "m2dp", "view": "cloud"}, {"name": "sc50", "view": "sc"}],
+    "methods": [SCI, M2DP, {"name": "sc50", "view": "sc", "code": "sc50.py"}],
     "budget": "tiny",
     "question": "year",
 }
-OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [{"name": "sci", "view": "sc"}]}
-SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "stage": "birdviews", "seeds": 2}
+OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [SCI]}
+SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "code": "pfl", "stage": "birdviews", "seeds": 2}
 TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "viewpoints"}
 
 
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
-    # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; reports 2 + 1
-    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "reports": 3, "published": 2}
-    assert counts == year | {"events": 0, "birdviews": 0, "viewpoints": 0, "robustness": 0, "cells": 0}
+    # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; latency 2 + 1
+    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "latency": 3, "results": 2}
+    assert counts == dict.fromkeys(LISTS, 0) | year | {"published": 2, "report": 1}
     assert lists["models"]["one-5m-m2dp"] == {
         "dataset": "one",
         "grid": "5m",
         "method": "m2dp",
-        "view": "cloud",
         "model": "m2dp",
-        "learn": "budget=tiny",
+        "recipe": "method=m2dp",
+        "code": "m2dp.py",
+        "view": "cloud",
         "budget": "tiny",
         "train": "a",
         "of": "/a.zarr",
     }
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
+    assert lists["rankings"]["one-5m-m2dp"]["altered"] == INSTEAD["evaluated"]
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
 
 
 def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
     lists = expand({"turned": TURNED})
     counts = {name: len(members) for name, members in lists.items() if members}
-    assert counts == {"drives": 3, "submaps": 1, "birdviews": 1, "labels": 1, "models": 2, "viewpoints": 1}
+    once = dict.fromkeys(("submaps", "birdviews", "labels", "viewpoints", "results", "report"), 1)
+    assert counts == once | {"drives": 3, "models": 2}
     assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
     assert lists["labels"]["turned-10m"]["sequences"] == lists["models"]["turned-10m-pfl"]["train"] == "e f"
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
-    assert lists["models"]["turned-10m-pfl-seed1"]["learn"] == "budget=tiny method.seed=1"
+    assert lists["models"]["turned-10m-pfl-seed1"]["recipe"] == "method=pfl method.seed=1"
+    read = {"evaluated": INSTEAD["evaluated"], "viewed": "artifacts/viewpoints/turned", "changed": INSTEAD["changed"]}
+    assert lists["results"]["turned"] == {"dataset": "turned", **read}
+    assert (lists["report"]["all"]["viewed"], lists["report"]["all"]["timed"]) == ("artifacts/viewpoints", INSTEAD["changed"])
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
@@ -65,8 +72,8 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
 
 def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     variants = {"4way": "method.n_way=4 method.epochs=100"}
-    methods = [{"name": "sci", "view": "sc", "seeds": 2, "variants": variants}, {"name": "m2dp", "view": "cloud"}]
-    asked = {"stress": {"x": "heavy"}, "cells": ["20m"], "robustness": {"turned": ["b"], "as_driven": ["x"]}}
+    methods = [SCI | {"seeds": 2, "variants": variants}, M2DP]
+    asked = {"stress": {"x": "heavy"}, "cells": ["20m"], "altered": {"turned": ["d"], "construction": ["d"]}}
     lists = expand({"one": OTHER | {"question": "robustness", "methods": methods, **asked}})
     # of the study's own cells each variant with each seed; of the further ones the methods as they are
     assert list(lists["models"]) == [
@@ -78,20 +85,18 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "one-20m-sci",
         "one-20m-m2dp",
     ]
-    assert lists["models"]["one-10m-sci-4way-seed1"]["learn"] == "budget=tiny method.n_way=4 method.epochs=100 method.seed=1"
+    assert lists["models"]["one-10m-sci-4way-seed1"]["recipe"] == "method=sci method.n_way=4 method.epochs=100 method.seed=1"
     assert list(lists["drives"]) == ["one-b", "one-d", "one-x"]
     assert lists["views"]["one-sc"]["sequences"] == lists["labels"]["one-20m"]["sequences"] == "b d x"
-    assert {words["tests"] for words in lists["rankings"].values()} == {"d"}  # the year is told of its own tests alone
-    assert list(lists["reports"]) == ["one-10m"]
-    assert lists["robustness"]["one-10m-as_driven"] == {
-        "grid": "10m",
-        "dataset": "one",
-        "alteration": "as_driven",
-        "sequences": "x",
-        "models": "all",
-    }
-    assert list(lists["robustness"]) == ["one-10m-turned", "one-10m-as_driven"]
-    assert lists["cells"] == {"one": {"dataset": "one"}}
+    own, seed, further = (lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci"))
+    assert (own["tests"], own["alterations"], own["altered"]) == ("d x", "turned construction", "artifacts/altered/one/sc")
+    assert (seed["tests"], seed["alterations"]) == ("d x", "turned")  # walls are asked about of the method's own model
+    assert (further["tests"], further["alterations"], further["altered"]) == ("d", "", INSTEAD["evaluated"])
+    assert list(lists["altered"]) == [f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")]
+    assert lists["altered"]["one-sc-turned"] == {"view": "sc", "dataset": "one", "alteration": "turned", "sequences": "d"}
+    assert lists["events"]["one"]["sequences"] == "d"
+    assert lists["results"]["one"]["changed"] == "artifacts/events/one"
+    assert list(lists["latency"]) == ["one-10m"]
 
 
 def test_a_study_without_a_question_asks_about_the_year() -> None:
@@ -110,18 +115,15 @@ def test_studies_do_not_mix() -> None:
         assert members.items() <= both[name].items()
 
 
-def test_the_file_holds_what_it_was_made_of() -> None:
+def test_the_files_hold_what_they_were_made_of() -> None:
     studies = {"one": ONE, "other": OTHER, "turned": TURNED}
-    assert spelled_out(yaml.safe_load(text(studies))["benchmark"]) == studies
+    lists = yaml.safe_load(lists_text(studies))
+    assert yaml.safe_load(studies_text(studies))["studies"] == studies == checked(studies, lists["lists"])
+    assert lists["first"] == {"study": "one", "grid": "5m"}
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:
-    benchmark = yaml.safe_load(text({"one": ONE}))["benchmark"]
-    benchmark["studies"]["one"]["tests"].append("e")
-    with pytest.raises(ConfigError, match="yearloc use"):
-        spelled_out(benchmark)
-
-
-def test_a_word_that_lacks_is_named() -> None:
-    with pytest.raises(ConfigError, match="lacks budget"):
-        text({"one": {key: value for key, value in ONE.items() if key != "budget"}})
+    lists = expand({"one": ONE})
+    for edit in ({"tests": ["b", "c", "e"]}, {"methods": ["sci"]}, {"grids": None}):
+        with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow .* `yearloc use`"):
+            checked({"one": ONE | edit}, lists)

@@ -13,8 +13,8 @@ from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]
 DEFINITION = definition(ROOT)
-NAMES = yaml.safe_load((ROOT / "conf/benchmark.yaml").read_text())["benchmark"]
-STEPS = expand(DEFINITION, NAMES)
+STUDIES, LISTS = (yaml.safe_load((ROOT / f"conf/{name}.yaml").read_text())[name] for name in ("studies", "lists"))
+STEPS = expand(DEFINITION, LISTS)
 
 
 def of(deps: list[object], kind: bool) -> list[object]:
@@ -32,9 +32,8 @@ def test_every_stage_is_the_one_that_dvc_finds() -> None:
 
 
 def test_other_names_make_another_chain() -> None:
-    other = {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper"}]}
-    studies = {"campus": NAMES["studies"]["campus"] | other}
-    steps = expand(DEFINITION, {"studies": studies, "first": "campus/5m", **spelled_out(studies)})
+    other = {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper", "code": "c"}]}
+    steps = expand(DEFINITION, spelled_out({"campus": STUDIES["campus"] | other | {"altered": {}}}))
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
     assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/evaluate/campus/5m/sci.json")
     assert evaluate.fields["sequences"] == "2013-04-05"
@@ -45,7 +44,7 @@ def test_other_names_make_another_chain() -> None:
 def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
     (step,) = [s for s in STEPS if s.stage == "labels" and s.overrides["dataset"] == "town"]
     assert step.choices == {"dataset": "town", "grid": "10m"}
-    train, *tests = NAMES["studies"]["town"]["train"], *NAMES["studies"]["town"]["tests"]
+    train, *tests = STUDIES["town"]["train"], *STUDIES["town"]["tests"]
     assert step.fields == {
         "train": train,
         "sequences": " ".join((train, *tests)),
@@ -66,10 +65,10 @@ def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
 
 def test_a_folder_full_of_artifacts_is_the_input_of_whoever_reads_it() -> None:
     (submaps,) = [step for step in STEPS if step.stage == "submaps" and "artifacts/submaps/campus" in step.outs]
-    drives = [key for key in NAMES["drives"] if key.startswith("campus-")]
+    drives = [key for key in LISTS["drives"] if key.startswith("campus-")]
     assert len(inputs(submaps, producers(STEPS))) == len(drives) == 6
 
 
 def test_a_name_that_is_not_listed_is_one_line() -> None:
-    with pytest.raises(ConfigError, match=r"\$\{benchmark.models\}"):
-        expand(DEFINITION, {key: value for key, value in NAMES.items() if key != "models"})
+    with pytest.raises(ConfigError, match=r"\$\{lists.models\}"):
+        expand(DEFINITION, {key: value for key, value in LISTS.items() if key != "models"})

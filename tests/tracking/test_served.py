@@ -58,7 +58,7 @@ def test_a_model_changes_with_the_code_that_it_ships(tmp_path: Path, monkeypatch
     model = Served(write(tmp_path / "sci.safetensors", RECIPE), "m:C", {}, (40, 120))
     before = model.content()
     assert model.content() == before
-    for name, changes in {"reports/style.py": False, "matching/nearest.py": True, "tracking/pyfunc.py": True}.items():
+    for name, changes in {"report/figures/style.py": False, "matching/nearest.py": True, "tracking/pyfunc.py": True}.items():
         path, before = library / name, model.content()
         path.write_text(path.read_text() + "\n")
         assert (model.content() != before) == changes
