@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.errors import InputError
 from pipeline.running.telemetry import Trace
+from pipeline.sweeps.chain import Step
 from stages import ROOT, stage
 from stages.sweep.settings import Composer
 from stages.train import within_budget
@@ -58,3 +59,34 @@ def test_waiting_threads_sleep_unless_the_environment_says_otherwise(given: dict
     code = "import sys, os, stages; print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], env=env, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.split() == [found, "False"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "width", "batch", "share"),
+    [
+        ([], 8, 32, 0.01),
+        (["method.width=64"], 64, 32, 0.01),  # what conf/method/pfl.yaml says anyway
+        (["method.width=16", "++method.batch=4"], 16, 4, 0.01),
+        (["budget.pfl.width=16"], 16, 32, 0.01),
+        (["budget.share=0.5"], 8, 32, 0.5),
+    ],
+)
+def test_what_the_command_line_sets_wins_over_the_budget(overrides: list[str], width: int, batch: int, share: float) -> None:
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        words = ["method=pfl", "budget=demo", *overrides]
+        cfg = within_budget(compose("train", words), words)
+    assert (cfg.method.width, cfg.method.batch, cfg.budget) == (width, batch, {"share": share})
+    assert within_budget(cfg, words) == cfg
+
+
+@pytest.mark.parametrize(("width", "usual"), [(8, True), (64, False)])
+def test_a_sweep_over_a_field_that_the_budget_sets_is_what_it_says(width: int, usual: bool) -> None:
+    """In conf/method/pfl.yaml it is 64, and 8 in conf/budget/demo.yaml, which a study is trained with."""
+    files = {f"conf/{file}.yaml": () for file in ("train", "method/pfl", "budget/demo")}
+    step = Step("train", "python -m stages.train method=pfl budget=demo", (), files, ())
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        composer = Composer({"method.width": str(width)})
+        settings = composer.settings(step)
+        assert composer.config(step, {}).method.width == width
+    assert settings.values["method"]["width"] == width
+    assert settings.usual == usual

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
-from pipeline.reports import latency as told
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError

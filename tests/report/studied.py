@@ -91,7 +91,7 @@ def judged(path: Path, model: str, sequence: str, days: int) -> None:
     found = {}
     some = WALLS if sequence in WORDS["altered"]["construction"] and "-" not in model else []
     for case in [*TURNED, *some] if sequence in WORDS["altered"]["turned"] else TURNED[:1]:
-        wrong = (*WRONG[model], *((4,) if case.change and "-" not in model or days > 100 else ()))
+        wrong = (*WRONG[model], *((4,) if (case.change and "-" not in model) or days > 100 else ()))
         found[case] = evaluation(days, wrong=wrong, heading_deg=5.0 if model == "scan_context" else np.nan)
     rules = {"distance": asdict(Distance()), "bootstrap": asdict(BOOTSTRAP)}
     own = {**rules, "sequence": sequence, "train": TRAIN, "wanted_precision": 0.9}
