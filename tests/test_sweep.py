@@ -141,7 +141,7 @@ def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> No
     ("override", "said"),
     [
         ("grid.cel_m=5", "cel_m"),
-        ("report.cells=5m", "report"),  # no job reads it
+        ("report.bands.few=5", "report"),  # no job reads it
         ("dataset=nclt", "yearloc use"),
     ],
 )

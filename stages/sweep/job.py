@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import hydra
-import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
@@ -23,6 +22,7 @@ from pipeline import schemas, store
 from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.matching.rejection import Evidence
+from pipeline.running.dvc_files import definition
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
@@ -66,7 +66,7 @@ def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: 
     if dataset not in (known := studies()):
         raise ConfigError(f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it")
     lists, composer = listed(known[dataset], dataset, overrides, cfg.method.view), Composer(overrides)
-    steps = expand(yaml.safe_load((ROOT / "dvc.yaml").read_text()), lists)
+    steps = expand(definition(ROOT), lists)
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))

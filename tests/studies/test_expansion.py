@@ -101,7 +101,7 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
 
 def test_a_study_without_a_question_asks_about_the_year() -> None:
     old = {name: word for name, word in ONE.items() if name != "question"}
-    assert expand({"one": old}) == expand({"one": ONE})
+    assert checked({"one": old}, expand({"one": old})) == checked({"one": ONE}, expand({"one": ONE})) == {"one": ONE}
 
 
 def test_an_unknown_question_is_named() -> None:
