@@ -68,8 +68,12 @@ class Job:
         """Whether neither this step nor any before it gets other parameters than those of the files in conf/."""
         return self._settings(step).usual and all(map(self.usual, self._inputs(step).values()))
 
+    def is_built(self, step: Step) -> bool:
+        """Whether DVC has this step's artifacts just as this job wants them."""
+        return self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step)
+
     def _obtain(self, step: Step) -> list[Path]:
-        if self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step):
+        if self.is_built(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
         names = [PurePosixPath(out).name for out in step.outs]

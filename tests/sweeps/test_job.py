@@ -211,3 +211,12 @@ def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
     assert digest(tmp_path / "d") == hashlib.md5(listing.encode()).hexdigest() + ".dir"
     assert digest(tmp_path / "d/b") == two
     assert digest(tmp_path / "none") is None
+
+
+def test_what_dvc_has_is_known_before_anything_is_built(project: Project) -> None:
+    steps = {step.stage: step for step in project.steps}
+    assert not project.job().is_built(steps["views"])
+    project.repro()
+    assert project.job().is_built(steps["train"])
+    assert [project.job(rate=2).is_built(steps[name]) for name in ("views", "train")] == [True, False]
+    assert project.ran == []
