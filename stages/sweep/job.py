@@ -71,7 +71,10 @@ def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: 
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    for altered in (known[dataset].get("altered", {}), {}):  # altered queries are asked only where DVC has their answers
+    for altered in (
+        known[dataset].get("altered", {}),
+        dict[str, Any](),
+    ):  # altered queries are asked only where DVC has their answers
         lists = listed({**known[dataset], "altered": altered}, dataset, overrides, cfg.method.view)
         steps = expand(definition(ROOT), lists)
         found = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
