@@ -9,7 +9,10 @@ from filelock import FileLock
 from xdist.scheduler import LoadScopeScheduling
 
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
-from tests.clone import Clone
+from pipeline.running.repair import repair
+from tests.clone import ROOT, Clone
+
+repair(ROOT)  # DVC wants the lock files that its links lead to; a fresh clone has none
 
 FIRST, LAST = "tests/test_chain.py", "tests/test_sweep.py"
 """Tests of the built chain: one worker starts with building it and the first file, whoever is free ends with the last."""
