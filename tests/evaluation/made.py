@@ -12,12 +12,18 @@ from pipeline.alterations import Case
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation, attrs, columns
-from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.frames import pose
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import EVALUATIONS
+
+SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
+TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
+NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
+THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
+"""The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second)."""
 
 XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)

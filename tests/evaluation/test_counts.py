@@ -8,12 +8,7 @@ from hypothesis import strategies as st
 from pipeline.errors import InputError
 from pipeline.evaluation.counts import ExactCounts, count, spread
 from pipeline.evaluation.protocols import Truth
-
-# The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
-NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
-SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
-TRUE_RANK = np.array([0, 1, 0, -1, 0, -1])
-THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
+from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY
 
 
 def cells(true_rank: np.ndarray, seen: np.ndarray) -> Truth:
@@ -23,7 +18,7 @@ def cells(true_rank: np.ndarray, seen: np.ndarray) -> Truth:
 def test_counts_of_six_queries_by_hand() -> None:
     # τ .15: only query 0 is accepted, a hit; seen 1, 2, 4 are missed and unseen 3, 5 rejected. τ 1: all six are accepted,
     # seen 0, 2, 4 right, seen 1 misplaced, unseen 3 and 5 accepted. The rows between follow METHODS.md 2.7.
-    counts = count(cells(TRUE_RANK, SEEN), NOVELTY, THRESHOLDS)
+    counts = count(TOY, NOVELTY, THRESHOLDS)
     assert counts.hits[0].tolist() == [1, 1, 2, 2, 3, 3]
     assert counts.false_alarms[0].tolist() == [0, 1, 1, 2, 2, 3]
     assert counts.misses[0].tolist() == [3, 2, 1, 1, 0, 0]
@@ -32,19 +27,15 @@ def test_counts_of_six_queries_by_hand() -> None:
 
 def test_looking_at_more_places_turns_false_alarms_into_hits() -> None:
     # Query 1's true place is its second answer: from top-2 on it is a hit wherever it is accepted (τ > .2).
-    counts = count(cells(TRUE_RANK, SEEN), NOVELTY, THRESHOLDS, top_n=3)
+    counts = count(TOY, NOVELTY, THRESHOLDS, top_n=3)
     assert counts.hits.shape == (3, 6)
     assert counts.hits[1].tolist() == counts.hits[2].tolist() == [1, 2, 3, 3, 4, 4]
     assert counts.misses[1].tolist() == counts.misses[0].tolist()
 
 
-def test_a_query_exactly_at_the_threshold_is_rejected() -> None:
+def test_a_query_at_the_threshold_is_rejected_and_an_unseen_one_never_a_hit() -> None:
     counts = count(cells(np.array([0]), np.array([True])), np.array([0.25], np.float32), np.array([0.25, 0.26]), top_n=1)
-    assert counts.misses.tolist() == [[1, 0]]
-    assert counts.hits.tolist() == [[0, 1]]
-
-
-def test_an_unseen_query_is_never_a_hit_whatever_its_rank_says() -> None:
+    assert (counts.misses.tolist(), counts.hits.tolist()) == ([[1, 0]], [[0, 1]])
     counts = count(cells(np.array([0]), np.array([False])), np.array([0.1], np.float32), np.array([0.5]), top_n=1)
     assert (counts.hits.item(), counts.false_alarms.item()) == (0, 1)
 
@@ -102,12 +93,9 @@ def test_no_queries_give_empty_counts() -> None:
     assert not counts.hits.any()
 
 
-def test_a_novelty_that_is_no_number_is_refused() -> None:
+def test_a_novelty_that_is_no_number_and_arrays_of_different_queries_are_refused() -> None:
     with pytest.raises(InputError, match="NaN"):
         count(cells(np.array([0]), np.array([True])), np.array([np.nan], np.float32), np.array([0.5]))
-
-
-def test_arrays_of_different_queries_are_refused() -> None:
     with pytest.raises(InputError, match="2 true ranks, 1 seen"):
         count(cells(np.array([0, 0]), np.array([True])), np.array([0.1], np.float32), np.array([0.5]))
 

@@ -11,14 +11,12 @@ from pipeline.evaluation.counts import count
 from pipeline.evaluation.curves import auc, precision_recall
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, measures, median, numbers
 from pipeline.evaluation.protocols import Truth
+from tests.evaluation.made import NOVELTY, SEEN, THRESHOLDS, TOY
 
-# The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second).
-SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
-TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
 QUERIES = Queries(
-    novelty=np.array([[0.1, 7], [0.2, 7], [0.3, 7], [0.4, 9], [0.6, 8], [0.7, 8]], np.float32),
+    novelty=np.stack([NOVELTY, np.array([7, 7, 7, 9, 8, 8], np.float32)], axis=1),
     reject_from=(0.5, 7.5),
-    thresholds=np.array([0.0, 0.15, 0.25, 0.35, 0.5, 0.65, 1.0]),
+    thresholds=np.r_[0.0, THRESHOLDS],
     error_m=np.array([1.0, 40.0, 2.0, 90.0, 4.0, 80.0]),
     turn_deg=np.array([10.0, -45.0, 46.0, 0.0, 180.0, 0.0]),
     nearest_m=np.array([1.0, 2.0, 3.0, 6.0, 4.0, 2.5]),
@@ -86,15 +84,12 @@ def test_a_heading_that_is_not_told_counts_neither_way() -> None:
     assert np.isnan([found["median_heading_error_deg"], found["heading_within_10deg"]]).all()
 
 
-def test_a_threshold_that_accepts_nothing_has_a_recall_but_no_precision() -> None:
-    found = told(queries=replace(QUERIES, reject_from=(0.0, 0.0)))
-    assert np.isnan(found["precision_at_threshold"])
-    assert found["recall_at_threshold"] == 0.0
-
-
-def test_a_threshold_without_end_accepts_all() -> None:
-    found = told(queries=replace(QUERIES, reject_from=(np.inf, np.inf)))
-    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == (3 / 6, 1.0)
+@pytest.mark.parametrize(("threshold", "told_there"), [(0.0, (np.nan, 0.0)), (np.inf, (3 / 6, 1.0))])
+def test_a_threshold_that_accepts_nothing_has_no_precision_and_one_without_end_accepts_all(
+    threshold: float, told_there: tuple[float, float]
+) -> None:
+    found = told(queries=replace(QUERIES, reject_from=(threshold, threshold)))
+    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == pytest.approx(told_there, nan_ok=True)
 
 
 def test_without_a_seen_query_only_precision_is_defined() -> None:
@@ -118,14 +113,9 @@ def test_a_heading_that_no_query_has_is_missing() -> None:
 
 @given(
     st.lists(
-        st.tuples(
-            st.integers(0, 3),  # weight
-            st.sampled_from(["seen", "unseen", "between"]),
-            st.integers(-1, 8),  # rank
-            st.integers(0, 6),  # level of novelty
-            st.integers(0, 50),  # error
-            st.sampled_from([0.0, 180.0]),
-            st.sampled_from([0.0, 20.0, np.nan]),
+        st.tuples(  # weight, whether seen, rank, level of novelty, error, turn, heading's error
+            *(st.integers(0, 3), st.sampled_from(["seen", "unseen", "between"]), st.integers(-1, 8), st.integers(0, 6)),
+            *(st.integers(0, 50), st.sampled_from([0.0, 180.0]), st.sampled_from([0.0, 20.0, np.nan])),
         ),
         min_size=1,
         max_size=25,

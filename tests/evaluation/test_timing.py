@@ -22,6 +22,7 @@ from pipeline.running.progress import Progress
 from pipeline.running.telemetry import Trace
 from pipeline.studies.expansion import ModelName
 from pipeline.views.draw import Drawing
+from tests.evaluation.made import standing
 
 MACHINE = Machine("Abacus", 4, "", 0.5, 1.0, {"Python": "3", "torch": ""})
 BY_HAND = Latency(
@@ -37,30 +38,25 @@ BY_HAND = Latency(
 PARTS = [f"{part}_ms{end}" for part in ("generation", "retrieval", "query") for end in ("", "_p95")]
 
 
-def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1, points: int = 200) -> tuple[store.Artifact, store.Artifact]:
-    """Scans two metres apart along x, and submaps of one or more of them; scan i has points + i points."""
-    scans, lengths = submaps + sweeps - 1, points + np.arange(submaps + sweeps - 1)
-    rng = np.random.default_rng(len(sequence))
-    poses = np.tile(np.eye(4), (scans, 1, 1))
-    poses[:, 0, 3] = 2.0 * np.arange(scans)
-    last = np.arange(sweeps - 1, scans)
-    with store.write(folder / "scans/campus" / f"{sequence}.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
-        draft.put("points", (rng.normal(0, (9, 5, 2), (lengths.sum(), 3)) / 0.005).clip(-32_000, 32_000).astype(np.int16))
-        draft.put("offsets", np.concatenate([[0], np.cumsum(lengths)]))
-        draft.put("stamps_ns", 10 * np.arange(scans))
-        for name in ("world_T_scan", "odom_T_scan"):
-            draft.put(name, poses)
-    with store.write(folder / "submaps/campus" / f"{sequence}.zarr", schemas.SUBMAPS, layout="odom_T_scan", left_out={}) as draft:
-        draft.put("first", last - (sweeps - 1))
-        draft.put("scans", last)
-        draft.put("ground_m", np.full(len(last), 0.25))
-        draft.put("used", np.ones(scans, bool))
-        draft.put("stamps_ns", 10 * last)
-        draft.put("world_T_anchor", poses[last])
-    return (
-        store.read(folder / "scans/campus" / f"{sequence}.zarr", schemas.SCANS),
-        store.read(folder / "submaps/campus" / f"{sequence}.zarr", schemas.SUBMAPS),
-    )
+def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1) -> tuple[store.Artifact, store.Artifact]:
+    """Scans two metres apart along x, and submaps of one or more of them; scan i has 200 + i points."""
+    scans, lengths = submaps + sweeps - 1, 200 + np.arange(submaps + sweeps - 1)
+    points_m, last = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3)), np.arange(sweeps - 1, scans)
+    poses = standing(np.c_[2.0 * np.arange(scans), np.zeros(scans)])
+    columns = {
+        "scans": {"points": (points_m / 0.005).astype(np.int16), "offsets": np.r_[0, np.cumsum(lengths)]}
+        | {"stamps_ns": 10 * np.arange(scans), "world_T_scan": poses, "odom_T_scan": poses},
+        "submaps": {"first": last - (sweeps - 1), "scans": last, "ground_m": np.full(len(last), 0.25)}
+        | {"used": np.ones(scans, bool), "stamps_ns": 10 * last, "world_T_anchor": poses[last]},
+    }
+    attrs = {"scans": {"grain_m": 0.005, "skipped": {}, "clipped": 0}, "submaps": {"layout": "odom_T_scan", "left_out": {}}}
+    found = []
+    for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS)):
+        with store.write(folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]) as draft:
+            for name, column in columns[kind].items():
+                draft.put(name, column)
+        found.append(store.read(folder / kind / "campus" / f"{sequence}.zarr", schema))
+    return found[0], found[1]
 
 
 class Recorder:
@@ -121,17 +117,13 @@ def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(measure
     assert last.world_T_anchor[:, 0, 3].tolist() == [16]
 
 
-def test_there_are_no_more_queries_than_submaps(recorder: Recorder, tmp_path: Path) -> None:
+def test_there_are_no_more_queries_than_submaps_and_nothing_to_measure_is_an_error(recorder: Recorder, tmp_path: Path) -> None:
     one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
     assert len(Latency.measure(one, *drive(tmp_path, "a", 3), queries=50, k=7).points) == 3
-
-
-def test_nothing_to_measure_is_an_error(recorder: Recorder, tmp_path: Path) -> None:
-    one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
     with pytest.raises(InputError, match="no submap"):
-        Latency.measure(one, *drive(tmp_path, "a", 0), queries=5, k=7)
+        Latency.measure(one, *drive(tmp_path, "b", 0), queries=5, k=7)
     with pytest.raises(ConfigError, match=r"latency\.queries=0"):
-        Latency.measure(one, *drive(tmp_path, "b", 2), queries=0, k=7)
+        Latency.measure(one, *drive(tmp_path, "c", 2), queries=0, k=7)
 
 
 @pytest.mark.parametrize("sweeps", [1, 3])
@@ -164,9 +156,8 @@ def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_her
     found = list(cost_rows({ModelName("sci", "4way", 1): Path("here"), ModelName("m2dp"): Path("elsewhere")}))
     assert {(one["method"], one["variant"], one["seed"]) for one in found} == {("sci", "4way", 1), ("m2dp", "", 0)}
     assert [(one["number"], one["value"]) for one in found if one["method"] == "m2dp"] == [("model_mb", 0.0025)]
-    assert {one["number"]: one["value"] for one in found[:-1]} == {
-        **{"model_mb": 0.0025, "train_cpu_s": 5.0, "train_wall_s": 3.0, "train_peak_memory_mb": 70.0},
-    }
+    costs = {"model_mb": 0.0025, "train_cpu_s": 5.0, "train_wall_s": 3.0, "train_peak_memory_mb": 70.0}
+    assert {one["number"]: one["value"] for one in found[:-1]} == costs
 
 
 def test_every_sample_is_recorded() -> None:
@@ -199,11 +190,6 @@ def stage(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     return latency
 
 
-def test_methods_run_on_one_thread(stage: Any) -> None:
-    assert stage.alone("sci").threads == 1
-    assert stage.alone("m2dp") == M2dp()
-
-
 def test_the_stage_measures_each_method_of_a_study_with_its_model(
     stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,5 +207,6 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
     table = pd.read_csv("artifacts/latency/campus/10m.csv")
     assert table.columns.tolist() == [*COLUMNS, *TYPED]
     assert table["number"].tolist() == [*PARTS, "model_mb"]
+    assert (stage.alone("sci").threads, stage.alone("m2dp")) == (1, M2dp())
     kept = json.loads(Path("10m.json").read_text())
     assert (kept["sequence"], kept["k"], len(kept["milliseconds"]["total"]["m2dp"])) == ("2012-02-04", 3, 4)
