@@ -79,10 +79,7 @@ def test_two_sequences_give_a_slope_but_no_interval_and_one_gives_none() -> None
     assert np.isnan(two.p)
     assert Ageing().line(DAYS[:1], VALUES[:1]) is None
     assert Ageing().line(np.array([20, 20]), VALUES[:2]) is None  # both of one day
-
-
-def test_a_sequence_without_the_number_is_left_out() -> None:
-    found = line(np.append(VALUES, np.nan), np.append(DAYS, 400))
+    found = line(np.append(VALUES, np.nan), np.append(DAYS, 400))  # one without the number is left out
     assert (found.number, found.last_day, found.slope) == (4, 300, pytest.approx(-0.0014))
 
 

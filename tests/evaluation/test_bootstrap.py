@@ -28,11 +28,8 @@ def test_blocks_are_metres_travelled_and_not_metres_away() -> None:
     assert np.bincount(blocks(np.concatenate([out, back]), 50.0)).tolist() == [50, 51, 19]  # one query turns on the spot
     standing = np.zeros((5, 2))
     assert blocks(standing, 50.0).tolist() == [0] * 5
-
-
-def test_a_gap_in_the_path_leaves_no_empty_block() -> None:
-    xy_m = np.concatenate([straight(10), straight(10) + 1000.0])
-    assert np.bincount(blocks(xy_m, 50.0)).tolist() == [10, 10]
+    gap = np.concatenate([straight(10), straight(10) + 1000.0])
+    assert np.bincount(blocks(gap, 50.0)).tolist() == [10, 10]  # which leaves no empty block
 
 
 def test_the_queries_of_a_block_stay_together() -> None:
@@ -76,18 +73,15 @@ def test_resamples_that_leave_a_number_undefined_are_left_out() -> None:
     assert np.isnan(intervals[1]).all()
 
 
-def test_a_number_that_every_resample_leaves_undefined_has_no_interval() -> None:
-    def numbers(weight: np.ndarray) -> np.ndarray:
-        return np.where((weight == 1).all(axis=1), 0.5, np.nan)[None]  # of all queries once, as the estimate is
+def test_a_number_that_all_queries_or_every_resample_leave_undefined_has_no_interval() -> None:
+    def of_all_once(weight: np.ndarray) -> np.ndarray:
+        return np.where((weight == 1).all(axis=1), 0.5, np.nan)[None]  # as the estimate is
 
-    assert np.isnan(Bootstrap(resamples=3, seed=1).intervals(numbers, straight(1000))).all()
-
-
-def test_a_number_that_all_queries_leave_undefined_has_no_interval() -> None:
-    def numbers(weight: np.ndarray) -> np.ndarray:
+    def of_others(weight: np.ndarray) -> np.ndarray:
         return np.where(weight[:, :1].T == 1, np.nan, 0.5)  # defined in resamples that draw the first block twice or never
 
-    assert np.isnan(Bootstrap(resamples=50).intervals(numbers, straight(150))).all()
+    assert np.isnan(Bootstrap(resamples=3, seed=1).intervals(of_all_once, straight(1000))).all()
+    assert np.isnan(Bootstrap(resamples=50).intervals(of_others, straight(150))).all()
 
 
 @pytest.mark.parametrize("metres", [0, 1, 50])

@@ -27,10 +27,6 @@ def test_a_confidence_that_means_what_it_says_has_a_small_error_and_an_overconfi
     assert ece(np.sqrt(chance), right) == pytest.approx(1 / 6, abs=0.02)  # ∫ √p − p dp = 2/3 − 1/2
 
 
-def test_rounding_beyond_one_is_forgiven() -> None:
-    assert ece(np.array([1 + 1e-7, -1e-7]), np.array([True, False])) == pytest.approx(0.0, abs=1e-6)
-
-
 @pytest.mark.parametrize("confidence", [np.nan, -3.5, 1.2])
 def test_what_is_no_chance_has_no_error_and_no_bins(confidence: float) -> None:
     answers = np.array([0.5, confidence]), np.array([True, False])
@@ -39,5 +35,6 @@ def test_what_is_no_chance_has_no_error_and_no_bins(confidence: float) -> None:
         reliability(*answers)
 
 
-def test_no_answers_have_no_error() -> None:
+def test_rounding_beyond_one_is_forgiven_and_no_answers_have_no_error() -> None:
+    assert ece(np.array([1 + 1e-7, -1e-7]), np.array([True, False])) == pytest.approx(0.0, abs=1e-6)
     assert np.isnan(ece(np.zeros(0), np.zeros(0, bool)))

@@ -22,20 +22,13 @@ BOOTSTRAP, FEW = Bootstrap(block_m=20.0, resamples=199), Bootstrap(resamples=2)
 
 def method(right: np.ndarray, novelty: np.ndarray | None = None, bootstrap: Bootstrap = FEW) -> Evaluation:
     """A query a metre, seen but for the last sixth; a wrong answer lies a kilometre off."""
-    seen = np.arange(METRES) < 500
-    answers = np.where(right & seen, 0, 5)
-    ranking = Ranking(
-        answers[:, None],
-        np.zeros((METRES, 1), np.float32),
-        (XY_M + np.where(right & seen, 1.0, 1000.0)[:, None] * (1, 0))[:, None],
-        (np.where(seen, 0.25, 0.75) if novelty is None else novelty).astype(np.float32)[:, None],
-        np.full(METRES, np.nan, np.float32),
-        np.full(METRES, np.nan, np.float32),
-        ("distance",),
-    )
-    nothing = np.zeros(METRES)
-    labels = Labels(np.where(seen, 0, -1), np.arange(6), np.zeros(METRES, int), np.where(seen, 1.0, 99.0), nothing)
-    return judge(ranking, (0.5,), labels, standing(XY_M), 1, Distance(), bootstrap)
+    seen, nothing = np.arange(METRES) < 500, np.full(METRES, np.nan, np.float32)
+    good, novelty = right & seen, np.where(seen, 0.25, 0.75) if novelty is None else novelty
+    xy_m = (XY_M + np.where(good, 1.0, 1000.0)[:, None] * (1, 0))[:, None]
+    places, column = np.where(good, 0, 5)[:, None], novelty.astype(np.float32)[:, None]
+    ranking = Ranking(places, np.zeros((METRES, 1), np.float32), xy_m, column, nothing, nothing, ("distance",))
+    own = np.where(seen, 0, -1), np.arange(6), np.zeros(METRES, int), np.where(seen, 1.0, 99.0), np.zeros(METRES)
+    return judge(ranking, (0.5,), Labels(*own), standing(XY_M), 1, Distance(), bootstrap)
 
 
 def runs(share: float, seed: int) -> np.ndarray:

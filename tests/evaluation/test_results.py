@@ -35,9 +35,7 @@ STUDY: Mapping[str, Any] = {
 CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
 WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
 """As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
-EVIDENCE = Evidence(
-    np.ones(3, bool), *({kind: low + np.arange(3) / 10 for kind in ("entropy", "distance")} for low in (0.1, 0.7))
-)
+EVIDENCE = Evidence(np.ones(3, bool), *(dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7)))
 """Right, and told apart."""
 
 
@@ -119,9 +117,8 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
     driven = gathered[(gathered["number"] == "queries") & (gathered["case"] == "") & (gathered["protocol"] == "cells")]
     found = set(map(tuple, driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist()))
     tests = [(FEB, 20.0, ""), (MAR, 62.0, "")]
-    own = [
-        ("10m", *model, *test) for model in (("sci", ""), ("sci", "4way"), ("sad", "")) for test in (*tests, (RAIN, 21.0, "wet"))
-    ]
+    models, asked = (("sci", ""), ("sci", "4way"), ("sad", "")), (*tests, (RAIN, 21.0, "wet"))
+    own = [("10m", *model, *test) for model in models for test in asked]
     assert found == {*own, *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests)}
     changes = gathered[gathered["change"].isin(["turned", "construction"])]
     assert set(changes["case"]) == {"turned 1", "construction 2 walls, shadow"}
@@ -166,17 +163,14 @@ def test_queries_are_grouped_by_the_distance_to_real_changes(gathered: pd.DataFr
     assert value(gathered, "seen_near_a_change", sequence=FEB) == 3
 
 
-def test_methods_on_bird_views_are_asked_from_other_headings(gathered: pd.DataFrame) -> None:
+def test_methods_on_bird_views_are_asked_from_other_headings(artifacts: Path, gathered: pd.DataFrame) -> None:
     # Two headings between two: 90° and 270°; both matches are right at the first, one of two at the second.
     of = {"method": "sad", "sequence": FEB}
     assert [value(gathered, "accuracy", case=f"viewpoint {deg}°", level=deg, **of) for deg in (90, 270)] == [1.0, 0.5]
     assert (value(gathered, "queries", case="viewpoint", **of), value(gathered, "bytes_per_place", **of)) == (2, 8224.0)
     assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
-
-
-def test_a_study_of_viewpoints_has_no_rows_of_answers(artifacts: Path) -> None:
-    found = gathering(artifacts, {**STUDY, "question": "viewpoints"}).table()
-    assert set(found["change"]) == {"viewpoint", "viewpoint of all"}
+    alone = gathering(artifacts, {**STUDY, "question": "viewpoints"}).table()
+    assert set(alone["change"]) == {"viewpoint", "viewpoint of all"}
 
 
 @pytest.mark.parametrize(
@@ -195,9 +189,8 @@ def test_an_artifact_that_is_not_there_is_one_clear_line(artifacts: Path, tmp_pa
 
 def test_the_plots_show_each_methods_own_answers_to_the_tests(artifacts: Path, gathered: pd.DataFrame) -> None:
     wide = year(gathered)
-    assert wide[["method", "sequence", "days"]].to_numpy().tolist() == [
-        [method, sequence, DAYS[sequence]] for method in ("sad", "sci") for sequence in (FEB, MAR)
-    ]
+    shown = [[method, sequence, DAYS[sequence]] for method in ("sad", "sci") for sequence in (FEB, MAR)]
+    assert wide[["method", "sequence", "days"]].to_numpy().tolist() == shown
     assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
     curve = precision_recall(gathering(artifacts))
     assert curve.groupby(["method", "sequence"]).size().tolist() == [200] * 4
@@ -225,12 +218,9 @@ def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by
     ):
         assert np.isnan(gone)
     assert np.isnan(frame.loc[(frame["method"] == "sad") & (frame["number"] == "novelty_percentile"), "value"]).all()
-
-
-def test_without_two_days_there_is_no_line() -> None:
-    frame = table(ageing_rows(unseen(0), Ageing()))
-    assert frame.loc[frame["number"].str.endswith("_line"), "value"].isna().all()
-    assert not frame["number"].str.contains("per_100_days").any()
+    one_day = table(ageing_rows(unseen(0), Ageing()))
+    assert one_day.loc[one_day["number"].str.endswith("_line"), "value"].isna().all()
+    assert not one_day["number"].str.contains("per_100_days").any()
 
 
 @pytest.fixture
@@ -250,9 +240,8 @@ def test_every_digit_comes_back_from_the_csv(gathered: pd.DataFrame, written: Pa
 
 def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) -> None:
     (written / "latency/campus").mkdir(parents=True)
-    table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m").to_csv(
-        written / "latency/campus/10m.csv", index=False
-    )
+    timed = table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m")
+    timed.to_csv(written / "latency/campus/10m.csv", index=False)
     found = results.read(written, ["campus"])
     assert len(found) == len(gathered) + 1
     assert value(found, "query_ms", method="sci") == 3.0
@@ -281,13 +270,9 @@ def test_a_damaged_table_is_refused(written: Path, damage: Callable[[str], str])
 
 
 def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) -> None:
-    found = results.where(
-        gathered, {"method": "sci,sad", "number": "recall_at_1", "case": "", "sequence": FEB, "protocol": "cells"}
-    )
-    assert found[["grid", "method", "variant"]].to_numpy().tolist() == [
-        *(["10m", "sci", ""], ["10m", "sci", "4way"], ["10m", "sad", ""]),
-        *(["5m", "sci", ""], ["5m", "sad", ""]),
-    ]
+    wanted = {"method": "sci,sad", "number": "recall_at_1", "case": "", "sequence": FEB, "protocol": "cells"}
+    found = results.where(gathered, wanted)
+    assert found["method"].tolist() == ["sci", "sci", "sad", "sci", "sad"]  # own, variant, own; and in other cells
     assert len(results.where(found, {"seed": "0", "simulated": "True"})) == 5
     assert results.where(found, {"method": "sc"}).empty
     with pytest.raises(ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"):

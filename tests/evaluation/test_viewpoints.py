@@ -14,31 +14,26 @@ from pipeline.evaluation.viewpoints import Judged, Viewpoints, turned
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.running.progress import Progress
-from tests.evaluation.made import judged
+from tests.evaluation.made import judged, standing
 
 STEP_M = 3.0
 SIDE = 32
 
 
+POSTS_M = np.random.default_rng(3).uniform((-40, -40), (120, 140), (900, 2))
+
+
 def drive(n: int = 30, headings: int = 16) -> Rows:
     """A row every 3 m north, then bending east, past random posts: what is seen from each heading is drawn for itself."""
-    rng = np.random.default_rng(3)
-    posts_m = rng.uniform((-40, -40), (120, 140), (900, 2))
-    heading = np.linspace(np.pi / 2, 0, n)
+    heading, more = np.linspace(np.pi / 2, 0, n), 2 * np.pi * np.arange(headings) / headings
     xy_m = np.cumsum(STEP_M * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
-    poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, :2, :2] = np.moveaxis(np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]), 2, 0)
-    poses[:, :2, 3] = xy_m
-    more_rad = 2 * np.pi * np.arange(headings) / headings
-    images = np.stack(
-        [[seen(posts_m, *place, yaw_rad + more) for more in more_rad] for place, yaw_rad in zip(xy_m, heading, strict=True)]
-    )
-    return Rows(images, np.arange(n), poses)
+    images = [[seen(*place, ahead + left) for left in more] for place, ahead in zip(xy_m, heading, strict=True)]
+    return Rows(np.array(images), np.arange(n), standing(xy_m, np.rad2deg(heading)))
 
 
-def seen(posts_m: np.ndarray, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
+def seen(x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
     """A bird-view (32, 32) of 32 m: row 0 in front, column 0 on the left."""
-    east, north = (posts_m - (x_m, y_m)).T
+    east, north = (POSTS_M - (x_m, y_m)).T
     forward = east * np.cos(yaw_rad) + north * np.sin(yaw_rad)
     left = north * np.cos(yaw_rad) - east * np.sin(yaw_rad)
     inside = (np.abs(forward) < 16) & (np.abs(left) < 16)
@@ -104,11 +99,7 @@ class Scripted(Fake):
         return localize
 
 
-VIEWS = drive()
-
-
-MODEL = {"evidence": np.ones(5)}
-AS_IS = Viewpoints()
+VIEWS, MODEL, AS_IS = drive(), {"evidence": np.ones(5)}, Viewpoints()
 
 
 def judge(method: Fake, views: Rows = VIEWS, viewpoints: Viewpoints = AS_IS) -> Judged:
@@ -120,12 +111,10 @@ def test_a_turned_query_shows_what_a_turned_robot_sees_at_the_same_places() -> N
     query = turned(VIEWS, 3)
     assert np.rad2deg(yaw(query.world_T_anchor) - yaw(VIEWS.world_T_anchor)) % 360 == pytest.approx(67.5)
     assert (query.world_T_anchor[:, :, 3] == VIEWS.world_T_anchor[:, :, 3]).all()
-    rng = np.random.default_rng(3)
-    posts_m = rng.uniform((-40, -40), (120, 140), (900, 2))
     for i in (0, 17):
         pose = query.world_T_anchor[i]
         for j in (0, 1, 5):
-            anew = seen(posts_m, *pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0]) + 2 * np.pi * j / 16)
+            anew = seen(*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0]) + 2 * np.pi * j / 16)
             assert (anew != query.images[i, j]).sum() <= 4  # of some 60 posts: the rounding of a post on a border
             assert (anew != VIEWS.images[i, j]).sum() > 40
     left = turned(VIEWS, 4)  # a quarter turn to the left: what lay on the left lies in front
@@ -198,13 +187,9 @@ def test_only_rows_with_a_whole_window_around_them_are_valid() -> None:
     assert found.numbers()["mean"]["accuracy"] == 1.0
     assert found.correct.sum(axis=1).tolist() == [20] * 8
     assert (found.xy_m == xy_m).all()
-
-
-def test_a_sequence_shorter_than_a_window_has_no_numbers() -> None:
-    views = Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10])
-    found = judge(Fake(length=10), views)
-    assert not found.valid.any()
-    assert all(value is None for one in found.numbers().values() for value in one.values())
+    short = judge(Fake(length=10), Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10]))
+    assert not short.valid.any()
+    assert all(value is None for one in short.numbers().values() for value in one.values())
 
 
 @pytest.mark.parametrize("ties", [1000, 7])
@@ -227,11 +212,8 @@ def test_recall_is_of_all_valid_queries_at_the_last_threshold_that_is_precise() 
     told = judged(correct[None], -np.arange(110.0)[None]).numbers()["mean"]
     assert told["recall"] == pytest.approx(101 / 110)  # and not 101 of the 108 correct
     assert told["accuracy"] == pytest.approx(108 / 110)
-
-
-def test_without_a_correct_match_there_is_no_area() -> None:
-    told = judged(np.zeros((1, 5), bool), np.arange(5.0)[None]).numbers()["mean"]
-    assert told == {"roc_auc": None, "pr_auc": None, "accuracy": 0.0, "recall": 0.0}
+    nothing = judged(np.zeros((1, 5), bool), np.arange(5.0)[None]).numbers()["mean"]
+    assert nothing == {"roc_auc": None, "pr_auc": None, "accuracy": 0.0, "recall": 0.0}
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
