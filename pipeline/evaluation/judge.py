@@ -60,14 +60,19 @@ def judge(
 def judge_cases(
     rankings: Artifact, labels: Artifact, submaps: Artifact, distance: Distance, bootstrap: Bootstrap
 ) -> dict[Case, Evaluation]:
-    """Judge each case of the rankings of one sequence; labels and submaps are those of the sequence as it was driven."""
+    """Judge each case of the rankings of one sequence; labels and submaps are those of the sequence as it was driven.
+
+    Raises InputError where the rankings are not of these submaps in each case.
+    """
     true = Labels(**{name: labels.load(name) for name in LABELS.columns})
     world_T_anchor, days = submaps.load("world_T_anchor"), int(labels.attrs["days"])
     kinds, n = tuple(rankings.attrs["kinds"]), len(world_T_anchor)
     names = [field.name for field in fields(Ranking) if field.name != "kinds"]
     arrays = {name: rankings.load(name) for name in (*names, "turned_deg")}
-    found = {}
-    for i, case in enumerate(read_cases(rankings.attrs)):
+    found, cases = {}, read_cases(rankings.attrs)
+    if len(arrays["places"]) != n * len(cases):
+        raise InputError(f"{rankings.path}: {len(arrays['places'])} queries in {len(cases)} cases of {n} submaps")
+    for i, case in enumerate(cases):
         own = {name: array[i * n : (i + 1) * n] for name, array in arrays.items()}
         turned_deg = own.pop("turned_deg")
         ranking = Ranking(**own, kinds=kinds)

@@ -245,7 +245,7 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
         for name in ("first", "scans", "stamps_ns"):
             draft.put(name, np.arange(5))
         draft.put("used", np.ones(5, bool))
-    artifacts = (store.read(tmp_path / name, getattr(schemas, name.upper())) for name in ("rankings", "labels", "submaps"))
+    artifacts = [store.read(tmp_path / name, getattr(schemas, name.upper())) for name in ("rankings", "labels", "submaps")]
     found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
     assert list(found) == cases
     for one, alone in zip(found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True):
@@ -255,6 +255,9 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     driven, turned = found.values()
     assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (0.75, 0.25)
     assert turned.answer.tolist() == [1, 1, 9, 1, 1]
+    artifacts[0].attrs["cases"].pop()
+    with pytest.raises(InputError, match="rankings: 10 queries in 1 cases of 5 submaps"):
+        judge_cases(*artifacts, Distance(), Bootstrap())
 
 
 def test_the_exact_curve_passes_every_novelty() -> None:
