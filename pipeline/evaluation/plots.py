@@ -33,4 +33,4 @@ def precision_recall(gathering: Gathering) -> pd.DataFrame:
             found = gathering.evaluation(gathering.study["grids"][0], ModelName(method["name"]), sequence)
             columns = {"threshold": found.thresholds, "recall": found.cells.recall[0], "precision": found.cells.precision[0]}
             frames.append(pd.DataFrame({"method": method["name"], "sequence": sequence, **columns}))
-    return pd.concat(frames) if frames else pd.DataFrame()
+    return pd.concat(frames) if frames else pd.DataFrame(columns=["method", "sequence", "threshold", "recall", "precision"])

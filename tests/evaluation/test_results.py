@@ -194,6 +194,8 @@ def test_the_plots_show_each_methods_own_answers_to_the_tests(artifacts: Path, g
     assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
     curve = precision_recall(gathering(artifacts))
     assert curve.groupby(["method", "sequence"]).size().tolist() == [200] * 4
+    none = precision_recall(gathering(artifacts, {**STUDY, "question": "viewpoints"}))
+    assert none.columns.tolist() == curve.columns.tolist()
 
 
 def unseen(days: int) -> Answers:
