@@ -75,7 +75,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Ageing:
-    """What is asked of the lines (conf/report.yaml)."""
+    """What is asked of the lines (conf/results.yaml)."""
 
     loss: float = 0.1
     """The share of a number's value on the day of training whose loss calls for training again."""

@@ -26,7 +26,7 @@ APART_M = 1e6
 
 @dataclass(frozen=True)
 class Bands:
-    """How queries are grouped (conf/report.yaml)."""
+    """How queries are grouped (conf/results.yaml)."""
 
     edges_m: Sequence[float] = (25.0, 50.0, 100.0)
     """Rising; the last band has no end."""
