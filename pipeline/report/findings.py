@@ -127,7 +127,7 @@ def confounders(study: Study) -> Finding:
     turned = np.array([one.number("cells", "turned_share") for one in first])
 
     def change(shares: Any) -> dict[str, float]:
-        there = len(days) > 2 and np.isfinite(shares).all() and shares.std() and days.std()
+        there = len(days) > 2 and np.isfinite(shares).all() and min(np.ptp(shares), np.ptp(days)) > 1e-6
         correlation = float(np.corrcoef(days, shares)[0, 1]) if there else np.nan
         return {"first": shares[0], "last": shares[-1], "correlation": correlation}
 

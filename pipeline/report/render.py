@@ -17,6 +17,8 @@ from pipeline.report.table import MISSING, Table, fixed, signed
 
 UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")
 """A blank that no line breaks at."""
+BLANKS = re.compile(r"(?<=\S) {2,}")
+"""Left between two parts of a sentence; those that begin a line mean something."""
 
 
 def part(name: str) -> str:
@@ -54,7 +56,7 @@ def words(*path: str, **values: Any) -> str:
     found: Any = _words()
     for key in path:
         found = found.get(key, "") if isinstance(found, Mapping) else ""
-    return " ".join(_environment(False).from_string(found).render(**values).split(" ")).strip() if found else ""
+    return BLANKS.sub(" ", _environment(False).from_string(found).render(**values)).strip() if found else ""
 
 
 def prose(text: str) -> Markup:

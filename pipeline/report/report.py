@@ -51,8 +51,9 @@ def write(
     path = folder / "page.html"
     path.write_text(page.html(every, sections, missing, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
     figures = sum(len(section.illustrations) for section in sections)
-    size_mb, count = path.stat().st_size / 1e6, f"{len(studies)} {'study' if len(studies) == 1 else 'studies'}"
-    return f"{len(sections)} sections and {figures} figures of {count}; page.html has {size_mb:.1f} MB"
+    counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
+    size_mb = path.stat().st_size / 1e6
+    return f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} MB"
 
 
 def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], BirdView]) -> Iterator[Section]:

@@ -175,7 +175,7 @@ def paired(study: Study, protocol: str) -> Table | None:
 
 
 def costs(study: Study) -> Table | None:
-    """A row a model, variants and seeds too: the cost of training here, and the time of a query; None if neither was measured."""
+    """A row a model, variants and seeds too: what training cost where it was done here, and a query's time; None of none."""
     rows = []
     names = zip(study.rows["method"], study.rows["variant"], study.rows["seed"], strict=True)
     known = study.rows.assign(model=[ModelName(*name).name for name in names]).set_index(["model", "number"])["value"]

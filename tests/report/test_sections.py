@@ -1,0 +1,53 @@
+"""The words of the report: each that is used is there, none is left over, and none names a method."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import yaml
+
+from pipeline.report import render
+
+REPORT = Path(render.__file__).parent
+WORDS = yaml.safe_load((REPORT / "templates/words.yaml").read_text())
+METHODS = "|".join(path.stem for path in (Path(__file__).parents[2] / "conf/method").glob("*.yaml"))
+TREES = [ast.parse(path.read_text()) for path in REPORT.rglob("*.py")]
+NODES = [node for tree in TREES for node in ast.walk(tree)]
+MADE = {
+    "tables": {"main_recall_at_1", "main_auc_top1", "viewpoints_over_seeds", "viewpoints_over_headings"},
+    "sections": {"demolition", "construction"},
+}
+"""Kinds that are put together of several words, or named by an alteration."""
+
+
+def strings() -> Iterator[str]:
+    """In the code, docstrings aside."""
+    told = {id(node.value) for node in NODES if isinstance(node, ast.Expr)}
+    yield from (n.value for n in NODES if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in told)
+
+
+def kinds(group: str) -> set[str]:
+    """Those that the code names, as the argument of what makes one."""
+    makers = {
+        "findings": ("Finding",),
+        "tables": ("Table",),
+        "figures": ("Illustration", "saved"),
+        "sections": ("Section", "_section"),
+    }
+    calls = [n for n in NODES if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id in makers[group]]
+    given = [call.args[group == "sections"] for call in calls]
+    return {one.value for one in given if isinstance(one, ast.Constant)} | MADE.get(group, set())
+
+
+def test_every_kind_has_its_words_and_all_words_are_used() -> None:
+    for group in ("findings", "tables", "figures", "sections"):
+        assert kinds(group) == set(WORDS[group]), group
+    used = {*strings(), *re.findall(r'words\("(?:page", ")?(\w+)"', "".join(p.read_text() for p in REPORT.rglob("*.j2")))}
+    assert {*WORDS, *WORDS["page"]} - {"findings", "tables", "figures", "sections"} <= used | {"case"}
+
+
+def test_no_method_is_named_in_code_or_words() -> None:
+    named = re.compile(rf"(?<!\w)({METHODS})(?!\w)")  # the paper is SCI, in capitals
+    assert [text for text in strings() if named.search(text)] == []
+    assert named.findall((REPORT / "templates/words.yaml").read_text()) == []
