@@ -1,9 +1,5 @@
 """The `yearloc` command: one line for a person's mistake, and files that are put right."""
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -269,30 +265,6 @@ def test_fetch_says_what_it_could_bring(project, capsys):
     assert "for example, 2012-01-15" in refused(capsys, "fetch", "nclt")
     said = refused(capsys, "fetch", "nclt", "2012-01-15", "base=http://127.0.0.1:9/")
     assert "cannot be reached" in said.splitlines()[-1]
-
-
-def test_repair_removes_what_a_kill_tore_and_nothing_else(project):
-    lock, of_train, table = project / "dvc.lock", project / "dag/train/dvc.lock", project / ".dvc/tmp/rwlock"
-    of_train.parent.mkdir(parents=True)
-    table.parent.mkdir(parents=True)
-    lock.write_text("schema: '2.0'\nstages: {}\n")
-    of_train.write_text(lock.read_text())
-    table.write_text(json.dumps({"write": {"a": {"pid": os.getpid(), "cmd": "dvc repro"}}, "read": {}}))
-    main(["repair"])
-    assert lock.is_file()
-    assert of_train.is_file()
-    assert table.is_file()
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    table.write_text(json.dumps({"write": {}, "read": {"a": [{"pid": dead.pid, "cmd": "dvc repro"}]}}))
-    lock.write_text("schema: '2.0'\nstages:\n  a: {b: [")
-    main(["repair"])
-    assert not lock.exists()
-    assert of_train.is_file()
-    assert not table.exists()
-    of_train.write_text("stages:\n  a: {b: [")
-    main(["repair"])
-    assert not of_train.exists()
 
 
 def test_help_names_the_commands(capsys):

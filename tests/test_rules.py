@@ -66,7 +66,7 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    optional = {"parts", "views", "altered", "viewpoints", "robustness"}
+    optional = {"parts", "views", "altered", "variants", "viewpoints", "robustness"}
     assert study.keys() - optional == {"train", "tests", "submap", "grids", "methods"} | (
         set() if conf["simulated"] else {"expected"}
     )
