@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Found, Kind, Measure
 from pipeline.report.findings import Finding
+from pipeline.report.table import average
 
 WHOLE = 0.95
 """Who keeps this share of its AUC has kept it, and who is right at this share of the queries is nearly always right."""
@@ -22,7 +23,7 @@ def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
     listed: list[dict[str, Any]] = [{"model": model, **_spread(means[model])} for model in ranked[:4]]
     for one in listed[1:]:
         margin = comparison.ahead(ranked[0], one["model"], kind, measure)
-        one |= {"apart": margin.value, "around": margin.over_sequences, "clear": margin.clear}
+        one |= {"apart": margin.value, "clear": margin.clear}
     return Finding("leader", {"kind": kind, "title": measure.title, "digits": measure.digits, "ranked": listed})
 
 
@@ -66,12 +67,8 @@ def shadows(comparison: Comparison) -> list[Finding]:
     worst = max(hidden, key=lambda one: one.level)
     bare = replace(worst, shadow=False)
     apart = [comparison.found(model, worst, AUC).mean - comparison.found(model, bare, AUC).mean for model in comparison.models]
-    return [
-        Finding(
-            "shadows",
-            {"kind": bare, "mean": float(np.nanmean(apart)), "lower": int((np.array(apart) < 0).sum()), "models": len(apart)},
-        )
-    ]
+    lower = int((np.array(apart) < 0).sum())
+    return [Finding("shadows", {"kind": bare, "mean": average(apart), "lower": lower, "models": len(apart)})]
 
 
 def n_ways(comparison: Comparison, kind: Kind) -> Finding:

@@ -189,18 +189,8 @@ class Comparison:
         """One number of one model in one kind of case."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            key = (
-                model,
-                seed,
-                self.sequences[sequence],
-                repeat,
-                kind.change,
-                kind.level,
-                kind.shadow,
-                measure.protocol,
-                measure.name,
-            )
-            values[seed, sequence, repeat] = self._values.get(key, np.nan)
+            drawn, of = (model, seed, self.sequences[sequence], repeat), (measure.protocol, measure.name)
+            values[seed, sequence, repeat] = self._values.get((*drawn, kind.change, kind.level, kind.shadow, *of), np.nan)
         if not measure.relative:
             return Found(values)
         whole = self.found(model, Kind(), replace(measure, relative=False)).values[:, :, :1]

@@ -13,6 +13,7 @@ import pandas as pd
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
 from pipeline.report.study import Study, by_model
+from pipeline.report.table import average
 
 SLIGHT = 0.0005
 """A loss that is smaller would be printed as 0."""
@@ -34,12 +35,9 @@ def answer(study: Study) -> Finding:
 
     def shares(model: str) -> dict[str, Any]:
         group = groups[model]
-        means = {by: _mean([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
-        ends = [
-            (one.number("distance", "recall_at_1"), one.interval("distance", "recall_at_1"), one.days)
-            for one in (group[0], group[-1])
-        ]
-        at = {name: _mean([one.number("distance", f"{name}_at_threshold") for one in group]) for name in ("precision", "recall")}
+        means = {by: average([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
+        ends = [(one.number("distance", "recall_at_1"), one.days) for one in (group[0], group[-1])]
+        at = {of: average([one.number("distance", f"{of}_at_threshold") for one in group]) for of in ("precision", "recall")}
         return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision}
 
     learned = study.models[study.best]
@@ -83,15 +81,9 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
             lowest |= {"lowest": precision[:, kept].min(), "recall": recall[:, kept].mean()}
         ranked = [{"kind": kinds[one], "auroc": means["auroc"][one], "auc": means["auc"][one]} for one in order]
         ahead = {"ahead": int((auroc[there][:, order[0]] > auroc[there][:, 0]).sum()), "clearly": int((low > high).sum())}
-        shown = {
-            "model": model,
-            "protocol": protocol,
-            "used": kinds[0],
-            "ranked": ranked,
-            "tests": int(there.sum()),
-            "kept": lowest,
-        }
-        found.append(Finding("novelties", shown | ahead | {"largest": max(ranked, key=lambda one: float(one["auc"]))}))
+        shown = {"model": model, "protocol": protocol, "used": kinds[0], "ranked": ranked, "tests": int(there.sum())}
+        largest = max(ranked, key=lambda one: float(one["auc"]))
+        found.append(Finding("novelties", shown | ahead | {"kept": lowest, "largest": largest}))
     return found
 
 
@@ -99,11 +91,8 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
     """Which models clearly lose of one number with the days, when to train them again, and what the others may lose."""
     slopes, lost = (_lines(rows, protocol, f"{number}_{end}") for end in (f"per_{PER_DAYS}_days", "retrain_after_days"))
     slopes = slopes[np.isfinite(slopes["low"])]
-    falls = [
-        {"model": model, "slope": tuple(slopes.loc[model]), "days": tuple(lost.loc[model])}
-        for model in slopes.index
-        if model in lost.index
-    ]
+    clear = [model for model in slopes.index if model in lost.index]
+    falls = [{"model": model, "slope": tuple(slopes.loc[model]), "days": tuple(lost.loc[model])} for model in clear]
     others = slopes[slopes["high"] >= 0]
     worst = {"model": others["low"].idxmin(), "slope": others["low"].min()} if (others["low"] < -SLIGHT).any() else {}
     values = {"title": title, "known": len(slopes), "falls": falls, "others": len(others), "worst": worst}
@@ -143,10 +132,8 @@ def slopes_counted(rows: pd.DataFrame, drawn: Sequence[tuple[str, str]], level: 
         number += len(slopes)
     own = rows[(rows["method"] == ORACLE) & (rows["number"] == f"recall_at_1_same_heading_per_{PER_DAYS}_days")]
     oracle = tuple(own[["value", "low", "high"]].iloc[0]) if len(own) else ()
-    return Finding(
-        "slopes_counted",
-        {"worse": worse, "number": number, "chance": number * (1 - level) / 2, "oracle": oracle, "per": PER_DAYS},
-    )
+    values = {"worse": worse, "number": number, "chance": number * (1 - level) / 2, "oracle": oracle, "per": PER_DAYS}
+    return Finding("slopes_counted", values)
 
 
 def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
@@ -175,9 +162,8 @@ def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
     """Which way a number goes from the smallest cells to the largest, model by model, on the same sequences."""
-    apart = {
-        model: np.asarray(found[-1]) - np.asarray(found[0]) for model, found in values.items() if len(found[0]) == len(found[-1])
-    }
+    ends = {model: (found[0], found[-1]) for model, found in values.items() if len(found[0]) == len(found[-1])}
+    apart = {model: np.asarray(last) - np.asarray(first) for model, (first, last) in ends.items()}
     ways = {"rises": {m: float(d.mean()) for m, d in apart.items() if len(d) and (d > 0).all()}}
     ways["falls"] = {m: float(d.mean()) for m, d in apart.items() if len(d) and (d < 0).all()}
     return Finding("trend", {"title": title, "first_m": sizes_m[0], "last_m": sizes_m[-1], "models": len(apart), "ways": ways})
@@ -188,9 +174,8 @@ def best_at_each_size(values: Mapping[str, Sequence[Any]], title: str, sizes_m: 
     listed = []
     for i, size_m in enumerate(sizes_m):
         means = {model: float(np.mean(found[i])) for model, found in values.items() if len(found[i])}
-        listed += (
-            [{"model": (best := max(means, key=lambda one: means[one])), "size_m": size_m, "mean": means[best]}] if means else []
-        )
+        best = [max(means, key=lambda one: means[one])] if means else []
+        listed += [{"model": model, "size_m": size_m, "mean": means[model]} for model in best]
     return Finding("best_at_each_size", {"title": title, "listed": listed})
 
 
@@ -204,9 +189,3 @@ def _lines(rows: pd.DataFrame, protocol: str, number: str) -> pd.DataFrame:
     """Value, low and high of one number of the whole year, a row a model; the oracle left out."""
     own = rows[(rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)]
     return own.set_index("method")[["value", "low", "high"]]
-
-
-def _mean(values: Sequence[float]) -> float:
-    """Of the finite ones; NaN of none."""
-    there = np.asarray(values, float)[np.isfinite(values)]
-    return float(there.mean()) if len(there) else np.nan

@@ -65,11 +65,8 @@ def prose(text: str) -> Markup:
     for block in re.split(r"\n\s*\n", text.strip()):
         first, *items = re.split(r"(?m)^- ", block)
         blocks += [Markup("<p>{}</p>").format(inline(first))] if first.strip() else []
-        blocks += (
-            [Markup("<ul>{}</ul>").format(Markup("").join(Markup("<li>{}</li>").format(inline(item)) for item in items))]
-            if items
-            else []
-        )
+        listed = Markup("").join(Markup("<li>{}</li>").format(inline(item)) for item in items)
+        blocks += [Markup("<ul>{}</ul>").format(listed)] if items else []
     return Markup("\n").join(blocks)
 
 

@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
+from pipeline.report.table import average
 from pipeline.store import Artifact
 from pipeline.studies.expansion import ModelName, models_of
 
@@ -120,11 +121,6 @@ class Study:
     """All rows of the study, those of other grids too."""
 
     @property
-    def dataset(self) -> str:
-        """The data set, which gives the study its name."""
-        return self.name
-
-    @property
     def train(self) -> str:
         """The training sequence, or several with blanks between."""
         return str(self.words["train"])
@@ -189,11 +185,9 @@ class Study:
     @cached_property
     def ranked(self) -> list[str]:
         """The models, those that place most right first."""
-        found = {
-            model: [one.number("distance", "recall_at_1") for one in group] for model, group in by_model(self.results).items()
-        }
-        means = {model: np.mean([one for one in values if np.isfinite(one)] or [-1.0]) for model, values in found.items()}
-        return sorted(means, key=lambda model: -means[model])
+        groups = by_model(self.results).items()
+        means = {model: average([one.number("distance", "recall_at_1") for one in group]) for model, group in groups}
+        return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:

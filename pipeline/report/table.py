@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean, stdev
+from typing import Any
 
 import numpy as np
 
@@ -119,6 +120,12 @@ def spread(values: Sequence[float], digits: int, source: str = "") -> Cell:
     return Cell(fixed(fmean(finite), digits), fmean(finite), small, source=source)
 
 
+def average(values: Any) -> float:
+    """Of the finite numbers; NaN of none."""
+    there = np.asarray(values, float)[np.isfinite(values)]
+    return float(there.mean()) if len(there) else np.nan
+
+
 def fixed(value: float, digits: int) -> str:
     """A number with so many digits after the point and a true minus sign; a dash for NaN."""
     return MISSING if not np.isfinite(value) else f"{value:z.{digits}f}".replace("-", "−")
@@ -139,8 +146,5 @@ def bracket(interval: tuple[float, float] | None, digits: int) -> str:
     """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; nothing for none."""
     if interval is None or not np.isfinite(interval[0]):
         return ""
-    return (
-        "["
-        + ", ".join("1.0" if digits > 1 and value > 0.995 and value <= 1 else short(value, min(digits, 2)) for value in interval)
-        + "]"
-    )
+    shown = ("1.0" if digits > 1 and 0.995 < value <= 1 else short(value, min(digits, 2)) for value in interval)
+    return f"[{', '.join(shown)}]"

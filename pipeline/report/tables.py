@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from textwrap import shorten
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.report.study import Result, Study, by_model, by_sequence, dates
-from pipeline.report.table import MISSING, Cell, Table, count, difference, number, spread, word
+from pipeline.report.table import MISSING, Cell, Table, average, count, difference, number, spread, word
 from pipeline.studies import catalogue
 from pipeline.studies.expansion import ModelName
 
@@ -34,7 +33,6 @@ COSTS = (
     ("model [MB]", "model_mb", 1), ("view [ms]", "generation_ms", 2), ("ranking [ms]", "retrieval_ms", 2),
     ("query [ms]", "query_ms", 2), ("query, 95 % [ms]", "query_ms_p95", 2),
 )  # fmt: skip
-COLLAPSE = ("code_variance", "code_distance", "held_out_error")
 
 
 def setup(study: Study, longest: int = 400) -> Table:
@@ -98,15 +96,11 @@ def _marks(study: Study, protocol: str, tested: str) -> dict[tuple[str, str], st
 
 def means(study: Study) -> Table:
     """The other numbers of each model by both protocols: means over the test sequences."""
-    rows = [
-        (
-            word(model),
-            word(by),
-            *(number(_mean([one.number(by, key) for one in group]), digits) for _, key, digits in SHOWN_MEANS),
-        )
-        for by in PROTOCOLS
-        for model, group in by_model(study.results).items()
-    ]
+    rows = []
+    for by in PROTOCOLS:
+        for model, group in by_model(study.results).items():
+            found = ((average([one.number(by, key) for one in group]), digits) for _, key, digits in SHOWN_MEANS)
+            rows.append((word(model), word(by), *(number(*one) for one in found)))
     return Table("means", ("mean", "by", *(heading for heading, *_ in SHOWN_MEANS)), tuple(rows), words=2)
 
 
@@ -148,7 +142,7 @@ def novelties(study: Study, protocol: str) -> Table:
             auroc = values[:, k, MEASURES.index("auroc")]
             at = int(np.nanargmin(auroc)) if np.isfinite(auroc).any() else None
             worst = Cell(MISSING) if at is None else Cell(f"{auroc[at]:.3f}", float(auroc[at]), f"on {group[at].sequence[:10]}")
-            cells = [number(_mean(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
+            cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
             rows.append((word(model), word(kind + ("" if k else ", in use")), *cells, worst))
     return Table("novelties", ("model", "novelty", *shown, "worst AUROC"), tuple(rows), words=2, values={"protocol": protocol})
 
@@ -180,10 +174,7 @@ def costs(study: Study) -> Table | None:
     names = zip(study.rows["method"], study.rows["variant"], study.rows["seed"], strict=True)
     known = study.rows.assign(model=[ModelName(*name).name for name in names]).set_index(["model", "number"])["value"]
     for model in study.trained:
-        cells = [
-            number(known.get((model, key), np.nan), digits) if (model, key) in known.index else Cell(MISSING)
-            for _, key, digits in COSTS
-        ]
+        cells = [number(known.get((model, key), np.nan), digits) for _, key, digits in COSTS]
         rows.append((word(model, study.source("train", model=model)), *cells))
     header = ("model", *(heading for heading, *_ in COSTS))
     return Table("costs", header, tuple(rows)) if any(cell.key is not None for row in rows for cell in row) else None
@@ -197,18 +188,11 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
         value = {end: own.loc[(model, f"{name}_{end}")] for end in _ENDS if (model, f"{name}_{end}") in own.index}
         slope = value.get(_ENDS[1], pd.Series({"value": np.nan, "low": np.nan, "high": np.nan}))
         lost = value.get(_ENDS[4])
-        again = Cell(MISSING) if lost is None else number(lost["value"], 0, (lost["low"], lost["high"]))
+        dash = lost is None or model == ORACLE
+        again = Cell(MISSING) if dash else number(lost["value"], 0, (lost["low"], lost["high"]))
         single = [value[end]["value"] if end in value else np.nan for end in (_ENDS[0], _ENDS[2], _ENDS[3])]
         cells = (number(single[0], digits), difference(slope["value"], digits, (slope["low"], slope["high"])))
-        found.append(
-            (
-                word(model),
-                *cells,
-                difference(single[1], digits),
-                number(single[2], 3),
-                again if model != ORACLE else Cell(MISSING),
-            )
-        )
+        found.append((word(model), *cells, difference(single[1], digits), number(single[2], 3), again))
     header = ("model", "on day 0", f"per {PER_DAYS} days", "Theil–Sen", "p", "train again after [days]")
     return Table("ageing", header, tuple(found), values={"title": title, "per": PER_DAYS})
 
@@ -218,9 +202,8 @@ _ENDS = ("day_0", f"per_{PER_DAYS}_days", f"theil_sen_per_{PER_DAYS}_days", "slo
 
 def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[float, str]) -> Table:
     """One number by one protocol: a row a model, a column a band of distance, with intervals; then the oracle and the queries."""
-    own = rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)].set_index(["number", "method", "level"])[
-        ["value", "low", "high"]
-    ]
+    shown = rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)]
+    own = shown.set_index(["number", "method", "level"])[["value", "low", "high"]]
     models = list(dict.fromkeys(own.index.get_level_values("method")))
 
     def line(text: str, key: str, model: str, digits: int) -> tuple[Cell, ...]:
@@ -229,9 +212,8 @@ def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[fl
     found = [line(model, name, model, 3) for model in models]
     found += [line("oracle", "oracle", models[0], 3)] if name == "recall_at_1" else []
     found += [line(f"{which} queries", which, models[0], 0) for which in ("seen", "unseen")]
-    return Table(
-        "near_changes", ("nearest change", *bands.values()), tuple(found), values={"title": TITLES[name], "protocol": protocol}
-    )
+    values = {"title": TITLES[name], "protocol": protocol}
+    return Table("near_changes", ("nearest change", *bands.values()), tuple(found), values=values)
 
 
 def viewpoints(study: Study, seeds: bool) -> Table | None:
@@ -270,9 +252,3 @@ def every_heading(study: Study, name: str) -> Table:
     ]
     values = {"title": VIEWPOINTS[VIEWPOINT_NUMBERS.index(name)]}
     return Table("every_heading", ("sequence", "method", *(f"{deg:g}°" for deg in degrees)), tuple(rows), words=2, values=values)
-
-
-def _mean(values: Any) -> float:
-    """Of the finite ones; NaN of none."""
-    there = np.asarray(values, float)[np.isfinite(values)]
-    return float(there.mean()) if len(there) else np.nan

@@ -22,7 +22,6 @@ from pipeline.report.study import Study, by_model
 UNITS = {"demolition": "degrees removed", "construction": "new walls"}
 PANELS = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "auc_top1"), ("distance", "recall_at_1"))
 NEAR = ("recall_at_1", "auc_exact_top1")
-NEAR = ("recall_at_1", "auc_exact_top1")
 TITLES = {"auc_top1": "AUC top-1", "recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
 
 
