@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.report.figures.panels import balanced, panels
-from pipeline.report.figures.style import WIDTH_IN, dot, figure, styled
+from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.study import Result, by_model, by_sequence, some
 from pipeline.studies.colours import colour
 
@@ -54,8 +54,8 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulate
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
-            name = axis.text(-0.04, 0.5, result.model, rotation=90, ha="right", va="center", transform=axis.transAxes)
-            name.set(color=colour(result.model), weight="bold")
+            name = axis.text(-0.04, 0.5, folded(result.model), rotation=90, ha="right", va="center", transform=axis.transAxes)
+            name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
         for place, (count, (_, tint, _)) in enumerate(zip(_counts(result), OUTCOMES, strict=True)):
             axis.text(0.2 + 0.2 * place, -0.02, str(count), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
     _scale_bar(axes[0], box)

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from pipeline.report.figures.panels import balanced, panels
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, figure, styled
+from pipeline.report.figures.style import DASHED, QUIET, VEIL, WIDTH_IN, below, figure, styled
 from pipeline.report.study import Result, some
 from pipeline.report.table import fixed
 
@@ -35,7 +35,7 @@ def histograms(results: Sequence[Result], protocol: str, simulated: bool) -> Fig
     edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
     rows, columns = balanced(len(group), 5)
     heading = f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}"
-    fig = figure(WIDTH_IN if columns > 1 else 3.5, 0.85 + (1.35 if columns > 3 else 1.65) * rows, simulated, heading)
+    fig = figure(WIDTH_IN if columns > 1 else 4.8, 0.85 + (1.35 if columns > 3 else 1.65) * rows, simulated, heading)
     axes = panels(fig, len(group), columns, x=kind, y="density")
     for axis, result in zip(axes, group, strict=True):
         _panel(axis, result, protocol, edges)
@@ -56,5 +56,5 @@ def _panel(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]
     if edges[0] <= threshold <= edges[-1]:
         axis.axvline(threshold, color=QUIET, lw=0.9, ls=DASHED)
     auroc = f"AUROC {fixed(result.number(protocol, 'auroc'), 3)}"
-    axis.text(0.97, 0.95, auroc, transform=axis.transAxes, ha="right", va="top", size=7)
+    axis.text(0.97, 0.95, auroc, transform=axis.transAxes, ha="right", va="top", size=7, bbox=VEIL, zorder=5)
     axis.set_title(result.label, pad=4)
