@@ -188,8 +188,7 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
         value = {end: own.loc[(model, f"{name}_{end}")] for end in _ENDS if (model, f"{name}_{end}") in own.index}
         slope = value.get(_ENDS[1], pd.Series({"value": np.nan, "low": np.nan, "high": np.nan}))
         lost = value.get(_ENDS[4])
-        dash = lost is None or model == ORACLE
-        again = Cell(MISSING) if dash else number(lost["value"], 0, (lost["low"], lost["high"]))
+        again = Cell(MISSING) if lost is None or model == ORACLE else number(lost["value"], 0, (lost["low"], lost["high"]))
         single = [value[end]["value"] if end in value else np.nan for end in (_ENDS[0], _ENDS[2], _ENDS[3])]
         cells = (number(single[0], digits), difference(slope["value"], digits, (slope["low"], slope["high"])))
         found.append((word(model), *cells, difference(single[1], digits), number(single[2], 3), again))
