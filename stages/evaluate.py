@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.evaluation.judge import judge_cases
 from pipeline.evaluation.judgement import attrs, columns, summary
+from pipeline.evaluation.numbers import line
 from pipeline.evaluation.protocols import PROTOCOLS
 from stages import stage
 
@@ -38,12 +39,6 @@ def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> dict[str, dict[str
         for column, values in columns([*cases.values()]).items():
             out.put(column, values)
     return {sequence: summary(next(iter(cases.values())))}
-
-
-def line(numbers: dict[str, float | None]) -> str:
-    """A few of the numbers, as a line has room for."""
-    shown = ("auc_top1", "recall_at_1", "auroc")
-    return " ".join(f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none" for name in shown)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
 from pipeline.evaluation.rows import table
-from pipeline.evaluation.timing import Contender, Latency, cost_rows
+from pipeline.evaluation.timing import Latency, contenders, cost_rows
 from pipeline.studies.expansion import models_of
 from stages import ROOT, build, stage
 from stages._studies import studies
@@ -24,7 +24,8 @@ def main(cfg: DictConfig) -> str:
     sequence, models = study["tests"][0], artifacts / "train" / cfg.study / cfg.cells
     scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)
-    measured = Latency.measure(contenders(study["methods"], models), scans, submaps, cfg.queries, cfg.k)
+    asked = contenders(study["methods"], models, lambda view: build("view", view), alone)
+    measured = Latency.measure(asked, scans, submaps, cfg.queries, cfg.k)
     trained = {name: models / f"{name.name}.safetensors" for method in study["methods"] for name in models_of(method)}
     common = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells}
     with store.replace(cfg.out) as path:
@@ -32,16 +33,6 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.samples) as path:
         path.write_text(json.dumps({"sequence": sequence, **measured.record()}) + "\n")
     return measured.line()
-
-
-def contenders(methods: Any, models: Path) -> dict[str, Contender]:
-    """Each method of a study with its view and its model, on one thread."""
-    views = {view: build("view", view) for view in dict.fromkeys(method["view"] for method in methods)}
-    found = {}
-    for method in methods:
-        model = store.read_model(models / f"{method['name']}.safetensors")
-        found[method["name"]] = Contender(method["view"], views[method["view"]], alone(method["name"]).localizer(model))
-    return found
 
 
 def alone(method: str) -> Any:

@@ -8,7 +8,6 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.alterations import Case
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Rows, joined
 from stages import ProgressBar, stage
@@ -26,28 +25,20 @@ def main(cfg: DictConfig) -> str:
 
 def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, folder: Path) -> str:
     """The rankings of one sequence: as driven, then of each altered case, each case asked by itself."""
-    rejection, cases = instantiate(cfg.rejection), queries(cfg, sequence)
+    name, alterations = f"{sequence}.zarr", (cfg.alterations or "").split()
+    cases = Rows.queries(Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations])
+    rejection, (driven, *_) = instantiate(cfg.rejection), cases.values()
     ranking = joined([rejection.order(localizer(rows, cfg.k)) for rows in cases.values()])
-    driven, *_ = cases.values()
     left_rad = np.concatenate([yaw(rows.world_T_anchor) - yaw(driven.world_T_anchor) for rows in cases.values()])
     thresholds = rejection.thresholds(model, ranking.kinds)
     attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision}
-    with store.write(folder / f"{sequence}.zarr", schemas.RANKINGS, kinds=ranking.kinds, thresholds=thresholds, **attrs) as out:
+    with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, thresholds=thresholds, **attrs) as out:
         out.put("turned_deg", 180 - (180 - np.rad2deg(left_rad)) % 360)
-        for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
-            out.put(name, getattr(ranking, name))
+        for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
+            out.put(column, getattr(ranking, column))
     rejected = int((ranking.novelty[: len(driven.stamps_ns), 0].astype(float) >= thresholds[0]).sum())
     altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
     return f"{sequence}: {ranking.places.shape[1]} places for {len(driven.stamps_ns)} queries{altered}, {rejected} rejected"
-
-
-def queries(cfg: DictConfig, sequence: str) -> dict[Case, Rows]:
-    """The queries of one sequence as driven, and in the cases of those alterations that this sequence is altered by."""
-    cases = Rows.cases(Path(cfg.views, f"{sequence}.zarr"))
-    for alteration in (cfg.alterations or "").split():
-        path = Path(cfg.altered, alteration, f"{sequence}.zarr")
-        cases |= Rows.cases(path) if path.is_dir() else {}
-    return cases
 
 
 if __name__ == "__main__":

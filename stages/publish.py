@@ -6,11 +6,10 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.evaluation import results
-from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.expansion import asks_about_the_year
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
-from pipeline.tracking.records import Series, Source, with_model
+from pipeline.tracking.records import Source, measured, with_model
 from stages import stage
 from stages._studies import studies
 
@@ -34,15 +33,6 @@ def main(cfg: DictConfig) -> str:
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
-
-
-def measured(artifacts: Path, study: str, grid: str, method: DictConfig, model: Path) -> Series:
-    """What the stages of a method cost, and how its training used the machine, where they ran here."""
-    views = artifacts / "views" / study / method["view"]
-    stages = {"views": [views], "train": [model]}
-    stages |= {stage: [artifacts / stage / study / grid / method["name"]] for stage in ("localize", "evaluate")}
-    trace = Trace.read(model)
-    return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (trace.series() if trace else {})
 
 
 if __name__ == "__main__":

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
-from numpy.typing import NDArray
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline import schemas, store
-from pipeline.matching.ranking import Rows
+from pipeline.matching.ranking import Rows, joined_places
 from pipeline.running.provenance import fingerprint
 from stages import ProgressBar, stage
 
@@ -20,7 +19,7 @@ from stages import ProgressBar, stage
 def main(cfg: DictConfig) -> str:
     sequences = [f"{sequence}.zarr" for sequence in cfg.sequences.split()]
     views = Rows.joined([Rows.read(Path(cfg.views, name)) for name in sequences])
-    places = joined([store.read(Path(cfg.labels, name), schemas.LABELS).load("places") for name in sequences])
+    places = joined_places([store.read(Path(cfg.labels, name), schemas.LABELS).load("places") for name in sequences])
     cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
     method, share = instantiate(cfg.method), float(cfg.budget.share)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
@@ -34,17 +33,8 @@ def main(cfg: DictConfig) -> str:
     return f"{line}: {numbers}" if numbers else line
 
 
-def joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Places of several sequences, none of which shares a place with another."""
-    firsts = np.cumsum([0, *(part.max() + 1 for part in parts[:-1])])
-    return np.concatenate([part + first for part, first in zip(parts, firsts, strict=True)])
-
-
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration with its method's words of conf/budget in `method` and `budget.share`, and no others left in `budget`.
-
-    What `overrides` (such as method.width=16) set stays, so a word of the budget stands in for the method's yaml alone.
-    """
+    """The configuration with its method's words of conf/budget in `method` and `budget`; what `overrides` set stays as it is."""
     explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
     words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
     share = cfg.budget.share if "budget.share" in explicit else words["share"]

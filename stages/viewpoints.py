@@ -3,18 +3,15 @@
 import json
 from pathlib import Path
 
-import numpy as np
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.evaluation.viewpoints import MEAN, Judged
+from pipeline.evaluation.viewpoints import Judged, line
 from pipeline.matching.ranking import Rows
 from pipeline.studies.expansion import models_of, on_bird_views
 from stages import ProgressBar, build, stage
 from stages._studies import studies
-
-SHOWN = ("roc_auc", "accuracy")
 
 
 @stage("viewpoints")
@@ -42,12 +39,6 @@ def judge(cfg: DictConfig, method: str, model: str, views: Rows, out: Path) -> J
         for column, values in judged.columns().items():
             artifact.put(column, values)
     return judged
-
-
-def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
-    """Means over headings and seeds of the numbers that a line has room for."""
-    means = {name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds]) for name in SHOWN}
-    return ", ".join(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none" for name, value in means.items())
 
 
 if __name__ == "__main__":

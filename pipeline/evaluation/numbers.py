@@ -154,3 +154,9 @@ def median(values: NDArray[np.float64], weight: Weight) -> Number:
 def where(whole: Number, value: Number) -> Number:
     """The value where it is of something, else NaN."""
     return np.where(whole > 0, value, np.nan)
+
+
+def line(numbers: dict[str, float | None]) -> str:
+    """A few of the numbers, as a line has room for."""
+    shown = ("auc_top1", "recall_at_1", "auroc")
+    return " ".join(f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none" for name in shown)

@@ -7,7 +7,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,7 +23,7 @@ from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import positive
 from pipeline.running.telemetry import Trace
-from pipeline.store import Artifact
+from pipeline.store import Artifact, read_model
 from pipeline.studies.expansion import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]
@@ -134,6 +134,18 @@ class Latency:
     def total(self) -> Samples:
         """By method: both, query by query."""
         return {method: self.generation[view] + self.retrieval[method] for method, view in self.views.items()}
+
+
+def contenders(
+    methods: Sequence[Mapping[str, Any]], models: Path, view: Callable[[str], Any], method: Callable[[str], Any]
+) -> dict[str, Contender]:
+    """Each method of a study with its view, as `view` and `method` make them of their names, and its model in `models`."""
+    views = {name: view(name) for name in dict.fromkeys(one["view"] for one in methods)}
+    found = {}
+    for one in methods:
+        model = read_model(models / f"{one['name']}.safetensors")
+        found[one["name"]] = Contender(one["view"], views[one["view"]], method(one["name"]).localizer(model))
+    return found
 
 
 def cost_rows(models: Mapping[ModelName, Path]) -> Rows:

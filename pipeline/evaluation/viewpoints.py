@@ -27,6 +27,7 @@ over recall, where recall is of the *correct matches*, so that a method with few
 accuracy: correct matches among all valid queries. recall: correct matches among all valid queries, at the threshold that accepts
 most of them at a precision of 0.99 or more; with everything accepted it would be the accuracy."""
 MEAN = "mean"
+SHOWN = ("roc_auc", "accuracy")
 
 
 class Movable(Method, Protocol):
@@ -176,3 +177,9 @@ def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
     one = method.moved(moved, Rows(views.images[:1], views.stamps_ns[:1], views.world_T_anchor[:1]), np.arange(1))
     whole, least = (sum(array.nbytes for array in model.values()) for model in (moved, one))
     return (whole - least) / max(len(views.images) - 1, 1)
+
+
+def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
+    """Means over headings and seeds of the numbers that a line has room for."""
+    means = {name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds]) for name in SHOWN}
+    return ", ".join(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none" for name, value in means.items())

@@ -1,6 +1,6 @@
 """The waist: what every method answers, whatever it looks at and however it learns."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -43,6 +43,14 @@ class Rows:
         n = len(columns[0]) // len(cases)
         spans = [slice(i * n, (i + 1) * n) for i in range(len(cases))]
         return {case: cls(images[span], *(column[span] for column in columns)) for case, span in zip(cases, spans, strict=True)}
+
+    @classmethod
+    def queries(cls, driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
+        """Those of a sequence as driven, then its cases in those view artifacts of altered queries that are there."""
+        cases = cls.cases(driven)
+        for path in altered:
+            cases |= cls.cases(path) if path.is_dir() else {}
+        return cases
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -89,6 +97,12 @@ def joined(rankings: Sequence[Ranking]) -> Ranking:
     names = [name for name in vars(rankings[0]) if name != "kinds"]
     columns: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in rankings]) for name in names}
     return replace(rankings[0], **columns)
+
+
+def joined_places(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Places of several sequences, none of which shares a place with another."""
+    firsts = np.cumsum([0, *(part.max() + 1 for part in parts[:-1])])
+    return np.concatenate([part + first for part, first in zip(parts, firsts, strict=True)])
 
 
 class Method(Protocol):

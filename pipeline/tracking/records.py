@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.evaluation.study_rows import AGEING
+from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.colours import colour
 from pipeline.sweeps.record import Record
 from pipeline.tracking.runs import RunRecord
@@ -106,6 +107,15 @@ def viewpoints(rows: pd.DataFrame) -> Series:
     for number, sequence, level, value in own[["number", "sequence", "level", "value"]].itertuples(index=False):
         found.setdefault(f"viewpoints/{number} {sequence}", []).append((int(level), float(value)))
     return {name: sorted(points) for name, points in found.items()}
+
+
+def measured(artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path) -> Series:
+    """What the stages of a method cost, and how its training used the machine, where they ran here."""
+    views = artifacts / "views" / study / method["view"]
+    stages = {"views": [views], "train": [model]}
+    stages |= {stage: [artifacts / stage / study / grid / method["name"]] for stage in ("localize", "evaluate")}
+    trace = Trace.read(model)
+    return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (trace.series() if trace else {})
 
 
 def with_model(record: RunRecord, arrays: Path) -> RunRecord:

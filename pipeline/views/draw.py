@@ -1,19 +1,28 @@
 """Views of submaps, each from the points of that submap alone."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
+from pathlib import Path
 from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import store
+from pipeline.alterations import Case
+from pipeline.errors import ArtifactError
 from pipeline.mapping.gathering import submap_points
 from pipeline.running.compute import Compute
+from pipeline.running.progress import Progress
 from pipeline.schemas import Schema
 from pipeline.store import Artifact
 
 BLOCK = 64
+SEEN = 0.01
+"""A view that nowhere reaches this, in metres or its own unit, shows nothing."""
+AS_DRIVEN = [asdict(Case())]
+"""The one case of views as they were driven."""
 
 
 class View(Protocol):
@@ -51,6 +60,22 @@ class Drawing:
         images = map(self.view, self.points())
         while block := list(islice(images, BLOCK)):
             yield np.stack(block)
+
+    def write(self, path: Path, compute: Compute, progress: Progress) -> str:
+        """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
+        blank, sides, schema = 0, list[int](), self.view.schema
+        with store.write(path, schema, cases=AS_DRIVEN) as out:
+            for images in progress.track(self.blocks(compute), -(-len(self) // BLOCK), f"draw {path.stem}"):
+                out.append("images", images)
+                blank += int((images < SEEN).all(axis=tuple(range(1, images.ndim))).sum())
+                sides = list(images.shape[1:])
+            if blank == len(self):
+                where = self.submaps.path
+                raise ArtifactError(f"{where}: all views are blank, nothing stands off the ground; lift_m, or submap: flat?")
+            for name in ("stamps_ns", "world_T_anchor"):
+                out.put(name, self.submaps.load(name))
+        shape = " × ".join(map(str, sides)), ", ".join(schema.columns["images"].dims[1:])
+        return f"{len(self)} views of {shape[0]} ({shape[1]})" + (f", {blank} of them blank" if blank else "")
 
     def points(self) -> Iterator[NDArray[np.floating]]:
         """Points (n, 3) in metres of one submap after the other, z up from the ground."""

@@ -2,15 +2,20 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import store
+from pipeline.errors import ArtifactError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap
+from pipeline.schemas import BIRDVIEWS
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
+from pipeline.views.draw import AS_DRIVEN
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,21 @@ class MappedViews:
         """Images (heading, row, column) of each submap."""
         for number, (_, grown, pose) in enumerate(self.maps()):
             yield self.view.draw(grown, pose, number)
+
+    def write(self, path: Path) -> str:
+        """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
+        blank = 0
+        with store.write(path, BIRDVIEWS, cases=AS_DRIVEN) as out:
+            for images in self:
+                out.append("images", images[None])
+                blank += not images[0].any()
+            if blank == len(self):
+                where = self.submaps.path
+                raise ArtifactError(f"{where}: all bird-views are blank; is the ground at 0, and anything within the z band?")
+            for name in ("stamps_ns", "world_T_anchor"):
+                out.put(name, self.submaps.load(name))
+        shape = " × ".join(map(str, images.shape))
+        return f"{len(self)} views of {shape} (heading, row, col)" + (f", {blank} of them blank" if blank else "")
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
         """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in it (4, 4).
