@@ -215,12 +215,4 @@ def _studies(conf: Path) -> dict[str, dict[str, Any]]:
     raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
 
 
-COMMANDS = {
-    "use": _use,
-    "fetch": _fetch,
-    "inspect": _inspect,
-    "results": _results,
-    "methods": _methods,
-    "repair": _repair,
-    "unchanged": _unchanged,
-}
+COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged)}

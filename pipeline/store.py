@@ -1,25 +1,19 @@
-"""Artifacts on disk: zarr groups with a declared schema, and folders of files, written whole or not at all.
-
-A draft grows in a scratch sibling, is checked, fsynced and renamed into place, so a kill leaves either the old artifact, the
-new one or none, and a scratch sibling that the next draft of the same path removes.
-"""
+"""Artifacts on disk: zarr groups with a declared schema, and models, written whole or not at all."""
 
 import json
-import os
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import zarr
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from pipeline.errors import ArtifactError
+from pipeline.replacing import replace as replace
 from pipeline.schemas import Column, Schema
 
 RECIPE = "recipe"
@@ -174,60 +168,3 @@ def _model(path: str | Path) -> Iterator[Any]:
         raise ArtifactError(f"{path}: a folder, expected a safetensors file") from None
     except SafetensorError as error:
         raise ArtifactError(f"{path}: not a safetensors file ({error})") from None
-
-
-@contextmanager
-def replace(path: str | Path) -> Iterator[Path]:
-    """A fresh scratch path beside `path` that takes its place, fsynced, if the block ends well."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path)
-    scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
-    try:
-        yield scratch
-        _fsync(scratch)
-        _remove(path)
-        scratch.rename(path)
-        _fsync_one(path.parent)
-    finally:
-        _remove(scratch)
-
-
-def _sweep(path: Path) -> None:
-    """Remove the scratch siblings that killed writers of `path` left."""
-    for scratch in path.parent.glob(f".{path.name}.*.scratch"):
-        writer = scratch.name.removeprefix(f".{path.name}.").removesuffix(".scratch")
-        if writer.isdigit() and not _writing(int(writer), scratch):
-            _remove(scratch)
-
-
-def _writing(pid: int, scratch: Path) -> bool:
-    """Whether the process `pid` lives and may be the one that writes `scratch`: it is no zombie, and is the older of the two."""
-    try:
-        process = psutil.Process(pid)
-        alive = process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= scratch.lstat().st_ctime
-    except psutil.NoSuchProcess:
-        return False
-    return alive and pid != os.getpid()
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
-
-
-def _fsync(path: Path) -> None:
-    for folder, _, files in os.walk(path) if path.is_dir() else [(str(path.parent), [], [path.name])]:
-        for name in files:
-            _fsync_one(Path(folder, name))
-        _fsync_one(Path(folder))
-
-
-def _fsync_one(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

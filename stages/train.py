@@ -29,8 +29,7 @@ def main(cfg: DictConfig) -> str:
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
     numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
-    line = f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training"
-    return f"{line}: {numbers}" if numbers else line
+    return f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training{numbers and f': {numbers}'}"
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:

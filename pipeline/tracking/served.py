@@ -31,6 +31,7 @@ SHIPPED = (
     "alterations",
     "errors",
     "frames",
+    "replacing",
     "schemas",
     "store",
     "matching",
