@@ -1,11 +1,13 @@
 """The `yearloc` command: one line for a person's mistake, and files that are put right."""
 
+import json
 from pathlib import Path
 
 import pytest
 import yaml
 
 from pipeline.cli import main
+from pipeline.evaluation.rows import COLUMNS, row, table
 
 ROOT = Path(__file__).parents[1]
 
@@ -265,6 +267,29 @@ def test_fetch_says_what_it_could_bring(project, capsys):
     assert "for example, 2012-01-15" in refused(capsys, "fetch", "nclt")
     said = refused(capsys, "fetch", "nclt", "2012-01-15", "base=http://127.0.0.1:9/")
     assert "cannot be reached" in said.splitlines()[-1]
+
+
+RESULTS = [
+    row("auc_top1", "cells", 0.5, 0.25, 0.75) | {"method": "sci", "sequence": "may", "days": 20.0},
+    row("auc_top1", "cells", 0.125) | {"method": "m2dp", "sequence": "may", "days": 20.0},
+]
+
+
+def test_results_are_printed_for_other_programs(project, capsys):
+    (project / "artifacts/results/campus").mkdir(parents=True)
+    main(["use", "campus"])
+    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv("artifacts/results/campus/results.csv", index=False)
+    capsys.readouterr()
+    main(["results", "--csv", "--where", "method=sci,sad", "protocol=cells"])
+    header, line = capsys.readouterr().out.splitlines()
+    assert header == ",".join(COLUMNS)
+    assert line.endswith(",sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75")
+    main(["results", "--json"])
+    first, second = json.loads(capsys.readouterr().out)
+    assert (first["value"], second["low"], second["case"]) == (0.5, None, "")
+    main(["results", "--where", "method=m2dp"])
+    assert "0.125" in capsys.readouterr().out
+    assert "expected one of the columns study, dataset" in refused(capsys, "results", "--where", "speed=1")
 
 
 def test_help_names_the_commands(capsys):
