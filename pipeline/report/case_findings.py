@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Found, Kind, Measure
+from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind, Measure
 from pipeline.report.findings import Finding
+from pipeline.report.found import Found
 from pipeline.report.table import average
 
 WHOLE = 0.95

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
+from pipeline.report.learned import Learned
 from pipeline.report.table import average
 from pipeline.store import Artifact
 from pipeline.studies.expansion import ModelName, models_of
@@ -80,32 +81,6 @@ def dates(results: Sequence[Result]) -> dict[str, str]:
     """Each sequence's name without its time of day, unless two were driven on one day."""
     names = list(by_sequence(results))
     return {name: name[:10] if len({name[:10] for name in names}) == len(names) else name for name in names}
-
-
-@dataclass(frozen=True)
-class Learned:
-    """How a model was trained, as it keeps it."""
-
-    recipe: Mapping[str, str]
-    """The parameters that it was trained with."""
-    curves: Mapping[str, NDArray[np.float64]]
-    """Name to values (round,), a round lying between two looks at held-out blocks; none for a method that learns nothing."""
-    best_round: int | None
-    """The one that was kept, 0-based; None where the model does not say."""
-    megabytes: float
-
-    @property
-    def rounds(self) -> int:
-        """How many there were."""
-        return max(map(len, self.curves.values()), default=0)
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """From the file of a model."""
-        model = store.read_model(path)
-        curves = {name.removeprefix("curves/"): model[name] for name in sorted(model) if name.startswith("curves/")}
-        kept = int(model["best_epoch"]) if "best_epoch" in model else None
-        return cls(store.read_recipe(path), curves, kept, sum(array.nbytes for array in model.values()) / 1e6)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 from pipeline.errors import ArtifactError
 from pipeline.evaluation import results
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report import tables
+from pipeline.report import tables, viewpoint_tables
 from pipeline.report.render import caption, words
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
@@ -40,7 +40,9 @@ def _blocks(study: Study) -> Iterator[str]:
         yield _wrapped(words("terminal"))
     if on_bird_views(study.words["methods"]):
         yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
-        yield from (one.text() for one in (tables.viewpoints(study, seeds=False), tables.viewpoints(study, seeds=True)) if one)
+        yield from (
+            one.text() for one in (viewpoint_tables.over(study, seeds=False), viewpoint_tables.over(study, seeds=True)) if one
+        )
 
 
 def _wrapped(line: str) -> str:

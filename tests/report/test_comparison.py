@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Found, Kind, label
+from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind, label
+from pipeline.report.found import Found
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
 NAN = np.nan

@@ -12,8 +12,9 @@ from pipeline.evaluation.rows import row, table
 from pipeline.report import case_findings, findings
 from pipeline.report.comparison import AUC, Kind
 from pipeline.report.findings import Finding
+from pipeline.report.learned import Learned
 from pipeline.report.render import percent, sentence
-from pipeline.report.study import Learned, Result, Study
+from pipeline.report.study import Result, Study
 from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared
 
 NAN = np.nan

@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.report.comparison import AUC, FAR, FAR_AUC, RECALL, Found
+from pipeline.report.comparison import AUC, FAR, FAR_AUC, RECALL
 from pipeline.report.figures.panels import LINE_IN, model_lines, name_ends, share_limits
 from pipeline.report.figures.style import QUIET, WIDTH_IN, figure, styled
+from pipeline.report.found import Found
 
 Values = Mapping[tuple[str, str, str], Sequence[NDArray[np.float64]]]
 """Model, protocol and number to one value a test sequence (s,) for each size."""

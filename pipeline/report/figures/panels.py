@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.report.comparison import Found
 from pipeline.report.figures.style import VEIL, folded, look
+from pipeline.report.found import Found
 
 LINE_IN = 0.125  # height of a line of text
 Line = tuple[str, str, NDArray[np.float64]]

@@ -8,12 +8,13 @@ import numpy as np
 
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import NUMBERS, Judged
-from pipeline.report import tables
+from pipeline.report import viewpoint_tables
 from pipeline.report.figures import birdview, learning, viewpoints
 from pipeline.report.figures.style import save
+from pipeline.report.learned import Learned
 from pipeline.report.render import anchor
 from pipeline.report.section import Illustration, Section
-from pipeline.report.study import Learned, Study
+from pipeline.report.study import Study
 from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews
@@ -50,8 +51,8 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
     curves = {name: [Learned.read(study.find("train", model=model)).curves for model in seeds] for name, seeds in methods.items()}
     if drawn := learning.collapse(curves, study.simulated):
         shown.append(Illustration("collapse", save(drawn, folder / "viewpoints_collapse.svg"), {}))
-    over = (tables.viewpoints(study, seeds=False), tables.viewpoints(study, seeds=True))
-    every_one = (*(one for one in over if one), *(tables.every_heading(study, number) for number in NUMBERS))
+    over = (viewpoint_tables.over(study, seeds=False), viewpoint_tables.over(study, seeds=True))
+    every_one = (*(one for one in over if one), *(viewpoint_tables.every_heading(study, number) for number in NUMBERS))
     step_deg = 360 / len(first.headings_deg)
     about: dict[str, Any] = {"study": study, "step_deg": step_deg, "correct_m": first.correct_m, "length": first.length}
     sources = (f"{study.artifacts.name}/viewpoints/{study.name}/{study.grid}",)
