@@ -41,7 +41,7 @@ def test_a_whole_lock_is_left_alone(clone: Path) -> None:
     assert "a" in (clone / "dvc.lock").read_text()
 
 
-@pytest.mark.parametrize(("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)])
+@pytest.mark.parametrize(("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)], ids=["alive", "dead"])
 def test_the_table_of_locks_goes_once_its_holders_are_dead(clone: Path, pid: int, kept: bool) -> None:
     table = clone / ".dvc/tmp/rwlock"
     table.parent.mkdir(parents=True)
