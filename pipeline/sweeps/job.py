@@ -96,6 +96,8 @@ class Job:
         """A step's fields with each path of an artifact, of a part of one or of a folder of several replaced by `stands_for`."""
 
         def other(value: str) -> str:
+            if not value:
+                return value  # no path: as one it would hold every artifact
             path = PurePosixPath(value)
             for artifact, place in stands_for.items():
                 if path.is_relative_to(artifact):
