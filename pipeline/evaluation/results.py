@@ -54,6 +54,7 @@ class Gathering:
         stress = self.study.get("stress", {})
         for grid in grids(self.study) if asks_about_the_year(self.study) else ():
             of_methods: dict[str, dict[str, Evaluation]] = {}
+            of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out, bootstrap = {}, Bootstrap()
             for model in self._models(grid):
                 place = {"grid": grid, "method": model.method, "variant": model.variant, "seed": model.seed}
@@ -75,8 +76,10 @@ class Gathering:
                     of_methods[model.method] = sequences_by_day(evaluations, self.study["tests"])
                     held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
+                elif self.study["question"] == "year" and not model.seed:
+                    of_variants[model.method, model.variant] = sequences_by_day(evaluations, self.study["tests"])
             if grid in self.study["grids"]:
-                yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out), bootstrap))
+                yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap))
 
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
         yield from ageing_rows(answers, self.ageing)

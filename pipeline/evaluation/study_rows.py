@@ -1,7 +1,7 @@
 """Rows of the table of results that need several evaluations: ageing over the year, methods against each other, real changes."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ class Answers:
     evaluations: Mapping[str, Mapping[str, Evaluation]]
     held_out: Mapping[str, NDArray[np.float64]]
     """Novelties (h,) in use of each method's held-out queries of training."""
+    variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
+    """The same of method and variant; they are only compared with the reference."""
 
     @property
     def reference(self) -> str:
@@ -79,21 +81,22 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
 
 
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
-    """Every method against the reference on the same queries: differences, p after Holm's correction, who alone is right."""
+    """Every model against the reference on the same queries: differences, p after Holm's correction, who alone is right."""
     first = answers.evaluations[answers.reference]
     against = {"case": f"against {answers.reference}", "change": "against", "kind": answers.reference}
-    for method, group in answers.evaluations.items():
-        for protocol in PROTOCOLS if method != answers.reference else ():
+    own = {(method, ""): group for method, group in answers.evaluations.items()}
+    for (method, variant), group in (own | dict(answers.variants)).items():
+        for protocol in PROTOCOLS if group is not first else ():
             found = {name: compare(one, first[name], protocol, bootstrap) for name, one in group.items()}
             for i, number in enumerate(COMPARED):
                 p = holm(np.array([one.differences[i].p for one in found.values()]))
                 for (sequence, one), corrected in zip(found.items(), p, strict=True):
-                    place = {"method": method, "sequence": sequence, "days": group[sequence].days} | against
+                    place = {"method": method, "variant": variant, "sequence": sequence, "days": group[sequence].days} | against
                     difference = one.differences[i]
                     yield place | row(f"{number}_difference", protocol, difference.value, difference.low, difference.high)
                     yield place | row(f"{number}_difference_p", protocol, corrected)
             for sequence, one in found.items():
-                place = {"method": method, "sequence": sequence, "days": group[sequence].days} | against
+                place = {"method": method, "variant": variant, "sequence": sequence, "days": group[sequence].days} | against
                 yield place | row("only_this_right", protocol, one.only_this)
                 yield place | row("only_reference_right", protocol, one.only_reference)
 

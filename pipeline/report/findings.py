@@ -12,7 +12,7 @@ import pandas as pd
 
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
-from pipeline.report.study import Study, by_model
+from pipeline.report.study import Study, against, by_model
 from pipeline.report.table import average
 
 SLIGHT = 0.0005
@@ -49,8 +49,8 @@ def answer(study: Study) -> Finding:
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
     """A finding a model: where it is clearly better than the reference on the same queries, and where worse."""
-    tested, found = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)], []
-    for (model, reference), group in tested.groupby(["method", "kind"], sort=False):
+    found = []
+    for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
         verdicts = []
         for number in COMPARED:
             values = group[group["number"] == f"{number}_difference"].set_index("sequence")["value"]

@@ -61,6 +61,12 @@ def some(results: Sequence[Result]) -> Sequence[Result]:
     return results
 
 
+def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
+    """The rows of paired tests by one protocol, with the column `model`."""
+    own = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
+    return own.assign(model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)])
+
+
 def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
     """The results of each model in the order of their days; models in the order they come."""
     groups: dict[str, list[Result]] = {}

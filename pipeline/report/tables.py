@@ -10,7 +10,7 @@ from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
-from pipeline.report.study import Result, Study, by_model, by_sequence, dates
+from pipeline.report.study import Result, Study, against, by_model, by_sequence, dates
 from pipeline.report.table import MISSING, Cell, Table, average, count, difference, number, spread, word
 from pipeline.studies import catalogue
 from pipeline.studies.expansion import ModelName
@@ -85,9 +85,9 @@ def main(study: Study, protocol: str, name: str) -> Table:
 
 def _marks(study: Study, protocol: str, tested: str) -> dict[tuple[str, str], str]:
     """Model and sequence to + or −: clearly better or worse than the study's first method in the paired test."""
-    rows = study.rows[(study.rows["change"] == "against") & (study.rows["protocol"] == protocol)]
+    rows = against(study.rows, protocol)
     values, p = (
-        rows[rows["number"] == f"{tested}_{end}"].set_index(["method", "sequence"])["value"]
+        rows[rows["number"] == f"{tested}_{end}"].set_index(["model", "sequence"])["value"]
         for end in ("difference", "difference_p")
     )
     return {key: "+" if values[key] > 0 else "−" for key in values.index if p[key] < LEVEL}
@@ -148,11 +148,11 @@ def novelties(study: Study, protocol: str) -> Table:
 
 def paired(study: Study, protocol: str) -> Table | None:
     """Every model against the first: differences with intervals, p, and who alone was right; None where there is one model."""
-    own = study.rows[(study.rows["change"] == "against") & (study.rows["protocol"] == protocol)]
+    own = against(study.rows, protocol)
     if own.empty:
         return None
-    known, rows = own.set_index(["method", "sequence", "number"])[["value", "low", "high"]], []
-    for model, sequence in dict.fromkeys(zip(own["method"], own["sequence"], strict=True)):
+    known, rows = own.set_index(["model", "sequence", "number"])[["value", "low", "high"]], []
+    for model, sequence in dict.fromkeys(zip(own["model"], own["sequence"], strict=True)):
         cells = [word(model, study.source("evaluate", sequence, model)), word(sequence)]
         for name in COMPARED:
             value, low, high = known.loc[(model, sequence, f"{name}_difference")]

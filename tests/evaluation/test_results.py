@@ -23,6 +23,7 @@ from pipeline.evaluation.study_rows import AGEING, Answers, ageing_rows, paired_
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
+from pipeline.report.study import against
 from tests.evaluation.made import BOOTSTRAP, LABELS, M2DP, SCI, evaluation, judged, write
 
 FEB, MAR, RAIN = "february", "march", "rain"
@@ -145,11 +146,18 @@ def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
 
 def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.DataFrame) -> None:
     # On day 20 by cells one is right at 0, 1 and 4, the other at 0 and 2, of five seen; later the one is wrong at 0 too.
-    against = {"method": "sad", "change": "against", "case": "against sci", "kind": "sci", "protocol": "cells"}
+    tested = {"method": "sad", "change": "against", "case": "against sci", "kind": "sci", "protocol": "cells"}
     for sequence, told in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
         names = ("recall_at_1_difference", "only_this_right", "only_reference_right")
-        assert [value(gathered, name, sequence=sequence, **against) for name in names] == pytest.approx(told)
-        assert 0 < value(gathered, "recall_at_1_difference_p", sequence=sequence, **against) <= 1
+        assert [value(gathered, name, sequence=sequence, **tested) for name in names] == pytest.approx(told)
+        assert 0 < value(gathered, "recall_at_1_difference_p", sequence=sequence, **tested) <= 1
+
+
+def test_in_a_study_of_the_year_variants_are_compared_too(artifacts: Path) -> None:
+    frame = gathering(artifacts, {**STUDY, "question": "year"}).table()
+    variant = {"method": "sci", "variant": "4way", "protocol": "cells"}
+    assert [value(frame, "recall_at_1_difference", sequence=name, **variant) for name in (FEB, MAR)] == pytest.approx([-1 / 5, 0])
+    assert set(against(frame, "cells")["model"]) == {"sci-4way", "sad"}
 
 
 def test_queries_are_grouped_by_the_distance_to_real_changes(gathered: pd.DataFrame) -> None:
