@@ -37,7 +37,7 @@ def _blocks(study: Study) -> Iterator[str]:
                 yield _wrapped(caption(one := tables.main(study, protocol, number)))
                 yield one.text()
         yield tables.means(study).text()
-        yield _wrapped(words("terminal"))
+        yield _wrapped(words("terminal")) + "\n"
     if on_bird_views(study.words["methods"]):
         yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
         yield from (
