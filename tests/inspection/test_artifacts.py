@@ -13,8 +13,8 @@ from tests.inspection.scanner import scan
 from tests.readers.damage import one_line
 
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
-LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2}
-LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound": 2, "bound3": 3}
+LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2, "case": 1}
+LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound3": 3, "confidence2": 2}
 ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
 ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
@@ -114,11 +114,11 @@ def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> No
 def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) -> None:
     seen = np.stack([np.arange(ROWS) < 8, np.arange(ROWS) < 4])
     unseen = np.stack([np.arange(ROWS) >= 8, np.arange(ROWS) >= 9])
-    true_rank = np.where(seen, np.stack([np.arange(ROWS) % 2, np.zeros(ROWS, int)]), -1)  # by cells every other is second
-    interval = np.full((2, len(NUMBERS), 2), np.nan)
-    interval[0, 0] = 0.25, 0.75
-    columns = {"seen": seen, "unseen": unseen, "true_rank": true_rank, "interval": interval}
-    found = inspect(write(tmp_path / "a.zarr", "evaluations", **columns))
+    numbers = np.ones((2, len(NUMBERS), 3))
+    numbers[..., 1:] = np.nan
+    numbers[0, 0] = 0.5, 0.25, 0.75
+    columns = {"seen": seen[None], "unseen": unseen[None]}
+    found = inspect(write(tmp_path / "a.zarr", "evaluations", **columns, numbers=numbers[None]))
     text = found.text()
     assert "by cells" in text
     assert "8 seen and 2 unseen" in text
@@ -128,13 +128,15 @@ def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) 
     assert "at 1 1.000, at 5 1.000" in text
     assert "heading    median error 1.000°, within 10° 1.000 of the right" in text
     assert found.warnings == ()
-    untold = inspect(write(tmp_path / "b.zarr", "evaluations", **columns, heading_error_deg=np.full(ROWS, np.nan))).text()
+    numbers[:, NUMBERS.index("heading_within_10deg")] = np.nan
+    untold = inspect(write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])).text()
     assert "\n  heading  " not in untold
 
 
 def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:
     seen = np.stack([np.ones(ROWS, bool), np.zeros(ROWS, bool)])
-    found = inspect(write(tmp_path / "a.zarr", "evaluations", seen=seen, unseen=~seen, true_rank=np.where(seen, 0, -1)))
+    none = np.full((1, 2, len(NUMBERS), 3), np.nan)
+    found = inspect(write(tmp_path / "a.zarr", "evaluations", seen=seen[None], unseen=~seen[None], numbers=none))
     assert "at 1 none" in found.text()
     assert found.warnings == ("no query was seen in training by distance: recall and AUC mean nothing there",)
 
