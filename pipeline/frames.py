@@ -5,6 +5,7 @@ says otherwise; `ned` is x forward (north), y right (east), z down.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy  # loads a part of it when that is first used: most stages need none
@@ -34,6 +35,11 @@ def rpy(poses: Poses) -> NDArray[np.float64]:
 def yaw(poses: Poses) -> NDArray[np.float64]:
     """Heading of the x axis in the xy plane, (n,) in radians, counter-clockwise from +x."""
     return np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+
+
+def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
+    """Angles in degrees, of any shape, brought into (−180, 180]."""
+    return np.asarray(180 - (180 - angles_deg) % 360)
 
 
 def flip_ned(poses: Poses) -> Poses:

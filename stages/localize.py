@@ -8,7 +8,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.frames import yaw
+from pipeline.frames import wrapped_deg, yaw
 from pipeline.matching.ranking import Localizer, Model, Rows, joined
 from stages import ProgressBar, stage
 
@@ -33,7 +33,7 @@ def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, fol
     thresholds = rejection.thresholds(model, ranking.kinds)
     attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision}
     with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, thresholds=thresholds, **attrs) as out:
-        out.put("turned_deg", 180 - (180 - np.rad2deg(left_rad)) % 360)
+        out.put("turned_deg", wrapped_deg(np.rad2deg(left_rad)))
         for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             out.put(column, getattr(ranking, column))
     rejected = int((ranking.novelty[: len(driven.stamps_ns), 0].astype(float) >= thresholds[0]).sum())

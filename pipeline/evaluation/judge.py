@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from pipeline.evaluation.curves import auc
 from pipeline.evaluation.judgement import CORRECT_REJECTION, FALSE_ALARM, HIT, MISS, NOT_JUDGED, Evaluation, Judgement
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
-from pipeline.frames import Poses, yaw
+from pipeline.frames import Poses, wrapped_deg, yaw
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import LABELS
@@ -39,7 +38,7 @@ def judge(
     robot was turned to the left for each query.
     """
     if turned_deg is not None:
-        labels = replace(labels, nearest_turn_deg=_wrapped(labels.nearest_turn_deg + turned_deg))
+        labels = replace(labels, nearest_turn_deg=wrapped_deg(labels.nearest_turn_deg + turned_deg))
     queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg)
     xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
     return Evaluation(
@@ -97,13 +96,8 @@ def _queries(
         error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
         turn_deg=np.asarray(labels.nearest_turn_deg, np.float64),
         nearest_m=np.asarray(labels.nearest_m, np.float64),
-        heading_error_deg=np.abs(_wrapped(ranking.heading_deg.astype(np.float64) - true_deg)),
+        heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg.astype(np.float64) - true_deg)),
     )
-
-
-def _wrapped(angle_deg: NDArray[Any]) -> NDArray[np.float64]:
-    """Angles in (−180, 180]."""
-    return np.asarray(180 - (180 - angle_deg) % 360, np.float64)
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:

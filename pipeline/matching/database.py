@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frames import yaw
+from pipeline.frames import wrapped_deg, yaw
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, joined
@@ -104,7 +104,7 @@ class Database:
         picked = np.take_along_axis(rows, columns.clip(0), axis=1)
         heading = np.full(len(rows), np.nan)
         if turned_deg is not None:
-            heading = 180 - (180 - self.yaw_deg[rows[:, 0]] - turned_deg) % 360
+            heading = wrapped_deg(self.yaw_deg[rows[:, 0]] + turned_deg)
         return Ranking(
             np.where(there, self.places[picked], -1),
             np.where(there, np.take_along_axis(distances, columns.clip(0), axis=1), np.inf).astype(np.float32),

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, yaw
+from pipeline.frames import Poses, wrapped_deg, yaw
 from pipeline.grid import UNSEEN, Grid
 
 
@@ -40,5 +40,5 @@ def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
         cells,
         training_places[nearest].astype(np.int64),
         np.asarray(distance_m),
-        180 - (180 - turn) % 360,
+        wrapped_deg(turn),
     )
