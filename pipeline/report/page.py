@@ -43,9 +43,9 @@ class Picture:
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
 
 
-def html(studies: Sequence[Study], sections: Sequence[Section], missing: Sequence[str], lock: DvcLock) -> str:
-    """The whole file, of these studies and sections alone; `missing` says what could not be reported, a line each."""
-    lines, pictures = [*missing], dict[Path, Picture]()
+def html(studies: Sequence[Study], sections: Sequence[Section], lock: DvcLock) -> str:
+    """The whole file, of these studies and sections alone; it says which figures could not be read."""
+    lines, pictures = list[str](), dict[Path, Picture]()
     for path in (one.path for section in sections for one in section.illustrations if one.on_page):
         try:
             pictures[path] = Picture.of(path.read_text(encoding="utf-8"))

@@ -29,7 +29,7 @@ def write(
 
     `view` gives the bird-view of a name of conf/view.
     """
-    every, sections, missing = [], list[Section](), list[str]()
+    every, sections = [], list[Section]()
     for name, words in studies.items():
         for grid in words["grids"]:
             study = Study(artifacts, name, words, grid, table[table["study"] == name])
@@ -49,7 +49,7 @@ def write(
     if not sections:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
-    path.write_text(page.html(every, sections, missing, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
+    path.write_text(page.html(every, sections, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
     figures = sum(len(section.illustrations) for section in sections)
     counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6
