@@ -31,8 +31,8 @@ def reliability(confidence: NDArray[Any], right: NDArray[np.bool_], bins: int = 
     confidence = np.asarray(confidence, np.float64)
     bin_of = (confidence * bins).astype(np.int64).clip(0, bins - 1)
     count = np.bincount(bin_of, minlength=bins)
-    told, true = (np.bincount(bin_of, values, bins) / np.where(count > 0, count, np.nan) for values in (confidence, right))
-    return Reliability(told, true, count)
+    confident, true = (np.bincount(bin_of, values, bins) / np.where(count > 0, count, np.nan) for values in (confidence, right))
+    return Reliability(confident, true, count)
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_], bins: int = BINS) -> float:

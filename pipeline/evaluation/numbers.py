@@ -36,10 +36,10 @@ NUMBERS = (
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
 every threshold there is; of the oracle, which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen
-from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and told a heading, since
+from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and given a heading, since
 an answer in another street has none to compare."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
-"""What is told of each kind of novelty."""
+"""What is measured of each kind of novelty."""
 PRECISE = 0.99
 SAME_HEADING_DEG = 45.0
 """Turned at most this far against the nearest training anchor, a query drives the street as training did."""
@@ -68,7 +68,7 @@ class Queries:
     nearest_m: NDArray[np.float64]
     """(q,) distance to that anchor."""
     heading_error_deg: NDArray[np.float64]
-    """(q,) told heading against the true one, 0 to 180; NaN where the method told none."""
+    """(q,) estimated heading against the true one, 0 to 180; NaN where the method estimates none."""
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -105,9 +105,9 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
         found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
         found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
     found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
-    turned_deg, told = queries.heading_error_deg, right(truth, 1) & np.isfinite(queries.heading_error_deg)
-    found["median_heading_error_deg"] = median(turned_deg[told], weight[:, told])
-    found["heading_within_10deg"] = share(turned_deg <= GOOD_HEADING_DEG, told, weight)
+    turned_deg, known = queries.heading_error_deg, right(truth, 1) & np.isfinite(queries.heading_error_deg)
+    found["median_heading_error_deg"] = median(turned_deg[known], weight[:, known])
+    found["heading_within_10deg"] = share(turned_deg <= GOOD_HEADING_DEG, known, weight)
     return found
 
 

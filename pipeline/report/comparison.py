@@ -132,17 +132,17 @@ class Comparison:
     def ways(self) -> dict[int, str]:
         """N to model, ascending, of the method with most models that were trained N ways."""
         of: dict[str, dict[int, str]] = {}
-        for model in self.models:
+        for model, method in dict(zip(self._rows["model"], self._rows["method"], strict=True)).items():
             if model in self.n_way:
-                of.setdefault(model.partition("-")[0], {})[self.n_way[model]] = model
+                of.setdefault(method, {})[self.n_way[model]] = model
         return dict(sorted(max(of.values(), key=len).items())) if of else {}
 
     def found(self, model: str, kind: Kind, measure: Measure) -> Found:
         """One number of one model in one kind of case."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            drawn, of = (model, seed, self.sequences[sequence], repeat), (measure.protocol, measure.name)
-            values[seed, sequence, repeat] = self._values.get((*drawn, kind.change, kind.level, kind.shadow, *of), np.nan)
+            where, of = (model, seed, self.sequences[sequence], repeat), (measure.protocol, measure.name)
+            values[seed, sequence, repeat] = self._values.get((*where, kind.change, kind.level, kind.shadow, *of), np.nan)
         if not measure.relative:
             return Found(values)
         whole = self.found(model, Kind(), replace(measure, relative=False)).values[:, :, :1]

@@ -123,10 +123,10 @@ def confounders(study: Study) -> Finding:
     return Finding("confounders", {"tests": len(days), "unseen": change(unseen), "turned": change(turned)})
 
 
-def slopes_counted(rows: pd.DataFrame, drawn: Sequence[tuple[str, str]], level: float = 0.95) -> Finding:
+def slopes_counted(rows: pd.DataFrame, shown: Sequence[tuple[str, str]], level: float = 0.95) -> Finding:
     """How many of the slopes that are drawn clearly mean ageing, against how many would by chance; and the oracle's."""
     worse = number = 0
-    for protocol, name in drawn:
+    for protocol, name in shown:
         slopes = _lines(rows, protocol, f"{name}_per_{PER_DAYS}_days").dropna()
         worse += int((slopes["low"] > 0).sum() if name == "novelty_percentile" else (slopes["high"] < 0).sum())
         number += len(slopes)

@@ -119,7 +119,7 @@ class _Filled(Environment):
 
 @cache
 def _environment(html: bool) -> Environment:
-    made = _Filled(
+    env = _Filled(
         loader=PackageLoader("pipeline.report"),
         autoescape=html,
         undefined=StrictUndefined,
@@ -127,7 +127,7 @@ def _environment(html: bool) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters |= {"fixed": fixed, "signed": signed, "listing": listing, "percent": percent}
-    made.filters |= {"prose": prose, "inline": inline, "sentence": sentence, "caption": caption, "title": title, "remark": remark}
-    made.globals |= {"anchor": anchor, "words": words}
-    return made
+    env.filters |= {"fixed": fixed, "signed": signed, "listing": listing, "percent": percent}
+    env.filters |= {"prose": prose, "inline": inline, "sentence": sentence, "caption": caption, "title": title, "remark": remark}
+    env.globals |= {"anchor": anchor, "words": words}
+    return env

@@ -59,12 +59,12 @@ def _n_way(study: Study) -> dict[str, int]:
     return {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
 
 
-def _section(study: Study, kind: str, comparison: Comparison, told: Any, shown: Any, listed: Any, name: str = "") -> Section:
+def _section(study: Study, kind: str, comparison: Comparison, found: Any, shown: Any, listed: Any, name: str = "") -> Section:
     scope = findings.scope(study, study.grid, len(comparison.sequences), max(comparison.seeds.values()), comparison.repeats)
     anchored = anchor(study.name, study.grid, name or kind)
     parameters = {"budget": study.words["budget"], "train": study.train, "sequences": comparison.sequences}
     sources = tuple(f"{study.artifacts.name}/evaluate/{study.name}/{study.grid}/{model}" for model in study.trained)
-    return Section(anchored, kind, "studies", {"study": study}, (*told, scope), shown, tuple(listed), True, sources, parameters)
+    return Section(anchored, kind, "studies", {"study": study}, (*found, scope), shown, tuple(listed), True, sources, parameters)
 
 
 def _both(comparison: Comparison) -> list[Any]:
@@ -83,9 +83,9 @@ def _turned(study: Study, folder: Path, comparison: Comparison) -> Section:
         others = [one for one in comparison.ordered(kind, AUC) if one not in ways.values()][:2]
         figure = levels.ways(comparison, kind, others, study.simulated, f"N-way training, {where}")
         shown.append(Illustration("ways", save(figure, folder / "ways.svg"), {}))
-    told = (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind))
+    found = (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind))
     listed = [*_both(comparison), case_tables.on_sequences(comparison, kind, AUC)]
-    return _section(study, "turned", comparison, told, tuple(shown), listed)
+    return _section(study, "turned", comparison, found, tuple(shown), listed)
 
 
 def _structure(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
@@ -95,9 +95,9 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
     about = (verdicts.kept(comparison, worst), *verdicts.shadows(comparison), verdicts.nearly_always(comparison, worst))
     about = (*about, verdicts.chance(comparison, worst))
     shown = (Illustration("structure", save(figure, folder / f"{alteration}.svg"), {"alteration": alteration}, about),)
-    told = (verdicts.leader(comparison, worst, AUC), verdicts.leader(comparison, worst, KEPT))
+    found = (verdicts.leader(comparison, worst, AUC), verdicts.leader(comparison, worst, KEPT))
     listed = [*(case_tables.over_kinds(comparison, one) for one in (AUC, KEPT, FAR)), *_both(comparison)]
-    return _section(study, alteration, comparison, told, shown, listed)
+    return _section(study, alteration, comparison, found, shown, listed)
 
 
 def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
@@ -105,8 +105,8 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
     figure = robustness.dots(comparison, (AUC, KEPT, FAR), Kind(), study.simulated, f"Altered queries at a glance, {study.name}")
     about = tuple(verdicts.kept(comparison, kind) for kind in comparison.changes)
     shown = (Illustration("glance", save(figure, folder / f"{alteration}.svg"), {}, about),)
-    told = tuple(verdicts.leader(comparison, kind, AUC) for kind in comparison.kinds)
-    return _section(study, "glance", comparison, told, shown, _both(comparison), alteration)
+    found = tuple(verdicts.leader(comparison, kind, AUC) for kind in comparison.kinds)
+    return _section(study, "glance", comparison, found, shown, _both(comparison), alteration)
 
 
 def _stress(study: Study, folder: Path, comparison: Comparison, stress: Mapping[str, str]) -> Section:
@@ -115,8 +115,8 @@ def _stress(study: Study, folder: Path, comparison: Comparison, stress: Mapping[
     figure = robustness.sequences(comparison, named, study.simulated, f"Sequences of stress, {study.name}")
     about = (verdicts.nearly_always(comparison, Kind()), verdicts.chance(comparison, Kind()))
     shown = (Illustration("stress", save(figure, folder / "stress.svg"), {}, about),)
-    told = (verdicts.leader(comparison, Kind(), RECALL), verdicts.best_on_each(comparison, named))
-    return _section(study, "stress", comparison, told, shown, [case_tables.stress(comparison, named)])
+    found = (verdicts.leader(comparison, Kind(), RECALL), verdicts.best_on_each(comparison, named))
+    return _section(study, "stress", comparison, found, shown, [case_tables.stress(comparison, named)])
 
 
 def _events(study: Study, folder: Path, bands: Bands) -> Section:
@@ -137,11 +137,11 @@ def _events(study: Study, folder: Path, bands: Bands) -> Section:
     about = (findings.near_changes(rows, "auc_exact_top1", names, bands.few),)
     shown = (Illustration("events", save(figure, folder / "events.svg"), {}, about),)
     counted = findings.changes_counted(rows, bands.kinds, bands.edges_m[-1])
-    told = (findings.near_changes(rows, "recall_at_1", names, bands.few), counted)
+    found = (findings.near_changes(rows, "recall_at_1", names, bands.few), counted)
     listed = tuple(tables.near_changes(rows, by, number, names) for by in PROTOCOLS for number in NEAR)
     name, sources = anchor(study.name, study.grid, "events"), (f"{study.artifacts.name}/events/{study.name}",)
     parameters = {"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": bands.few}
-    return Section(name, "events", "studies", {"study": study}, told, shown, listed, True, sources, parameters)
+    return Section(name, "events", "studies", {"study": study}, found, shown, listed, True, sources, parameters)
 
 
 def _cells(study: Study, folder: Path) -> Section:
@@ -161,9 +161,9 @@ def _cells(study: Study, folder: Path) -> Section:
     of = {panel: {model: every[(model, *panel)] for model in methods} for panel in PANELS}
     titles = {panel: f"{TITLES[panel[1]]} by {panel[0]}" for panel in PANELS}
     about = tuple(findings.best_at_each_size(of[panel], titles[panel], sizes_m) for panel in PANELS)
-    told = tuple(findings.trend(of[panel], titles[panel], sizes_m) for panel in (PANELS[0], PANELS[3]))
+    found = tuple(findings.trend(of[panel], titles[panel], sizes_m) for panel in (PANELS[0], PANELS[3]))
     listed = tuple(case_tables.cells(of[panel], titles[panel], sizes_m) for panel in PANELS)
     shown = (Illustration("cells", save(figure, folder / "cells.svg"), {}, about),)
     name = anchor(study.name, "cells")
     sources = tuple(f"{study.artifacts.name}/evaluate/{study.name}/{grid}" for grid in grids)
-    return Section(name, "cells", "studies", {"study": study}, told, shown, listed, True, sources)
+    return Section(name, "cells", "studies", {"study": study}, found, shown, listed, True, sources)
