@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pipeline import schemas
@@ -16,7 +17,6 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 from pipeline.running.settings import check, positive
-from pipeline.views import birdview_kernels as kernels
 
 NEAR_M, STEEPEST_DEG, PLANES, POINTS = 0.2, 20.0, 200, 4096
 """RANSAC of the ground's plane: inlier distance, largest slope, planes tried, and points of a scan used at most."""
@@ -101,7 +101,7 @@ class BirdView:
         quarter = self.headings // 4
         for h in range(quarter):
             turned_rad, middle = yaw_rad + 2 * math.pi * h / self.headings, off if h % 2 else here
-            images[h] = kernels.sampled(columns, middle, turned_rad, float(self.octree.side), self.side_px, SAMPLES)
+            images[h] = _sampled(columns, middle, turned_rad, float(self.octree.side), self.side_px, SAMPLES)
             for turns in range(1, 4):
                 images[h + turns * quarter] = np.rot90(images[h], -turns)
         return images
@@ -111,7 +111,7 @@ class BirdView:
         leaf_m, up = grown.leaf_m, self.up(odom_T_vehicle)
         ground = (odom_T_vehicle[:3, 3] - grown.corner_m) / leaf_m
         band = self.low_m / leaf_m, self.high_m / leaf_m
-        columns: NDArray[np.uint8] = kernels.columns_above(grown.log_odds, ground, up, *band, log_odds(self.occupied))
+        columns: NDArray[np.uint8] = _columns_above(grown.log_odds, ground, up, *band, log_odds(self.occupied))
         return columns
 
     def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -132,3 +132,54 @@ def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np
     x = forward - (forward @ z) * z
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _columns_above(
+    log_odds: NDArray[np.float32], ground: NDArray[np.float64], up: NDArray[np.float64], low: float, high: float, threshold: float
+) -> NDArray[np.uint8]:
+    """Whether any leaf of a column whose middle is from `low` to below `high` above the ground exceeds a threshold.
+
+    Lengths are in leaves. The ground is the plane through `ground` (3,) with the upward normal `up` (3,).
+    """
+    side = log_odds.shape[0]
+    found = np.zeros((side, side), np.uint8)
+    for x in range(side):
+        for y in range(side):
+            level = ground[2] - 0.5 - ((x + 0.5 - ground[0]) * up[0] + (y + 0.5 - ground[1]) * up[1]) / up[2]
+            start = min(max(math.ceil(level + low / up[2]), 0), side)
+            stop = min(max(math.ceil(level + high / up[2]), 0), side)
+            any_above = False
+            for z in range(start, stop):
+                any_above |= log_odds[x, y, z] > threshold
+            found[x, y] = np.uint8(any_above)
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sampled(
+    columns: NDArray[np.uint8], middle: NDArray[np.float64], yaw_rad: float, width: float, side_px: int, samples: int
+) -> NDArray[np.uint8]:
+    """Each pixel's share of set columns, 0…255, in a heading-up image (side_px, side_px): row 0 front, column 0 left.
+
+    It shows the square of `width` columns around `middle` (2,), its front along `yaw_rad`; a pixel is the mean of
+    samples × samples points.
+    """
+    image = np.empty((side_px, side_px), np.uint8)
+    side, step = columns.shape[0], width / (side_px * samples)
+    front_x, front_y = math.cos(yaw_rad) * step, math.sin(yaw_rad) * step
+    most = samples * samples
+    last = 0.5 * (side_px * samples - 1)
+    for row in range(side_px):
+        for col in range(side_px):
+            count = 0
+            for i in range(samples):
+                front = last - (row * samples + i)
+                for j in range(samples):
+                    left = last - (col * samples + j)
+                    x = math.floor(middle[0] + front * front_x - left * front_y)
+                    y = math.floor(middle[1] + front * front_y + left * front_x)
+                    if 0 <= x < side and 0 <= y < side:
+                        count += columns[x, y]
+            image[row, col] = (510 * count + most) // (2 * most)
+    return image

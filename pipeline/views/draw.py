@@ -1,10 +1,10 @@
 """Views of submaps, each from the points of that submap alone."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,19 +63,9 @@ class Drawing:
 
     def write(self, path: Path, compute: Compute, progress: Progress) -> str:
         """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
-        blank, sides, schema = 0, list[int](), self.view.schema
-        with store.write(path, schema, cases=AS_DRIVEN) as out:
-            for images in progress.track(self.blocks(compute), -(-len(self) // BLOCK), f"draw {path.stem}"):
-                out.append("images", images)
-                blank += int((images < SEEN).all(axis=tuple(range(1, images.ndim))).sum())
-                sides = list(images.shape[1:])
-            if blank == len(self):
-                where = self.submaps.path
-                raise ArtifactError(f"{where}: all views are blank, nothing stands off the ground; lift_m, or submap: flat?")
-            for name in ("stamps_ns", "world_T_anchor"):
-                out.put(name, self.submaps.load(name))
-        shape = " × ".join(map(str, sides)), ", ".join(schema.columns["images"].dims[1:])
-        return f"{len(self)} views of {shape[0]} ({shape[1]})" + (f", {blank} of them blank" if blank else "")
+        blocks = progress.track(self.blocks(compute), -(-len(self) // BLOCK), f"draw {path.stem}")
+        complaint = "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
+        return write_views(path, self.view.schema, self.submaps, ((images, ~(images < SEEN)) for images in blocks), complaint)
 
     def points(self) -> Iterator[NDArray[np.floating]]:
         """Points (n, 3) in metres of one submap after the other, z up from the ground."""
@@ -86,3 +76,24 @@ class Drawing:
     def _block(self, start: int, stop: int) -> NDArray[np.floating]:
         """Images (stop − start, …)."""
         return np.stack([self.view(points) for points in submap_points(self.scans, self.submaps, slice(start, stop))])
+
+
+def write_views(
+    path: Path, schema: Schema, submaps: Artifact, blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]], complaint: str
+) -> str:
+    """Blocks of images (n, …), and where they show something, as an artifact; returns how many, of what shape.
+
+    Raises ArtifactError with the complaint if all are blank.
+    """
+    count = blank = 0
+    with store.write(path, schema, cases=AS_DRIVEN) as out:
+        for images, shown in blocks:
+            out.append("images", images)
+            count += len(images)
+            blank += int((~shown.reshape(len(shown), -1).any(axis=1)).sum())
+        if blank == count:
+            raise ArtifactError(f"{submaps.path}: {complaint}")
+        for name in ("stamps_ns", "world_T_anchor"):
+            out.put(name, submaps.load(name))
+    sides, names = " × ".join(map(str, images.shape[1:])), ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
+    return f"{count} views of {sides} ({names})" + (f", {blank} of them blank" if blank else "")

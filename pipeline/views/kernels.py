@@ -107,18 +107,10 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
                 counts[ids[i]] += uint32(1)
         whole = m & ~3
         for i in range(0, whole, 4):
-            a, z = ids[i], zs[i]
-            v = table[a]
-            table[a] = v if v > z else z
-            a, z = ids[i + 1] + stride, zs[i + 1]
-            v = table[a]
-            table[a] = v if v > z else z
-            a, z = ids[i + 2] + uint32(2) * stride, zs[i + 2]
-            v = table[a]
-            table[a] = v if v > z else z
-            a, z = ids[i + 3] + uint32(3) * stride, zs[i + 3]
-            v = table[a]
-            table[a] = v if v > z else z
+            for copy in range(4):
+                a, z = ids[i + copy] + uint32(copy) * stride, zs[i + copy]
+                v = table[a]
+                table[a] = v if v > z else z
         for i in range(whole, m):
             a, z = ids[i], zs[i]
             v = table[a]

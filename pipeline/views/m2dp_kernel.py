@@ -124,11 +124,9 @@ def bin_counts(points, mean, axes, farthest_m, planes, radii, angles, place):  #
                         v = planes[p, 1, 0] * x + planes[p, 1, 1] * y + planes[p, 1, 2] * z
                         ids[i] = _exact_bin(u, v, radii, angles, place)
             whole = m & ~3
-            for i in range(0, whole, 4):
-                table[ids[i]] += uint32(1)
-                table[ids[i + 1] + stride] += uint32(1)
-                table[ids[i + 2] + uint32(2) * stride] += uint32(1)
-                table[ids[i + 3] + uint32(3) * stride] += uint32(1)
+            for i in range(0, whole, COPIES):
+                for copy in range(COPIES):
+                    table[ids[i + copy] + uint32(copy) * stride] += uint32(1)
             for i in range(whole, m):
                 table[ids[i]] += uint32(1)
     return tables

@@ -7,15 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
-from pipeline.errors import ArtifactError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap
 from pipeline.schemas import BIRDVIEWS
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
-from pipeline.views.draw import AS_DRIVEN
+from pipeline.views.draw import write_views
 
 
 @dataclass(frozen=True)
@@ -38,18 +36,8 @@ class MappedViews:
 
     def write(self, path: Path) -> str:
         """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
-        blank = 0
-        with store.write(path, BIRDVIEWS, cases=AS_DRIVEN) as out:
-            for images in self:
-                out.append("images", images[None])
-                blank += not images[0].any()
-            if blank == len(self):
-                where = self.submaps.path
-                raise ArtifactError(f"{where}: all bird-views are blank; is the ground at 0, and anything within the z band?")
-            for name in ("stamps_ns", "world_T_anchor"):
-                out.put(name, self.submaps.load(name))
-        shape = " × ".join(map(str, images.shape))
-        return f"{len(self)} views of {shape} (heading, row, col)" + (f", {blank} of them blank" if blank else "")
+        complaint = "all bird-views are blank; is the ground at 0, and anything within the z band?"
+        return write_views(path, BIRDVIEWS, self.submaps, ((images[None], images[:1] > 0) for images in self), complaint)
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
         """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in it (4, 4).

@@ -4,5 +4,10 @@ The parameters are set for physical plausibility only, never in favour of a meth
 a log is simulated: the pipeline reads its files.
 
 streets, ground → blocks (buildings, greenery) → campus → plan, routes → events → day
-robots (motion, lidar) → drive → raycast → recorder → writers, one per format
+robots (lidar) → drive → raycast → recorder → writers, one per format
 """
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]

@@ -11,13 +11,14 @@ from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.running.settings import check
+from pipeline.running.settings import check, positive
 from pipeline.world.driving.day import simulate_day
 from pipeline.world.driving.drive import drive
 from pipeline.world.driving.entry import Entry
 from pipeline.world.driving.recorder import Recorder, Recording
 from pipeline.world.driving.robots import ROBOTS, Robot
-from pipeline.world.layout.campus import Campus, build_campus
+from pipeline.world.layout.blocks import build_campus
+from pipeline.world.layout.campus import Campus
 from pipeline.world.layout.events import Event, simulate_year, visible_changes
 from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.routes import Routes, loop_routes, training_routes
@@ -63,9 +64,7 @@ class Simulation:
             raise ConfigError(f"world.logs={self.logs}: the robot {self.robot} writes {' or '.join(self._robot.logs)}")
         if self.route_file is not None and self._robot.loops:
             raise ConfigError(f"world.route_file={self.route_file}: the robot {self.robot} plans loops of its own; leave it null")
-        for name in ("blocks", "route_m", "step_m", "azimuths"):
-            if not getattr(self, name) > 0:
-                raise ConfigError(f"world.{name}={getattr(self, name)}: must be above 0")
+        positive("world", blocks=self.blocks, route_m=self.route_m, step_m=self.step_m, azimuths=self.azimuths)
         if not 0 <= self.seed <= MAX_SEED:
             raise ConfigError(f"world.seed={self.seed}: must lie in 0 to {MAX_SEED}")
         if self.blocks < 2 or self.route_m < self.step_m:
@@ -95,19 +94,15 @@ class Simulation:
         The bytes depend only on the parameters of the world, the training entry, and the name and entry of the sequence. Raises
         ConfigError for a sequence without an entry, or a route file that cannot be driven.
         """
-        name = self._entry_name(sequence)
-        recorder, plan = self._recorder(name, truth / sequence if truth else None)
-        scans = len(recorder.drive.scan_rows)
+        recorder, plan = self._recorder(self._entry_name(sequence), truth / sequence if truth else None)
+        scans, points = len(recorder.drive.scan_rows), 0
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
-        logs = writer(self.logs, folder, sequence, recorder.lidar)
-        logs.open()
-        points = 0
-        with closing(logs):
+        with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
             logs.write_truth(recorder.drive, partial(generator, recorder.seed, when=recorder.when))
             blocks = compute.rows(replace(recorder, logs=None if logs.in_order else logs).block, scans, block)
-            for done in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
-                points += done.points
-                for scan in done.unwritten:
+            for seen, unwritten in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
+                points += seen
+                for scan in unwritten:
                     logs.write_scan(*scan)
         return Recording(scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit)
 
@@ -121,7 +116,7 @@ class Simulation:
         if train != self.training:
             raise ConfigError(f"train={train}: this world changes from the day of its first sequence, {self.training}")
         campus, events = self._year(self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)]))
-        return visible_changes(self._day(sequence), campus, events, origin_m(self.logs)[:2])
+        return visible_changes(self._day(sequence), campus, events, origin_m(self.logs))
 
     def routes(self) -> Routes:
         """The streets, and the plan of the training sequence on them."""
@@ -151,22 +146,18 @@ class Simulation:
 
     def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
         """The campus with all changes over the year of a sequence, and its events."""
-        densities = self.events_per_km_of_route, entry.events_per_km
-        count, wanted = (round(events_per_km * routes.route_m / 1000) for events_per_km in densities)
-        campus, further = build_campus(routes.seed, self.blocks, routes.streets), max(wanted - count, 0)
-        line_m = routes.training.line_m
-        return simulate_year(routes.seed, campus, line_m, count, self.near_route, further, entry.near_route)
+        count, wanted = (round(a_km * routes.route_m / 1000) for a_km in (self.events_per_km_of_route, entry.events_per_km))
+        campus, line_m = build_campus(routes.seed, self.blocks, routes.streets), routes.training.line_m
+        return simulate_year(routes.seed, campus, line_m, count, self.near_route, max(wanted - count, 0), entry.near_route)
 
     def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
         """Build the world and the drive of a sequence; writes the events of its year below `truth`."""
         (routes, plan), entry, robot = self._plan(name), Entry.of(name, self.sequences[name]), self._robot
         seed, when, day = routes.seed, robot.departs(name), self._day(name)
         campus, events = self._year(routes, entry)
-        line = plan.line_m, campus.ground, routes.route_m, self.step_m
-        driven = drive(seed, when, *line, robot.motion, entry.lateral_m)
+        driven = drive(seed, when, plan.line_m, campus.ground, routes.route_m, self.step_m, robot.motion, entry.lateral_m)
         side = TruthWriter(truth) if truth else None
         if side:
-            side.open()
             side.write_year(day, events, {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage})
         today = simulate_day(seed, campus, when, day)
-        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), None, side), plan
+        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), side), plan

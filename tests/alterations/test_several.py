@@ -17,6 +17,7 @@ from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
 from pipeline.alterations.turned import Turned
 from pipeline.errors import ConfigError
+from tests.alterations.made import altered
 
 CONF = sorted((Path(__file__).parents[2] / "conf/alteration").glob("*.yaml"))
 POINTS_M = np.random.default_rng(2).uniform((-40, -40, 0), (40, 40, 15), (500, 3))
@@ -27,13 +28,20 @@ def test_parts_stand_behind_one_case_as_driven() -> None:
     assert GLANCE.cases == (Case(), Case("turned"), Case("demolition", 60.0), Case("construction", 2.0))
 
 
-@pytest.mark.parametrize("whole", [Turned(), Demolition(), Construction()], ids=lambda whole: type(whole).__name__)
-def test_a_case_is_the_same_as_in_the_whole_alteration(whole: Turned | Demolition | Construction) -> None:
-    for case in (shared := set(GLANCE.cases) & set(whole.cases)):
-        here, there = (alteration.alter(case, POINTS_M, np.random.default_rng((0, 5))) for alteration in (GLANCE, whole))
-        np.testing.assert_array_equal(here[0], there[0])
-        assert here[1] == there[1]
-    assert len(shared) == 2
+@pytest.mark.parametrize(
+    ("few", "whole"),
+    [(GLANCE, Turned), (GLANCE, Demolition), (GLANCE, Construction), (Construction([2], shadows=[True]), Construction)],
+)
+def test_a_case_is_the_same_beside_any_others_and_another_with_another_seed_or_query(
+    few: Alteration, whole: type[Alteration]
+) -> None:
+    def changed(alteration: Alteration, stamp_ns: int = 3) -> tuple[bytes, float]:
+        points, left_rad = altered(alteration, POINTS_M, stamp_ns)[alteration.cases.index(case)]
+        return points.tobytes(), left_rad
+
+    (case,) = set(few.cases[1:]) & set(whole().cases)
+    assert changed(few) == changed(whole())
+    assert changed(whole(seed=1)) != changed(whole()) != changed(whole(), stamp_ns=4)
 
 
 def test_parts_that_cannot_be_told_apart_are_refused() -> None:

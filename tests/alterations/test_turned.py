@@ -5,27 +5,27 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.alterations import Case
 from pipeline.alterations.turned import Turned, turned
 from pipeline.frames import pose
 from pipeline.views.scan_context import ScanContext
+from tests.alterations.made import altered
 
 POINTS_M = np.random.default_rng(5).uniform((-60, -60, 0), (60, 60, 12), (3000, 3))
 
 
 def drawn(alteration: Turned, stamp_ns: int = 7) -> list[float]:
     """The angle of each case."""
-    rngs = [np.random.default_rng((alteration.seed, stamp_ns)) for _ in alteration.cases]
-    return [alteration.alter(case, POINTS_M, rng)[1] for case, rng in zip(alteration.cases, rngs, strict=True)]
+    return [left_rad for _, left_rad in altered(alteration, POINTS_M, stamp_ns)]
 
 
 def test_what_was_ahead_is_to_the_right_of_a_robot_that_turned_left() -> None:
-    np.testing.assert_allclose(turned(np.array([[4.0, 0.0, 1.0]]), math.pi / 2), [[0, -4, 1]], atol=1e-12)
+    ahead = np.array([[4.0, 0.0, 1.0]])
+    np.testing.assert_allclose(turned(ahead, math.pi / 2), [[0, -4, 1]], atol=1e-12)
+    assert ahead.tolist() == [[4.0, 0.0, 1.0]]
 
 
 def test_a_turned_robots_points_lie_where_they_lay_in_the_world() -> None:
-    (_, case), rng = Turned(repeats=1).cases, np.random.default_rng((0, 7))
-    seen, left_rad = Turned(repeats=1).alter(case, POINTS_M, rng)
+    _, (seen, left_rad) = altered(Turned(repeats=1), POINTS_M)
     world_T_anchor = pose(np.array([[30.0, -20.0, 1.0]]), np.array([[0.02, -0.03, 2.0]]))[0]
     world_T_turned = world_T_anchor @ pose(np.zeros((1, 3)), np.array([[0, 0, left_rad]]))[0]
     assert np.abs(seen - POINTS_M).max() > 1
@@ -58,12 +58,3 @@ def test_angles_lie_all_around() -> None:
     assert angles.max() < 2 * math.pi
     # the mean of 400 of U[0, 2π) is π ± 0.09; a quarter of them, 100 ± 9, lie in each quadrant
     assert np.abs(np.bincount((angles / (math.pi / 2)).astype(int), minlength=4) - 100).max() < 35
-
-
-def test_driven_points_are_not_touched() -> None:
-    before = POINTS_M.copy()
-    points, left_rad = Turned().alter(Case(), POINTS_M, np.random.default_rng(0))
-    assert points is POINTS_M
-    assert left_rad == 0.0
-    turned(POINTS_M, 1.0)
-    np.testing.assert_array_equal(POINTS_M, before)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline import frames
 from pipeline.errors import InputError
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
@@ -16,11 +17,8 @@ VIEW = BirdView(Octree(edge_m=32.0, depth=6, motion="none"), side_px=32, jitter_
 """Pixels of a metre over leaves of half a metre: at heading 0 a pixel is four columns."""
 
 
-def pose(x: float, y: float, yaw: float = 0.0, z: float = 0.0) -> np.ndarray:
-    made = np.eye(4)
-    made[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-    made[:3, 3] = x, y, z
-    return made
+def pose(x: float, y: float, yaw: float = 0.0, z: float = 0.0, pitch: float = 0.0) -> np.ndarray:
+    return frames.pose(np.array([[x, y, z]]), np.array([[0.0, pitch, yaw]]))[0]
 
 
 def post(x: float, y: float) -> np.ndarray:
@@ -107,8 +105,7 @@ def test_only_what_stands_between_the_two_heights_above_the_ground_is_drawn() ->
 def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn: bool) -> None:
     # 5° up: 14 m ahead the ground is 1.2 m above the robot's, in odometry's eyes. A wall on it is seen either way.
     view = BirdView(**vars(VIEW) | {"upright": upright})
-    climb, c, s = np.eye(4), math.cos(math.radians(5)), math.sin(math.radians(5))
-    climb[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    climb = pose(0.0, 0.0, pitch=-math.radians(5))
     ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
     grown = view.octree.grow()
     grown.insert(ground, climb)
@@ -124,10 +121,8 @@ def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, d
     view, lean, slope = BirdView(**vars(VIEW) | {"upright": upright}), math.radians(5), math.tan(math.radians(3))
     ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
     ground[:, 2] = slope * ground[:, 0] + 0.4
-    c, s = math.cos(lean), math.sin(lean)
-    seen = ground @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    leaning = np.eye(4)
-    leaning[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
+    leaning = pose(0.0, 0.0, pitch=-lean)
+    seen = ground @ leaning[:3, :3]
     grown = view.octree.grow()
     grown.insert(seen, leaning)
     standing = view.standing(seen, leaning)
@@ -135,7 +130,9 @@ def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, d
     if upright == "ground":
         up = np.array([-slope, 0.0, 1.0])
         np.testing.assert_allclose(standing[:3, 2], up / np.linalg.norm(up), atol=1e-3)
-        height_m = 0.4 / (c - s * slope)  # along the robot's own axis, at which the plane is met above its origin
+        height_m = 0.4 / (
+            math.cos(lean) - math.sin(lean) * slope
+        )  # along the robot's own axis, at which the plane is met above its origin
         np.testing.assert_allclose(standing[:3, 3], leaning[:3, 2] * height_m, atol=0.01)
         np.testing.assert_array_equal(view.standing(post(10.0, 3.0)[:2], leaning), leaning)
 

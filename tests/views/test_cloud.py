@@ -1,6 +1,6 @@
 """The cloud view: the ground goes, walls stay, and the same cloud comes out the same (METHODS 3.2)."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,13 +110,8 @@ def test_a_cloud_does_not_depend_on_those_before_it_nor_on_threads() -> None:
     clouds = [np.concatenate(scene(2000 + 10 * i)) for i in range(8)]
     alone = [VIEW(cloud) for cloud in clouds]
     np.random.seed(5)  # the state that it must not use
-    found: dict[int, np.ndarray] = {}
-    threads = [threading.Thread(target=lambda i=i: found.update({i: VIEW(clouds[i])})) for i in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert all(np.array_equal(found[i], alone[i]) for i in range(8))
+    with ThreadPoolExecutor(8) as pool:
+        np.testing.assert_array_equal(list(pool.map(VIEW, clouds)), alone)
     assert not np.array_equal(replace(VIEW, seed=1)(clouds[0]), alone[0])
 
 

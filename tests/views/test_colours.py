@@ -49,13 +49,10 @@ def test_jet_of_any_length_stays_within_its_range(m: int) -> None:
     assert ((jet(m) >= 0) & (jet(m) <= 1)).all()
 
 
-def test_halves_are_rounded_up() -> None:
+def test_halves_are_rounded_up_and_a_range_may_start_below_the_ground() -> None:
     # Over 0 to 255 m a height is its own shade: 0.5 to 1, 1.5 to 2, 2.5 to 3 (to even would be 2).
     heights = np.array([-3, 0, 0.49, 0.5, 1.5, 2.5, 254.5, 255, 300], np.float32)
     assert quantize(heights, 0.0, 255.0).tolist() == [0, 0, 0, 1, 2, 3, 255, 255, 255]
-
-
-def test_a_range_may_start_below_the_ground() -> None:
     # From −5 to 5 m: 0 is the middle, 127.5 rounded up.
     assert quantize(np.array([-5, 0, 5], np.float32), -5.0, 5.0).tolist() == [0, 128, 255]
 
@@ -73,17 +70,11 @@ def test_colours_are_a_last_axis(shape: tuple[int, ...]) -> None:
     assert image.dtype == np.uint8
 
 
-def test_grey_is_the_shade_itself() -> None:
+def test_grey_is_the_shade_itself_and_the_first_two_of_jet_share_a_colour() -> None:
     assert colours("grey").tolist() == [[shade] for shade in range(256)]
-
-
-def test_the_first_two_shades_share_a_colour_and_no_others_do() -> None:
     table = colours("jet")
     assert table.shape == (256, 3)
     assert len(np.unique(table, axis=0)) == 255
     assert table[0].tolist() == table[1].tolist()
-
-
-def test_an_unknown_colormap_is_a_config_error() -> None:
     with pytest.raises(ConfigError, match="colormap=viridis"):
         colours("viridis")  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
 """M2DP: the authors' numbers (METHODS 3.1), the definition in float64, real clouds, clouds without a shape."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
@@ -158,14 +158,5 @@ def test_points_that_are_not_numbers_are_refused() -> None:
 
 def test_threads_draw_what_one_thread_draws() -> None:
     clouds = [cloud(seed, 3_000) for seed in range(8)]
-    alone, together = [M2dp()(points) for points in clouds], [np.empty(0)] * 8
-
-    def draw(i: int) -> None:
-        together[i] = M2dp()(clouds[i])
-
-    threads = [threading.Thread(target=draw, args=(i,)) for i in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert all(one.tobytes() == other.tobytes() for one, other in zip(alone, together, strict=True))
+    with ThreadPoolExecutor(8) as pool:
+        assert [one.tobytes() for one in pool.map(M2dp(), clouds)] == [M2dp()(points).tobytes() for points in clouds]

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pipeline.world.layout.campus import Campus, build_campus
+from pipeline.world.layout.blocks import build_campus
+from pipeline.world.layout.campus import Campus
 from pipeline.world.layout.plan import Plan
 from pipeline.world.simulation import Simulation
 

@@ -1,18 +1,28 @@
 """What the tests of the three worlds share."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
-from numpy.typing import NDArray
 
+from pipeline.errors import ConfigError
+from pipeline.running.compute import Compute
+from pipeline.running.progress import Progress
 from pipeline.world.driving.entry import Entry
+from pipeline.world.driving.recorder import Recording
 from pipeline.world.layout.campus import shapes_on
+from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.routes import Routes
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 
+ALONE = Compute(workers=1)
 CONF = Path(__file__).parents[2] / "conf" / "world"
+EVEN = {"unseen": 0.0, "reversed": 0.0}
+FLAT = Ground(np.zeros((600, 40)), -100.0, -100.0)
 
 
 def preset(name: str) -> Simulation:
@@ -22,17 +32,35 @@ def preset(name: str) -> Simulation:
     return Simulation(**keys)
 
 
+def record(world: Simulation, sequence: str, root: Path, truth: Path | None = None, compute: Compute = ALONE) -> Recording:
+    """Record a sequence into the folder of its name."""
+    return world.record(sequence, root / sequence, compute, Progress(), truth)
+
+
+@contextmanager
+def refused(match: str | None = None) -> Iterator[None]:
+    """A setting is refused in one line of error."""
+    with pytest.raises(ConfigError, match=match) as error:
+        yield
+    assert "\n" not in str(error.value)
+
+
 def contents(root: Path) -> list[tuple[str, bytes]]:
     """All files below a folder, by name."""
     return sorted((str(path.relative_to(root)), path.read_bytes()) for path in root.rglob("*") if path.is_file())
 
 
-def off_walls_m(
-    world: Simulation, sequence: str, points_m: NDArray[np.float64], routes: Routes | None = None
-) -> NDArray[np.float64]:
+def shares(path: np.ndarray, training: np.ndarray) -> tuple[float, float]:
+    """The shares of poses (n, 4, 4) unseen, further than 10 m from those of training, and of the others against its way."""
+    gaps_m = np.linalg.norm(path[:, None, :2, 3] - training[None, :, :2, 3], axis=2)
+    seen = gaps_m.min(1) < 10.0
+    same_way = ((path[:, :2, 0] @ training[:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
+    return 1 - seen.mean(), (seen & ~same_way).sum() / seen.sum()
+
+
+def off_walls_m(world: Simulation, sequence: str, points_m: np.ndarray, routes: Routes | None = None) -> np.ndarray:
     """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands on the sequence's day."""
-    routes = routes or world.routes()
-    campus, _ = world._year(routes, Entry.of(sequence, world.sequences[sequence]))
+    campus, _ = world._year(routes or world.routes(), Entry.of(sequence, world.sequences[sequence]))
     box = shapes_on(campus, world._day(sequence))[0]
     box = box[box["kind"] == Kind.BUILDING]
     east, north, up = points_m.T[..., None]

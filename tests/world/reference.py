@@ -2,31 +2,19 @@
 
 import numpy as np
 
+from pipeline.world.driving.hits import hash_u
 from pipeline.world.driving.scene import Scene
 from pipeline.world.layout.shapes import Kind
 
 GROUND_STEP_M = 0.05
 
 
-def hash_u(seed, rays, draws):
-    """hits.hash_u for arrays."""
-    seed, rays, draws = (np.atleast_1d(np.asarray(value)).astype(np.uint64) for value in (seed, rays, draws))
-    word = (
-        seed * np.uint64(0x9E3779B97F4A7C15)
-        ^ (rays + np.uint64(0x632BE59BD9B4E019)) * np.uint64(0xBF58476D1CE4E5B9)
-        ^ (draws + np.uint64(0x2545F4914F6CDD1D)) * np.uint64(0x94D049BB133111EB)
-    )
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((word ^ (word >> np.uint64(31))) >> np.uint64(11)).astype(float) / 2**53 + 0.5 / 2**53
-
-
 def cast(scene: Scene, movers, origin, directions, max_range_m, seed):
     """Ranges (n,) and kinds (n,) of world-frame rays `directions` (n, 3)."""
     ranges, kinds = np.full(len(directions), max_range_m), np.zeros(len(directions), int)
-    number = np.arange(len(scene.boxes) + len(scene.cylinders) + len(scene.crowns))
+    numbers = range(len(scene.boxes) + len(scene.cylinders) + len(scene.crowns))
     for ray, direction in enumerate(directions):
-        u = hash_u(seed, ray, number)
+        u = np.array([hash_u(seed, ray, number) for number in numbers])
         boxes, _, crowns = np.split(u, np.cumsum([len(scene.boxes), len(scene.cylinders)]))
         hits = [
             (_boxes(scene.boxes, origin, direction, boxes), scene.boxes["kind"]),

@@ -12,7 +12,7 @@ from pipeline.readers.nclt import Nclt
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.world.simulation import Simulation
-from tests.world.helpers import contents
+from tests.world.helpers import contents, record
 
 SEQUENCE = "2012-06-15"
 READER = Bag(truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
@@ -21,13 +21,13 @@ READER = Bag(truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
 @pytest.fixture(scope="module")
 def nclt(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Log:
     root = tmp_path_factory.mktemp("nclt")
-    small.record(SEQUENCE, root / SEQUENCE, Compute(workers=1), Progress())
+    record(small, SEQUENCE, root)
     return Nclt(max_gap_s=4.0).open(root, SEQUENCE)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
 def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Log, tmp_path: Path, kind: str):
-    replace(small, logs=kind).record(SEQUENCE, tmp_path / SEQUENCE, Compute(workers=2), Progress())
+    record(replace(small, logs=kind), SEQUENCE, tmp_path, compute=Compute(workers=2))
     log = READER.open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == nclt.stamps_ns.tolist()
     assert log.world_T_scan == pytest.approx(nclt.world_T_scan, abs=1e-6)

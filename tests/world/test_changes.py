@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
 from pipeline.world.driving.entry import Entry
 from pipeline.world.layout.campus import Campus, shapes_on
@@ -14,9 +13,10 @@ from pipeline.world.layout.greenery import Plant
 from pipeline.world.layout.shapes import Species
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
+from tests.world.helpers import EVEN, refused
 
 TRAINING, SPRING, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
-HERE, EVEN = np.zeros(2), Entry(0.0, 0.0)
+HERE, PLAIN = (0.0, 0.0), Entry(0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def nobody(campus_and_plan: tuple[Campus, object]) -> Campus:
 def test_a_change_shows_from_its_first_difference(nobody: Campus, what: str, done: float, first: int):
     events = [Event(what, done, 3.0, 4.0)]
     assert visible_changes(first - 1, nobody, events, HERE) == []
-    assert visible_changes(first, nobody, events, np.array([10.0, 20.0])) == [Change(what, first, int(np.ceil(done)), 13.0, 24.0)]
+    assert visible_changes(first, nobody, events, (10.0, 20.0)) == [Change(what, first, int(np.ceil(done)), 13.0, 24.0)]
 
 
 def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
@@ -58,7 +58,7 @@ def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
 
 
 def test_every_tree_that_came_or_went_is_told(small: Simulation):
-    campus, _ = small._year(small.routes(), EVEN)
+    campus, _ = small._year(small.routes(), PLAIN)
     trees = [(one.x_m, one.y_m) for one in small.changes(TRAINING, SUMMER) if one.what == "tree"]
     before, after = ({(row["x_m"], row["y_m"]) for row in shapes_on(campus, day)[1]} for day in (0, 152))
     # 15 January to 15 June 2012 are 152 days; trunks are cylinders, as are the lamp posts that a site takes away.
@@ -69,8 +69,8 @@ def test_every_tree_that_came_or_went_is_told(small: Simulation):
 
 
 def test_a_building_that_came_or_went_is_where_it_is_told(small: Simulation):
-    late = replace(small, sequences={**small.sequences, "2013-03-16": {"unseen": 0.0, "reversed": 0.0}})
-    campus, events = late._year(late.routes(), EVEN)
+    late = replace(small, sequences={**small.sequences, "2013-03-16": EVEN})
+    campus, events = late._year(late.routes(), PLAIN)
     told = [one for one in late.changes(TRAINING, "2013-03-16") if one.what != "tree"]
     assert {(one.what, one.x_m, one.y_m) for one in told} == {(event.what, event.x_m, event.y_m) for event in events}
     assert [one.from_day for one in told] == sorted(int(np.ceil(event.from_day)) for event in events)
@@ -88,9 +88,9 @@ def test_nothing_has_changed_on_the_training_day_and_more_by_the_summer(small: S
 
 
 def test_a_town_tells_places_in_the_frame_of_its_ins(small: Simulation):
-    drives = {"2014-07-14-14-49-50": {"unseen": 0.0, "reversed": 0.0}, "2015-06-14-14-00-00": {"unseen": 0.0, "reversed": 0.0}}
+    drives = {"2014-07-14-14-49-50": EVEN, "2015-06-14-14-00-00": EVEN}
     town = replace(small, robot="push_broom_car", logs="robotcar", sequences=drives)
-    campus, _ = town._year(town.routes(), EVEN)
+    campus, _ = town._year(town.routes(), PLAIN)
     places_m = {(round(thing.x_m, 6), round(thing.y_m, 6)) for thing in (*campus.structures, *campus.plants)}
     changes = town.changes(*drives)
     assert len(changes) > 3
@@ -105,6 +105,5 @@ def test_a_suburb_of_one_day_changes_nothing():
 
 @pytest.mark.parametrize(("train", "sequence"), [(SPRING, SUMMER), (TRAINING, "2012-01-16")])
 def test_changes_are_counted_from_the_worlds_training_day(small: Simulation, train: str, sequence: str):
-    with pytest.raises(ConfigError, match=f"{SPRING}|2012-01-16") as error:
+    with refused(f"{SPRING}|2012-01-16"):
         small.changes(train, sequence)
-    assert "\n" not in str(error.value)

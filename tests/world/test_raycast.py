@@ -48,7 +48,7 @@ def test_the_grid_walk_sees_what_brute_force_sees(campus_and_plan: tuple[Campus,
     solid, leaves, ground = [], [], []
     for leg in rng.integers(len(plan.line_m) - 1, size=8):
         place = plan.line_m[leg] + rng.random() * (plan.line_m[leg + 1] - plan.line_m[leg])
-        origin = np.array([*place, day.ground.at(place[None])[0] + 1.3])
+        origin = np.array([*place, day.ground.at(*place[:, None])[0] + 1.3])
         movers = day.movers(float(leg), place, 0.3)
         ranges, kinds, _ = cast(day.scene, movers, origin, np.eye(3), rays, 90.0, SEED)
         expected, expected_kinds = reference.cast(day.scene, movers, origin, rays, 90.0, SEED)

@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
-from pipeline.world.driving.drive import drive
-from pipeline.world.layout.ground import Ground
+from pipeline.world.driving.drive import SEGWAY, drive
 from pipeline.world.layout.routes import read_route
 from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
 from tests.world.conftest import SEQUENCES
+from tests.world.helpers import FLAT, refused
 
 
 @pytest.fixture
@@ -39,7 +38,7 @@ def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
     rehearsal = replace(small, route_file=str(loop), route_m=1000.0)
     routes = rehearsal.routes()
     assert routes.route_m == pytest.approx(360.0, abs=15.0)
-    driven = drive(8, date(2012, 1, 15), routes.training.line_m, _flat(), routes.route_m, 2.0)
+    driven = drive(8, date(2012, 1, 15), routes.training.line_m, FLAT, routes.route_m, 2.0, SEGWAY)
     route = read_route(loop)
     gaps_m = distance_to_segments_m(driven.world_T_body[:, :2, 3], route[:-1], route[1:]).min(1)
     # Up to 3 m beside it, and a little more where corners are cut.
@@ -48,10 +47,6 @@ def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
     test = routes.test(date(2012, 2, 4), SEQUENCES["2012-02-04"])
     assert test.unseen == pytest.approx(0.08, abs=0.08)
     assert test.coverage > 0.5
-
-
-def _flat() -> Ground:
-    return Ground(np.zeros((100, 100)), -400.0, -400.0)
 
 
 @pytest.mark.parametrize(
@@ -64,16 +59,12 @@ def _flat() -> Ground:
         ("1,2\nnan,4\n", "NaN"),
         ("0,0\n5,0\n", "only 5 m long"),
         ("0,0\n9000,0\n", "spans 9000 × 0 m"),
+        (None, "cannot be read"),
     ],
 )
-def test_a_bad_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path, text: str, complaint: str):
+def test_a_bad_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path, text: str | None, complaint: str):
     path = tmp_path / "route.csv"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=complaint) as error:
+    if text is not None:
+        path.write_text(text)
+    with refused(complaint):
         replace(small, route_file=str(path)).routes()
-    assert "\n" not in str(error.value)
-
-
-def test_a_missing_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path):
-    with pytest.raises(ConfigError, match="cannot be read"):
-        replace(small, route_file=str(tmp_path / "none.csv")).routes()

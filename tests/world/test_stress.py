@@ -1,25 +1,19 @@
 """Sequences that are hard in one way each: what makes them so, and that nothing else changes."""
 
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.world.driving.drive import drive
 from pipeline.world.driving.entry import Entry
 from pipeline.world.layout.campus import Campus, shapes_on
 from pipeline.world.layout.events import FENCE_BEFORE_DAYS, Event
-from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
-from tests.world.helpers import contents, preset
+from tests.world.helpers import contents, preset, record
 
 TRAINING, TEST = "2012-01-15", "2012-02-04"
-FLAT, STRAIGHT_M = Ground(np.zeros((200, 40)), -100.0, -100.0), np.array([[0.0, 0.0], [1300.0, 0.0]])
 HEAVY = Entry(0.08, 0.0, events_per_km=120.0)
 """Over the small world's 100 m: 12 events, 8 beyond the world's own 4."""
 
@@ -63,18 +57,9 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
     table = {**small.sequences, "2013-03-16": {"unseen": 0.08, "reversed": 0.0, "events_per_km": 120.0, "lateral_m": 2.0}}
     for name, world in (("without", small), ("with", replace(small, sequences=table))):
         for sequence in (TRAINING, TEST):
-            world.record(sequence, tmp_path / name / sequence, Compute(workers=1), Progress())
+            record(world, sequence, tmp_path / name)
     assert contents(tmp_path / "without") == contents(tmp_path / "with")
     assert len(contents(tmp_path / "with")) == 2 * 27  # 25 scans, the truth, the odometry
-
-
-@pytest.mark.parametrize("lateral_m", [2.0, -1.0])
-def test_a_lateral_offset_moves_the_whole_drive_and_no_more(lateral_m: float):
-    usual, aside = (drive(0, date(2012, 7, 14), STRAIGHT_M, FLAT, 400.0, 2.0, lateral_m=m) for m in (0.0, lateral_m))
-    usual_m, aside_m = usual.world_T_body[usual.scan_rows, 1, 3], aside.world_T_body[aside.scan_rows, 1, 3]
-    # The street's 3 m to either side cut a few of the weave's swings, and no more.
-    assert np.median(aside_m - usual_m) == pytest.approx(lateral_m, abs=0.1)
-    assert np.abs(aside_m).max() <= 3.0
 
 
 @pytest.mark.parametrize(("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")])

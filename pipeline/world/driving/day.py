@@ -1,15 +1,17 @@
 """The campus on one day: its season, its parked cars, and its moving people and cars."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.world import Floats
 from pipeline.world.driving.scene import Scene, build_scene
 from pipeline.world.layout.campus import Campus, shapes_on
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, Species, records
+from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, Species, columns, records
+from pipeline.world.layout.streets import Streets
 from pipeline.world.seeds import Stream, generator
 
 OCCUPANCIES = (0.15, 0.9)
@@ -35,19 +37,31 @@ BARE_AND_LEAVES_PER_M = {Species.DECIDUOUS: (0.06, 0.85), Species.CONIFER: (1.1,
 
 @dataclass(frozen=True)
 class Traffic:
-    """People or cars, each moving along one street; at its end it starts again at the beginning."""
+    """People or cars, each moving along one line; at its end it starts again at the beginning."""
 
-    starts_m: NDArray[np.float64]
-    """(n, 2) start of the line that each one moves on."""
-    spans_m: NDArray[np.float64]
+    starts_m: Floats
+    """(n, 2) start of each one's line."""
+    spans_m: Floats
     """(n, 2) vector from there to the end of the line."""
-    phases: NDArray[np.float64]
+    phases: Floats
     """(n,) share of the line covered at time 0."""
-    speeds_mps: NDArray[np.float64]
+    speeds_mps: Floats
     """(n,) negative towards the start of the line."""
 
-    def at(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Places (n, 2) in metres and the unit vectors (n, 2) along their streets."""
+    @staticmethod
+    def along(rng: np.random.Generator, streets: Streets, rows: NDArray[np.int64], speeds_mps: tuple[float, float]) -> "Traffic":
+        """Random movers along the middle of the streets `rows` (n,), in either direction."""
+        starts_m, ends_m = streets.starts_m[rows], streets.ends_m[rows]
+        phases, signs = rng.random(len(rows)), rng.choice([-1, 1], len(rows))
+        return Traffic(starts_m, ends_m - starts_m, phases, signs * rng.uniform(*speeds_mps, len(rows)))
+
+    def aside(self, left_m: Floats) -> "Traffic":
+        """The same traffic, `left_m` (n,) to the left of its lines."""
+        along_x, along_y = (self.spans_m / np.hypot(*self.spans_m.T)[:, None]).T
+        return replace(self, starts_m=self.starts_m + left_m[:, None] * np.stack([-along_y, along_x], 1))
+
+    def at(self, time_s: float) -> tuple[Floats, Floats]:
+        """Places (n, 2) in metres and the unit vectors (n, 2) along the lines."""
         lengths_m = np.hypot(*self.spans_m.T)
         share = (self.phases + self.speeds_mps * time_s / lengths_m) % 1.0
         return self.starts_m + share[:, None] * self.spans_m, self.spans_m / lengths_m[:, None]
@@ -60,29 +74,28 @@ class Day:
     scene: Scene
     ground: Ground
     walkers: Traffic
-    walker_heights_m: NDArray[np.float64]
+    walker_heights_m: Floats
     drivers: Traffic
 
-    def movers(self, time_s: float, robot_m: NDArray[np.float64], keep_off_m: float) -> Records:
+    def movers(self, time_s: float, robot_m: Floats, keep_off_m: float) -> Records:
         """People and moving cars as cylinders, `time_s` into the drive, near `robot_m` (2,) but not within `keep_off_m` of it."""
-        walkers_m = self.walkers.at(time_s)[0]
         cars_m, along = self.drivers.at(time_s)
-        parts_m = (cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]).reshape(-1, 2)
-        people = people_at(walkers_m, self.walker_heights_m, self.ground)
-        base_m = self.ground.at(parts_m)
+        x_m, y_m = (cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]).reshape(-1, 2).T
+        people, base_m = people_at(self.walkers.at(time_s)[0], self.walker_heights_m, self.ground), self.ground.at(x_m, y_m)
         size = {"bottom_m": base_m + 0.2, "top_m": base_m + 1.5, "radius_m": DRIVER_RADIUS_M}
-        cars = records(CYLINDER, x_m=parts_m[:, 0], y_m=parts_m[:, 1], reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **size)
+        cars = records(CYLINDER, x_m=x_m, y_m=y_m, reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **size)
         movers: Records = np.concatenate([people, cars])
         gap_m = np.hypot(movers["x_m"] - robot_m[0], movers["y_m"] - robot_m[1])
         near: Records = movers[(gap_m < MOVERS_WITHIN_M) & (gap_m - movers["radius_m"] > keep_off_m)]
         return near
 
 
-def people_at(xy_m: NDArray[np.float64], heights_m: NDArray[np.float64], ground: Ground) -> Records:
+def people_at(xy_m: Floats, heights_m: Floats, ground: Ground) -> Records:
     """People of `heights_m` (n,) standing at `xy_m` (n, 2)."""
-    base_m = ground.at(xy_m)
+    x_m, y_m = xy_m.T
+    base_m = ground.at(x_m, y_m)
     size = {"radius_m": WALKER_RADIUS_M, "bottom_m": base_m, "top_m": base_m + heights_m}
-    return records(CYLINDER, x_m=xy_m[:, 0], y_m=xy_m[:, 1], reflectance=PERSON_REFLECTANCE, kind=Kind.PERSON, **size)
+    return records(CYLINDER, x_m=x_m, y_m=y_m, reflectance=PERSON_REFLECTANCE, kind=Kind.PERSON, **size)
 
 
 def simulate_day(seed: int, campus: Campus, when: date, day: int) -> Day:
@@ -92,53 +105,32 @@ def simulate_day(seed: int, campus: Campus, when: date, day: int) -> Day:
     boxes = np.concatenate([boxes, _parked_cars(rng, campus, day)])
     for porous in (boxes, crowns):
         porous["extinction_per_m"] = extinction_per_m(porous["species"], when)
-    scene = build_scene(boxes, cylinders, crowns, campus.ground)
     streets = campus.streets
-    walkers = int(WALKERS_PER_STREET * len(streets.edges))
-    walking = _traffic(rng, campus, np.arange(len(streets.edges)), walkers, WALKING_SPEEDS_MPS)
-    aside_m = rng.uniform(-1, 1, walkers)[:, None] * (streets.half_widths_m[walking[0]] + 0.5)[:, None]
-    heights_m = rng.uniform(*WALKER_HEIGHTS_M, walkers)
+    walked = rng.integers(0, len(streets.edges), int(WALKERS_PER_STREET * len(streets.edges)))
+    walkers = Traffic.along(rng, streets, walked, WALKING_SPEEDS_MPS)
+    walkers = walkers.aside(rng.uniform(-1, 1, len(walked)) * (streets.half_widths_m[walked] + 0.5))
+    heights_m = rng.uniform(*WALKER_HEIGHTS_M, len(walked))
     roads = np.flatnonzero(~streets.is_path)
-    drivers = max(3, len(streets.edges) // STREETS_PER_DRIVER) if len(roads) else 0
-    driving = _traffic(rng, campus, roads, drivers, DRIVING_SPEEDS_MPS)
-    keep_right_m = -DRIVER_LANE_M * np.sign(driving[1].speeds_mps)[:, None]
-    walkers_aside, drivers_aside = _aside(campus, walking, aside_m), _aside(campus, driving, keep_right_m)
-    return Day(scene, campus.ground, walkers_aside, heights_m, drivers_aside)
-
-
-def _traffic(
-    rng: np.random.Generator, campus: Campus, choice: NDArray[np.int64], count: int, speeds_mps: tuple[float, float]
-) -> tuple[NDArray[np.int64], Traffic]:
-    """The streets (count,) of random movers, chosen from `choice`, and their traffic along the middle of these streets."""
-    rows = choice[rng.integers(0, max(len(choice), 1), count)]
-    starts_m, ends_m = campus.streets.starts_m[rows], campus.streets.ends_m[rows]
-    phases, signs = rng.random(count), rng.choice([-1, 1], count)
-    return rows, Traffic(starts_m, ends_m - starts_m, phases, signs * rng.uniform(*speeds_mps, count))
-
-
-def _aside(campus: Campus, traffic: tuple[NDArray[np.int64], Traffic], left_m: NDArray[np.float64]) -> Traffic:
-    """The same traffic, `left_m` (n, 1) left of the middle of the streets."""
-    rows, middle = traffic
-    left = campus.streets.directions()[1][rows]
-    return Traffic(middle.starts_m + left_m * left, middle.spans_m, middle.phases, middle.speeds_mps)
+    driven = roads[rng.integers(0, max(len(roads), 1), max(3, len(streets.edges) // STREETS_PER_DRIVER) if len(roads) else 0)]
+    drivers = Traffic.along(rng, streets, driven, DRIVING_SPEEDS_MPS)
+    drivers = drivers.aside(-DRIVER_LANE_M * np.sign(drivers.speeds_mps))
+    return Day(build_scene(boxes, cylinders, crowns, campus.ground), campus.ground, walkers, heights_m, drivers)
 
 
 def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
     """Cars in random open slots; the share of taken slots differs from day to day and, smoothly, from place to place."""
-    slots = np.array([(slot.x_m, slot.y_m, slot.yaw_rad, slot.dead_day) for slot in campus.slots]).reshape(-1, 4)
+    x_m, y_m, yaw, dead_day = columns(campus.slots, "x_m", "y_m", "yaw_rad", "dead_day").values()
     phase_x, phase_y = rng.uniform(0, 2 * np.pi, 2)
     occupancy = rng.uniform(*OCCUPANCIES)
-    waves = np.sin(slots[:, 0] / OCCUPANCY_WAVE_LENGTH_M + phase_x) * np.sin(slots[:, 1] / OCCUPANCY_WAVE_LENGTH_M + phase_y)
+    waves = np.sin(x_m / OCCUPANCY_WAVE_LENGTH_M + phase_x) * np.sin(y_m / OCCUPANCY_WAVE_LENGTH_M + phase_y)
     chance = (occupancy + OCCUPANCY_WAVE * 0.5 * waves).clip(0.02, 0.97)
-    taken = rng.random(len(slots)) < chance
-    models = rng.choice(len(CAR_SIZES_M), len(slots), p=CAR_SHARES)
-    sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALES, (len(slots), 1))
-    places = slots[:, :3] + rng.normal(0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (len(slots), 3))
-    taken &= slots[:, 3] > day
-    if not taken.any():
-        return np.zeros(0, BOX)
+    taken = rng.random(len(yaw)) < chance
+    models = rng.choice(len(CAR_SIZES_M), len(yaw), p=CAR_SHARES)
+    sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALES, (len(yaw), 1))
+    places = np.stack([x_m, y_m, yaw], 1) + rng.normal(0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (len(yaw), 3))
+    taken &= dead_day > day
     (x_m, y_m, yaw), (half_length_m, half_width_m, height_m) = places[taken].T, sizes[taken].T
-    base_m, c, s = campus.ground.at(np.stack([x_m, y_m], 1)), np.cos(yaw), np.sin(yaw)
+    base_m, c, s = campus.ground.at(x_m, y_m), np.cos(yaw), np.sin(yaw)
     turn = {"cos_yaw": c, "sin_yaw": s, "kind": Kind.CAR}
     hull = {"half_length_m": half_length_m, "half_width_m": half_width_m, "reflectance": CAR_REFLECTANCE}
     cabin = {"half_length_m": 0.55 * half_length_m, "half_width_m": 0.88 * half_width_m, "reflectance": CABIN_REFLECTANCE}
@@ -154,7 +146,7 @@ def foliage(day: date) -> float:
     return float(np.interp(day.toordinal(), turns, [0.0, 1.0, 1.0, 0.0]))
 
 
-def extinction_per_m(species: NDArray[np.int64], day: date) -> NDArray[np.float64]:
+def extinction_per_m(species: NDArray[np.int64], day: date) -> Floats:
     """Extinction (n,) of shapes of these `species` (n,) on `day`; solid ones get 0."""
     density = np.zeros(len(species))
     for kind, (bare, leaves) in BARE_AND_LEAVES_PER_M.items():

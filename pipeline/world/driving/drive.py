@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from pipeline.frames import Poses, Stamps, Trajectory, pose
-from pipeline.world.driving.motion import SEGWAY, Motion
+from pipeline.world import Floats
 from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.streets import driven_m, points_along
 from pipeline.world.seeds import Stream, generator
 
+KNOTS_HZ = 10
 LEAD_S = 2.0
 """The truth begins so long before the first scan, and ends so long after the last."""
 DEPARTURE = time(14, tzinfo=UTC)
@@ -31,6 +33,37 @@ PILOT_SIDE_SD_DEG = 20.0
 
 
 @dataclass(frozen=True)
+class Motion:
+    """The parameters of a robot's path and of its rocking (sd: standard deviation)."""
+
+    speed_mps: float
+    corner_m: float
+    """Corners are rounded over this length."""
+    keep_right_m: float
+    bias_sd_m: float
+    """Lateral offset of a whole drive; `weave_sd_m` is the deviation about it."""
+    weave_sd_m: float
+    roll_sd_deg: float
+    pitch_sd_deg: float
+    heading_sd_deg: float
+    wheelbase_m: float
+    """Length over which it follows the slope of the ground; 0: it balances upright."""
+    keep_off_m: float
+    """People and cars do not come nearer than this to its centre."""
+    pilot: bool
+    """Whether a person walks behind it."""
+
+    @property
+    def knot_m(self) -> float:
+        """Distance between two poses of the truth."""
+        return self.speed_mps / KNOTS_HZ
+
+
+SEGWAY = Motion(1.3, 7.0, 0.8, 0.5, 0.8, 1.2, 1.8, 3.0, wheelbase_m=0.0, keep_off_m=0.3, pilot=True)
+CAR = Motion(8.0, 9.0, 1.7, 0.15, 0.25, 0.4, 0.5, 0.5, wheelbase_m=2.7, keep_off_m=2.5, pilot=False)
+
+
+@dataclass(frozen=True)
 class Drive:
     """True poses at KNOTS_HZ and at the stamp of every scan, so that interpolation is exact at the scans."""
 
@@ -40,7 +73,7 @@ class Drive:
     """(k, 4, 4) of the z-up body, whose origin is on the ground under the robot."""
     scan_rows: NDArray[np.int64]
     """(n,) the rows of the scans."""
-    pilot_m: NDArray[np.float64] | None = None
+    pilot_m: Floats | None = None
     """(n, 2) position of the pilot in the world at each scan; None: there is no pilot."""
 
     @property
@@ -64,14 +97,7 @@ class Drive:
 
 
 def drive(
-    seed: int,
-    when: date,
-    line_m: NDArray[np.float64],
-    ground: Ground,
-    route_m: float,
-    step_m: float,
-    motion: Motion = SEGWAY,
-    lateral_m: float = 0.0,
+    seed: int, when: date, line_m: Floats, ground: Ground, route_m: float, step_m: float, motion: Motion, lateral_m: float = 0.0
 ) -> Drive:
     """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every `step_m`.
 
@@ -91,12 +117,12 @@ def drive(
     knots_m = knots_us * 1e-6 * motion.speed_mps
 
     stations_m = LINE_STEP_M * np.arange(len(path_m))
-    xy_m = np.stack([np.interp(knots_m, stations_m, path_m[:, axis]) for axis in (0, 1)], 1)
-    tilt = np.stack([np.interp(knots_m, grid_m, rocking[:, axis]) for axis in range(3)], 1)
+    xy_m = np.stack([np.interp(knots_m, stations_m, axis) for axis in path_m.T], 1)
+    tilt = np.stack([np.interp(knots_m, grid_m, angle) for angle in rocking.T], 1)
     tilt[:, 2] += np.interp(knots_m, stations_m, heading)
     if motion.wheelbase_m:
         tilt[:, :2] += _slope(ground, xy_m, tilt[:, 2], motion.wheelbase_m)
-    poses = pose(np.column_stack([xy_m, ground.at(xy_m)]), tilt)
+    poses = pose(np.column_stack([xy_m, ground.at(*xy_m.T)]), tilt)
 
     rows = np.searchsorted(knots_us, scan_us)
     departure = when if isinstance(when, datetime) else datetime.combine(when, DEPARTURE)
@@ -107,12 +133,10 @@ def drive(
     return Drive(utimes, poses, rows, pilot_m)
 
 
-def _path(
-    rng: np.random.Generator, line_m: NDArray[np.float64], motion: Motion, lateral_m: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _path(rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float) -> tuple[Floats, Floats]:
     """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings (n,) in radians."""
     middle_m = _resample(line_m)
-    middle_m = np.stack([_smooth(middle_m[:, axis], round(motion.corner_m / LINE_STEP_M)) for axis in (0, 1)], 1)
+    middle_m = np.stack([_smooth(axis, round(motion.corner_m / LINE_STEP_M)) for axis in middle_m.T], 1)
     along = np.gradient(middle_m, axis=0)
     along /= np.hypot(*along.T)[:, None] + 1e-9
     weave_m = _wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
@@ -124,14 +148,12 @@ def _path(
     return path_m, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
 
-def _resample(line_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _resample(line_m: Floats) -> Floats:
     """Points (n, 2) every LINE_STEP_M along a polyline."""
-    driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m, axis=0).T))])
-    stations_m = np.arange(0, driven_m[-1], LINE_STEP_M)
-    return np.stack([np.interp(stations_m, driven_m, line_m[:, axis]) for axis in (0, 1)], 1)
+    return points_along(line_m, np.arange(0, driven_m(line_m)[-1], LINE_STEP_M))
 
 
-def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> NDArray[np.float64]:
+def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
     """Roll, pitch and heading noise (knots, 3) in radians, at knots `motion.knot_m` apart."""
     sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
     tilts = [_wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg]
@@ -139,17 +161,15 @@ def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> NDArray[np
     return np.deg2rad(np.stack([*tilts, heading], 1))
 
 
-def _slope(ground: Ground, xy_m: NDArray[np.float64], heading: NDArray[np.float64], over_m: float) -> NDArray[np.float64]:
+def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floats:
     """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2); uphill is a pitch below 0."""
     ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left = ahead[:, ::-1] * (-1, 1)
-    rises_m = [ground.at(xy_m + way) - ground.at(xy_m - way) for way in (left, ahead)]
+    rises_m = [ground.at(*(xy_m + way).T) - ground.at(*(xy_m - way).T) for way in (left, ahead)]
     return np.arctan2(np.stack(rises_m, 1) * (1, -1), over_m)
 
 
-def _pilot(
-    rng: np.random.Generator, xy_m: NDArray[np.float64], heading: NDArray[np.float64], step_m: float
-) -> NDArray[np.float64]:
+def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
     """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and angle."""
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
     bearing_deg = _wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
@@ -158,9 +178,7 @@ def _pilot(
     return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(towards), np.sin(towards)], 1))
 
 
-def _wander(
-    rng: np.random.Generator, steps: int, step_m: float, sd: float, correlation_m: float, clip: float
-) -> NDArray[np.float64]:
+def _wander(rng: np.random.Generator, steps: int, step_m: float, sd: float, correlation_m: float, clip: float) -> Floats:
     """A stationary Gauss–Markov process (steps,) of deviation `sd` and length `correlation_m`, clipped at ± `clip`."""
     keep = np.exp(-step_m / correlation_m)
     pushes = rng.normal(0, sd * np.sqrt(1 - keep**2), steps)
@@ -168,7 +186,7 @@ def _wander(
     return np.asarray(lfilter([1.0], [1.0, -keep], pushes)).clip(-clip, clip)
 
 
-def _smooth(values: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+def _smooth(values: Floats, samples: int) -> Floats:
     """`values` (n,) smoothed by a Hann window of `samples`; beyond the ends the first and last values are repeated."""
     window = np.hanning(samples + 2)[1:-1]
     held = np.concatenate([np.repeat(values[:1], samples), values, np.repeat(values[-1:], samples)])

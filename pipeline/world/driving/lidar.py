@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.formats.robotcar import EXTRINSICS
 from pipeline.frames import NED_FLIP, Poses, pose
+from pipeline.world import Floats
 from pipeline.world.driving.hits import hash_u
 from pipeline.world.driving.raycast import cast
 from pipeline.world.driving.scene import Scene
@@ -27,7 +28,7 @@ _DROP, _FADE, _NOISE_RADIUS, _NOISE_ANGLE = 900_001, 900_002, 900_003, 900_004
 class Returns:
     """One scan, or one sweep."""
 
-    points_m: NDArray[np.float64]
+    points_m: Floats
     """(n, 3) in metres in the sensor's frame."""
     intensity: NDArray[np.uint8]
     laser: NDArray[np.uint8]
@@ -40,7 +41,7 @@ class Returns:
 class Lidar:
     """A scanner on a robot."""
 
-    directions: NDArray[np.float64]
+    directions: Floats
     """(ray, 3) unit vectors in the sensor's frame, in the order that they are fired: all beams of one azimuth at once."""
     beams: int
     body_T_sensor: Poses
@@ -66,12 +67,12 @@ class Lidar:
 
 def hdl32(azimuths: int) -> Lidar:
     """A 32-beam spinning lidar on a pole."""
-    return Lidar(_turning(HDL32_DEG, azimuths), 32, _raised(HDL32_HEIGHT_M))
+    return Lidar(_turning(HDL32_DEG, azimuths), 32, raised(HDL32_HEIGHT_M))
 
 
 def hdl64(azimuths: int) -> Lidar:
     """A 64-beam spinning lidar on a car's roof."""
-    return Lidar(_turning(HDL64_DEG, azimuths), 64, _raised(HDL64_HEIGHT_M), min_range_m=2.5, reach_m=150.0)
+    return Lidar(_turning(HDL64_DEG, azimuths), 64, raised(HDL64_HEIGHT_M), min_range_m=2.5, reach_m=150.0)
 
 
 def lms151(rays: int) -> Lidar:
@@ -79,11 +80,11 @@ def lms151(rays: int) -> Lidar:
     angles = np.deg2rad(np.linspace(*LMS_DEG, rays))
     fan = np.stack([np.cos(angles), np.sin(angles), np.zeros(rays)], 1)
     xyzrpy = np.array([EXTRINSICS["lms_front"]])
-    body_T_sensor = _raised(CAMERA_HEIGHT_M) @ NED_FLIP @ pose(xyzrpy[:, :3], xyzrpy[:, 3:])[0]
+    body_T_sensor = raised(CAMERA_HEIGHT_M) @ NED_FLIP @ pose(xyzrpy[:, :3], xyzrpy[:, 3:])[0]
     return Lidar(fan, 1, body_T_sensor, min_range_m=0.5, max_range_m=50.0, range_sd_m=0.03, drop_out=0.02, reach_m=60.0)
 
 
-def _turning(elevations_deg: NDArray[np.float64], azimuths: int) -> NDArray[np.float64]:
+def _turning(elevations_deg: Floats, azimuths: int) -> Floats:
     """Rays (azimuths × beams, 3) of a sensor that turns about its z axis."""
     elevation = np.deg2rad(elevations_deg)[None, :]
     azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[:, None]
@@ -92,19 +93,20 @@ def _turning(elevations_deg: NDArray[np.float64], azimuths: int) -> NDArray[np.f
     return np.ascontiguousarray(rays.reshape(-1, 3))
 
 
-def _raised(height_m: float) -> Poses:
+def raised(height_m: float) -> Poses:
+    """The pose (4, 4) of a frame so far above another."""
     return np.asarray(pose(np.array([[0.0, 0.0, height_m]]), np.zeros((1, 3)))[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(
-    true_m: NDArray[np.float64],
-    brightness: NDArray[np.float64],
+    true_m: Floats,
+    brightness: Floats,
     range_sd_m: float,
     drop_out: float,
     reach_m: float,
     seed: np.uint64,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Measured ranges (n,) for true ones (0: no surface); 0 where no light returns.
 
     A return at range r has probability exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1), less the share `drop_out`.

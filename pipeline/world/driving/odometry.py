@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.frames import Poses
+from pipeline.world.layout.streets import driven_m
 
 SCALE_SD = 0.01
 SLIP_SD_M_PER_SQRT_M = 0.01
@@ -61,14 +62,13 @@ def simulate_ins(rng: np.random.Generator, world_T_body: Poses) -> tuple[Poses, 
 
     There are about three outages a kilometre, tens of metres each, in which the position drifts to one side.
     """
-    places_m = world_T_body[:, :2, 3]
-    driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places_m, axis=0).T))])
+    passed_m = driven_m(world_T_body[:, :2, 3])
     reported, good = world_T_body.copy(), np.ones(len(world_T_body), bool)
     start_m = rng.uniform(*OUTAGE_GAPS_M)
-    while start_m < driven_m[-1]:
+    while start_m < passed_m[-1]:
         end_m, drift, towards = start_m + rng.uniform(*OUTAGE_LENGTHS_M), rng.uniform(*DRIFTS_M_PER_M), rng.uniform(0, 2 * np.pi)
-        blind = (start_m <= driven_m) & (driven_m < end_m)
-        reported[blind, :2, 3] += drift * (driven_m[blind] - start_m)[:, None] * (np.cos(towards), np.sin(towards))
+        blind = (start_m <= passed_m) & (passed_m < end_m)
+        reported[blind, :2, 3] += drift * (passed_m[blind] - start_m)[:, None] * (np.cos(towards), np.sin(towards))
         good[blind] = False
         start_m = end_m + rng.uniform(*OUTAGE_GAPS_M)
     return reported, good

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.world import Floats
 from pipeline.world.driving.hits import Vector, hash_u, hit_box, hit_crown, hit_cylinder
 from pipeline.world.driving.scene import Scene
 from pipeline.world.layout.ground import height_at
@@ -22,12 +23,12 @@ _NEVER = 1e30
 def cast(
     scene: Scene,
     movers: Records,
-    origin: NDArray[np.float64],
-    world_R_body: NDArray[np.float64],
-    directions: NDArray[np.float64],
+    origin: Floats,
+    world_R_body: Floats,
+    directions: Floats,
     max_range_m: float,
     seed: np.uint64,
-) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
+) -> tuple[Floats, NDArray[np.uint8], Floats]:
     """Cast rays from `origin` (3,) in the world along `directions` (n, 3), unit vectors in the body's frame.
 
     `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit), the `shapes.Kind` that each

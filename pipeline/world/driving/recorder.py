@@ -9,8 +9,8 @@ from pipeline.world.driving.day import Day, people_at
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Lidar, Returns
 from pipeline.world.seeds import scan_seed
-from pipeline.world.writers import Writer
 from pipeline.world.writers.truth import TruthWriter
+from pipeline.world.writers.writer import Writer
 
 PILOT_HEIGHT_M = 1.75
 
@@ -35,15 +35,6 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Block:
-    """The result of one block of scans."""
-
-    points: int
-    unwritten: list[tuple[int, int, Returns]]
-    """Number, utime and returns of the scans that one process must write, in order."""
-
-
-@dataclass(frozen=True)
 class Recorder:
     """Everything that a worker needs to record any block of scans of a sequence; it can be sent to other processes."""
 
@@ -53,12 +44,15 @@ class Recorder:
     drive: Drive
     keep_off_m: float
     lidar: Lidar
-    logs: Writer | None
-    """None: the scans are returned, and one process writes them."""
     truth: TruthWriter | None
+    logs: Writer | None = None
+    """None: the scans are returned, and one process writes them."""
 
-    def block(self, start: int, stop: int) -> Block:
-        """Record the scans from `start` up to, but not including, `stop`."""
+    def block(self, start: int, stop: int) -> tuple[int, list[tuple[int, int, Returns]]]:
+        """Record the scans from `start` up to, but not including, `stop`.
+
+        Returns the number of their points, and the number, utime and returns of the scans that one process must write, in order.
+        """
         points, unwritten = 0, []
         for scan in range(start, stop):
             utime, returns = int(self.drive.scan_utimes[scan]), self._scan(scan)
@@ -69,7 +63,7 @@ class Recorder:
                 self.logs.write_scan(scan, utime, returns)
             else:
                 unwritten.append((scan, utime, returns))
-        return Block(points, unwritten)
+        return points, unwritten
 
     def _scan(self, scan: int) -> Returns:
         world_T_body = self.drive.world_T_body[self.drive.scan_rows[scan]]

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 
+from pipeline.world.driving.drive import CAR, SEGWAY, Motion
 from pipeline.world.driving.lidar import Lidar, hdl32, hdl64, lms151
-from pipeline.world.driving.motion import CAR, SEGWAY, Motion
 from pipeline.world.names import kitti_date, nclt_date, robotcar_time
 from pipeline.world.writers import BAGS
 

@@ -20,12 +20,12 @@ HOUSES_M = ((4.5, 5.5, 7.2), (5.2, 4.8, 6.6))
 
 def templates(rng: np.random.Generator) -> list[Template]:
     """The TEMPLATES buildings of a campus: L, U, H and tower shapes of a few floors."""
-    shapes = (_l_shape, _u_shape, _h_shape, _tower)
     found = []
     for number in range(TEMPLATES):
         length_m, width_m = rng.uniform(*HALF_LENGTHS_M), rng.uniform(*HALF_WIDTHS_M)
         floors = int(rng.integers(*FLOORS))
-        wings = shapes[number % len(shapes)](length_m, width_m, floors)
+        shape = _wings(length_m, width_m, floors)[number % 4]
+        wings = [Part(*place_m, *half_m, 0, storeys * FLOOR_M + PLINTH_M) for place_m, half_m, storeys in shape]
         found.append(tuple(part for wing in wings for part in _with_stairs(wing)))
     return found
 
@@ -38,36 +38,29 @@ def houses() -> list[Template]:
     ]
 
 
-def _wing(ahead_m: float, left_m: float, half_length_m: float, half_width_m: float, floors: int) -> Part:
-    return Part(ahead_m, left_m, half_length_m, half_width_m, 0, floors * FLOOR_M + PLINTH_M)
+Wing = tuple[tuple[float, float], tuple[float, float], int]
+"""(ahead, left) of its middle and (half length, half width) in metres, and its floors."""
 
 
-def _l_shape(a: float, b: float, floors: int) -> list[Part]:
-    return [_wing(0, 0, a, b, floors), _wing(a - b, 1.9 * b, b, 0.9 * b, floors)]
-
-
-def _u_shape(a: float, b: float, floors: int) -> list[Part]:
-    return [_wing(0, 0, a, b, floors), _wing(a - b, 1.8 * b, b, 0.8 * b, floors), _wing(b - a, 1.8 * b, b, 0.8 * b, floors)]
-
-
-def _h_shape(a: float, b: float, floors: int) -> list[Part]:
-    return [_wing(0, -1.6 * b, a, 0.7 * b, floors), _wing(0, 1.6 * b, a, 0.7 * b, floors), _wing(0, 0, b, 0.9 * b, floors)]
-
-
-def _tower(a: float, b: float, floors: int) -> list[Part]:
-    return [_wing(0, 0, 0.5 * a, 1.4 * b, floors + 1), _wing(0.9 * a, 0, 0.4 * a, b, max(floors - 1, 1))]
+def _wings(a: float, b: float, floors: int) -> list[list[Wing]]:
+    """The wings of the L, U, H and tower shapes of half length `a` and half width `b`, in metres."""
+    return [
+        [((0, 0), (a, b), floors), ((a - b, 1.9 * b), (b, 0.9 * b), floors)],
+        [((0, 0), (a, b), floors), ((a - b, 1.8 * b), (b, 0.8 * b), floors), ((b - a, 1.8 * b), (b, 0.8 * b), floors)],
+        [((0, -1.6 * b), (a, 0.7 * b), floors), ((0, 1.6 * b), (a, 0.7 * b), floors), ((0, 0), (b, 0.9 * b), floors)],
+        [((0, 0), (0.5 * a, 1.4 * b), floors + 1), ((0.9 * a, 0), (0.4 * a, b), max(floors - 1, 1))],
+    ]
 
 
 def _with_stairs(wing: Part) -> list[Part]:
     """A wing, its stair bays every STAIR_PITCH_M on alternating sides, and a penthouse if it is large."""
-    parts = [wing]
-    if wing.half_length_m * wing.half_width_m > 150 and wing.top_m > 2 * FLOOR_M:
+    parts, top_m = [wing], wing.top_m
+    if wing.half_length_m * wing.half_width_m > 150 and top_m > 2 * FLOOR_M:
         ahead_m, half_length_m = wing.ahead_m + 0.3 * wing.half_length_m, 0.25 * wing.half_length_m
-        roof_m = wing.top_m
-        parts.append(Part(ahead_m, wing.left_m, half_length_m, 0.4 * wing.half_width_m, roof_m - 0.1, roof_m + PENTHOUSE_M))
+        parts.append(Part(ahead_m, wing.left_m, half_length_m, 0.4 * wing.half_width_m, top_m - 0.1, top_m + PENTHOUSE_M))
     starts_m = np.arange(6.0, 2 * wing.half_length_m - 2 * STAIR_HALF_LENGTH_M, STAIR_PITCH_M) - wing.half_length_m
     for bay, start_m in enumerate(starts_m):
-        side, top_m = (-1, 0.6 * wing.top_m) if bay % 2 == 0 else (1, wing.top_m)
+        side, stair_m = (-1, 0.6 * top_m) if bay % 2 == 0 else (1, top_m)
         left_m = wing.left_m + side * (wing.half_width_m + 0.7)
-        parts.append(Part(wing.ahead_m + start_m, left_m, STAIR_HALF_LENGTH_M, STAIR_HALF_WIDTH_M, 0, top_m))
+        parts.append(Part(wing.ahead_m + start_m, left_m, STAIR_HALF_LENGTH_M, STAIR_HALF_WIDTH_M, 0, stair_m))
     return parts

@@ -1,53 +1,74 @@
-"""The campus: everything that does not move, with the days on which it appears and vanishes."""
+"""The campus: everything that does not move, with the days on which it appears and vanishes, and whether something more fits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
-from pipeline.world.layout.blocks import divide, fill
-from pipeline.world.layout.buildings import Template, templates
-from pipeline.world.layout.draft import Draft, Pole, Slot
-from pipeline.world.layout.furniture import furnish_streets
+from pipeline.world import Floats
+from pipeline.world.layout.buildings import Template
 from pipeline.world.layout.greenery import Plant, crowns, trunks
-from pipeline.world.layout.ground import Ground, rolling_ground
-from pipeline.world.layout.shapes import CYLINDER, Kind, Records, records, standing
+from pipeline.world.layout.ground import Ground
+from pipeline.world.layout.shapes import CYLINDER, Kind, Records, columns, records, standing
 from pipeline.world.layout.streets import Streets
 from pipeline.world.layout.structures import Structure, boxes
-from pipeline.world.seeds import Stream, generator
 
 POLE_REFLECTANCE = 0.3
+BUILDING_SETBACK_M = 3.5
 
 
 @dataclass(frozen=True)
+class Pole:
+    """A lamp post."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    height_m: float
+    dead_day: float = np.inf
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A parking slot."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    dead_day: float = np.inf
+    """The day on which a construction site closes it."""
+
+
+@dataclass
 class Campus:
     """Structures, plants and poles have the days on which they stand, slots the day on which they close."""
 
     streets: Streets
     ground: Ground
-    recipes: tuple[Template, ...]
-    structures: tuple[Structure, ...]
-    plants: tuple[Plant, ...]
-    poles: tuple[Pole, ...]
-    slots: tuple[Slot, ...]
-    taken_m: NDArray[np.float64]
+    recipes: list[Template]
+    structures: list[Structure] = field(default_factory=list)
+    plants: list[Plant] = field(default_factory=list)
+    poles: list[Pole] = field(default_factory=list)
+    slots: list[Slot] = field(default_factory=list)
+    taken_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(n, 3) discs of x, y, radius that buildings cover."""
 
-    def draft(self) -> Draft:
-        """A draft that starts as this campus."""
-        return Draft(self.streets, list(self.structures), list(self.plants), list(self.poles), list(self.slots), self.taken_m)
+    def fits(self, structure: Structure) -> bool:
+        """Whether a building keeps its distance from streets and from the other buildings."""
+        outline_m = structure.outline_m()
+        apart = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
+        return bool(apart and (self.streets.clearance_m(outline_m) > BUILDING_SETBACK_M).all())
 
+    def build(self, structure: Structure) -> None:
+        """Add a building, and reserve its ground."""
+        self.structures.append(structure)
+        self.taken_m = np.concatenate([self.taken_m, structure.discs_m()])
 
-def build_campus(seed: int, blocks: int, streets: Streets) -> Campus:
-    """The campus around `streets`, as it stands on the training day."""
-    ground = rolling_ground(generator(seed, Stream.GROUND), streets.nodes_m.min(0), streets.nodes_m.max(0))
-    rng = generator(seed, Stream.BLOCKS)
-    recipes = templates(rng)
-    draft = Draft(streets)
-    for block in divide(rng, streets, blocks):
-        fill(rng, block, draft, recipes)
-    furnish_streets(generator(seed, Stream.FURNITURE), draft)
-    return Campus(streets, ground, tuple(recipes), taken_m=draft.taken_m, **draft.tuples())
+    def free(self, points_m: Floats, from_street_m: float, from_building_m: float) -> NDArray[np.bool_]:
+        """Which (n,) of `points_m` (n, 2) keep these distances."""
+        off_street = self.streets.clearance_m(points_m) > from_street_m
+        return off_street & (cdist(points_m, self.taken_m[:, :2]) > self.taken_m[:, 2] + from_building_m).all(1)
 
 
 def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
@@ -58,11 +79,6 @@ def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
 
 
 def _poles(campus: Campus) -> Records:
-    if not campus.poles:
-        return np.zeros(0, CYLINDER)
-    x_m, y_m, radius_m, height_m, dead_day = np.array(
-        [(pole.x_m, pole.y_m, pole.radius_m, pole.height_m, pole.dead_day) for pole in campus.poles]
-    ).T
-    base_m = campus.ground.at(np.stack([x_m, y_m], 1))
-    place = {"x_m": x_m, "y_m": y_m, "radius_m": radius_m, "dead_day": dead_day}
-    return records(CYLINDER, bottom_m=base_m - 1, top_m=base_m + height_m, reflectance=POLE_REFLECTANCE, kind=Kind.POLE, **place)
+    table = columns(campus.poles, "x_m", "y_m", "radius_m", "height_m", "dead_day")
+    base_m, height_m = campus.ground.at(table["x_m"], table["y_m"]), table.pop("height_m")
+    return records(CYLINDER, bottom_m=base_m - 1, top_m=base_m + height_m, reflectance=POLE_REFLECTANCE, kind=Kind.POLE, **table)

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.formats.changes import Change, visible
+from pipeline.world import Floats
 from pipeline.world.layout.campus import Campus
-from pipeline.world.layout.draft import Draft
 from pipeline.world.layout.greenery import Plant
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.layout.site import FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, clear_of_streets, clear_site, fence, mound
@@ -52,52 +51,36 @@ class Event:
 
 
 def simulate_year(
-    seed: int,
-    campus: Campus,
-    route_m: NDArray[np.float64],
-    count: int,
-    near_share: float,
-    further: int = 0,
-    further_near_share: float = 1.0,
+    seed: int, campus: Campus, route_m: Floats, count: int, near_share: float, further: int = 0, further_near: float = 1.0
 ) -> tuple[Campus, list[Event]]:
     """The campus with the days on which things appear and vanish, and its `count` events, `near_share` of them near the route.
 
     Half are constructions. One that finds no room within SITE_TRIES becomes a demolition, and the reverse; if neither is
     possible there are fewer events. `further` additional events change neither the others nor the training day.
     """
-    draft = campus.draft()
-    here = campus, draft, route_m
-    events = _draw_events(generator(seed, Stream.EVENTS), *here, count, near_share, EVENT_PERIOD_SHARE)
-    events += _draw_events(generator(seed, Stream.FURTHER_EVENTS), *here, further, further_near_share, FURTHER_PERIOD_SHARE)
-    _replace_trees(generator(seed, Stream.TREES), draft)
-    return replace(campus, **draft.tuples()), events
+    campus = replace(campus, structures=[*campus.structures], plants=[*campus.plants])
+    campus = replace(campus, poles=[*campus.poles], slots=[*campus.slots])
+    events = _events(generator(seed, Stream.EVENTS), campus, route_m, count, near_share, EVENT_PERIOD_SHARE)
+    further_rng = generator(seed, Stream.FURTHER_EVENTS)
+    events += _events(further_rng, campus, route_m, further, further_near, FURTHER_PERIOD_SHARE)
+    _replace_trees(generator(seed, Stream.TREES), campus)
+    return campus, events
 
 
-def _draw_events(
-    rng: np.random.Generator,
-    campus: Campus,
-    draft: Draft,
-    route_m: NDArray[np.float64],
-    count: int,
-    near_share: float,
-    period_share: tuple[float, float],
+def _events(
+    rng: np.random.Generator, campus: Campus, route_m: Floats, count: int, near_share: float, period_share: tuple[float, float]
 ) -> list[Event]:
     """`count` events on random days within a share of the period, the first `near_share` of them near the route."""
     events = []
     for number in range(count):
-        near = number < round(near_share * count)
+        route = route_m if number < round(near_share * count) else None
         day = float(PERIOD_DAYS * rng.uniform(*period_share))
-        makers = (_construct, _demolish) if number % 2 == 0 else (_demolish, _construct)
-        route = route_m if near else None
-        event = makers[0](rng, campus, draft, route, day) or makers[1](rng, campus, draft, route, day)
-        if event:
-            events.append(event)
-    return events
+        first, second = (_construct, _demolish) if number % 2 == 0 else (_demolish, _construct)
+        events.append(first(rng, campus, route, day) or second(rng, campus, route, day))
+    return [event for event in events if event]
 
 
-def _construct(
-    rng: np.random.Generator, campus: Campus, draft: Draft, route_m: NDArray[np.float64] | None, day: float
-) -> Event | None:
+def _construct(rng: np.random.Generator, campus: Campus, route_m: Floats | None, day: float) -> Event | None:
     """A building at a random place with enough room: first its fence, then a mound, then the building."""
     streets = campus.streets
     for _ in range(SITE_TRIES):
@@ -108,58 +91,56 @@ def _construct(
             across = (route_m[leg + 1] - route_m[leg])[::-1] * (-1, 1) * rng.choice([-1, 1])
             on_route_m = route_m[leg] + rng.random() * (route_m[leg + 1] - route_m[leg])
             place_m = on_route_m + across / np.hypot(*across) * rng.uniform(*SITE_OFFSETS_M)
-        nearest = int((distance_to_segments_m(place_m[None], streets.starts_m, streets.ends_m)).argmin())
-        along = streets.directions()[0][nearest]
-        yaw = float(np.arctan2(along[1], along[0]) + rng.integers(4) * np.pi / 2)
+        nearest = int(distance_to_segments_m(place_m[None], streets.starts_m, streets.ends_m).argmin())
+        along_x, along_y = streets.directions()[0][nearest]
+        yaw = float(np.arctan2(along_y, along_x) + rng.integers(4) * np.pi / 2)
         recipe = campus.recipes[rng.integers(len(campus.recipes))]
         building = Structure(float(place_m[0]), float(place_m[1]), yaw, recipe, born_day=day)
-        if draft.fits(building) and clear_of_streets(streets, building):
-            clear_site(draft, building, day - FENCE_BEFORE_DAYS)
-            draft.build(building)
-            draft.structures += [fence(building, day), mound(building, day)]
+        if campus.fits(building) and clear_of_streets(streets, building):
+            clear_site(campus, building, day - FENCE_BEFORE_DAYS)
+            campus.build(building)
+            campus.structures += [fence(building, day), mound(building, day)]
             return Event("construction", day, building.x_m, building.y_m)
     return None
 
 
-def _demolish(
-    rng: np.random.Generator, campus: Campus, draft: Draft, route_m: NDArray[np.float64] | None, day: float
-) -> Event | None:
+def _demolish(rng: np.random.Generator, campus: Campus, route_m: Floats | None, day: float) -> Event | None:
     """One large building, older than the year, vanishes."""
     buildings = [
         row
-        for row, thing in enumerate(draft.structures)
+        for row, thing in enumerate(campus.structures)
         if thing.kind == Kind.BUILDING
         and thing.born_day < 0
         and thing.dead_day == np.inf
         and 4 * thing.parts[0].half_length_m * thing.parts[0].half_width_m > DEMOLISHED_FROM_M2
     ]
     if route_m is not None and buildings:
-        places_m = np.array([(draft.structures[row].x_m, draft.structures[row].y_m) for row in buildings])
+        places_m = np.array([(campus.structures[row].x_m, campus.structures[row].y_m) for row in buildings])
         gaps_m = distance_to_segments_m(places_m, route_m[:-1], route_m[1:]).min(1)
         buildings = [row for row, gap_m in zip(buildings, gaps_m, strict=True) if gap_m < NEAR_M]
     if not buildings:
         return None
     row = buildings[rng.integers(len(buildings))]
-    gone = draft.structures[row] = replace(draft.structures[row], dead_day=day)
+    gone = campus.structures[row] = replace(campus.structures[row], dead_day=day)
     return Event("demolition", day, gone.x_m, gone.y_m)
 
 
-def _replace_trees(rng: np.random.Generator, draft: Draft) -> None:
+def _replace_trees(rng: np.random.Generator, campus: Campus) -> None:
     """The share TREE_TURNOVER_A_YEAR of the trees is felled, or becomes young trees planted, on random days."""
     chance = TREE_TURNOVER_A_YEAR * PERIOD_DAYS / 365
-    for row, plant in enumerate(draft.plants):
+    for row, plant in enumerate(campus.plants):
         changes, felled, day = rng.random() < chance, rng.random() < 0.5, PERIOD_DAYS * rng.random()
         if not changes or not plant.trunk_m:
             continue
         if felled:
-            draft.plants[row] = replace(plant, dead_day=min(plant.dead_day, day))
+            campus.plants[row] = replace(plant, dead_day=min(plant.dead_day, day))
         else:
             size = {name: YOUNG_TREE * getattr(plant, name) for name in ("height_m", "trunk_m", "radius_m")}
-            draft.plants[row] = replace(plant, born_day=day, **size)
+            campus.plants[row] = replace(plant, born_day=day, **size)
 
 
-def visible_changes(day: int, campus: Campus, events: Sequence[Event], origin_m: NDArray[np.float64]) -> list[Change]:
-    """The differences between `day` and the training day, in a frame in which the origin of the world lies at `origin_m` (2,).
+def visible_changes(day: int, campus: Campus, events: Sequence[Event], origin_m: Sequence[float]) -> list[Change]:
+    """The differences between `day` and the training day, in a frame in which the origin of the world lies at `origin_m`.
 
     A tree is listed with the day on which it is felled or planted; the trees cleared for a site are part of that event.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.shapes import ALWAYS, CROWN, CYLINDER, Kind, Records, Species, records
+from pipeline.world.layout.shapes import ALWAYS, CROWN, CYLINDER, Kind, Records, Species, columns, records
 
 TRUNK_REFLECTANCE, LEAF_REFLECTANCE = 0.3, 0.4
 TRUNK_RADIUS_M, TRUNK_RADIUS_PER_HEIGHT = 0.12, 0.012
@@ -39,29 +39,19 @@ def tree(rng: np.random.Generator, x_m: float, y_m: float, height_m: float, radi
 
 def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
     """The ellipsoid crowns of `plants`; `simulate_day` sets their extinction, here 0."""
-    columns = _columns(plants)
-    height_m, trunk_m = columns.pop("height_m"), columns.pop("trunk_m")
-    middle_m = _base_m(columns, ground) + (height_m + trunk_m) / 2
-    return records(
-        CROWN, z_m=middle_m, half_height_m=(height_m - trunk_m) / 2, reflectance=LEAF_REFLECTANCE, kind=Kind.LEAF, **columns
-    )
+    table = columns(plants, "x_m", "y_m", "radius_m", "species", "born_day", "dead_day")
+    height_m, trunk_m = columns(plants, "height_m", "trunk_m").values()
+    z_m = ground.at(table["x_m"], table["y_m"]) + (height_m + trunk_m) / 2
+    half_height_m = (height_m - trunk_m) / 2
+    return records(CROWN, z_m=z_m, half_height_m=half_height_m, reflectance=LEAF_REFLECTANCE, kind=Kind.LEAF, **table)
 
 
 def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
     """The cylindrical trunks of the trees among `plants`."""
-    columns = _columns([plant for plant in plants if plant.trunk_m > 0])
-    height_m, trunk_m = columns.pop("height_m"), columns.pop("trunk_m")
-    columns["radius_m"] = TRUNK_RADIUS_M + TRUNK_RADIUS_PER_HEIGHT * height_m
-    columns["species"] = np.full(len(height_m), Species.SOLID)
-    base_m = _base_m(columns, ground)
-    top_m = base_m + trunk_m + TRUNK_IN_CROWN * (height_m - trunk_m)
-    return records(CYLINDER, bottom_m=base_m - ROOT_M, top_m=top_m, reflectance=TRUNK_REFLECTANCE, kind=Kind.TRUNK, **columns)
-
-
-def _columns(plants: Sequence[Plant]) -> dict[str, np.ndarray]:
-    names = ("x_m", "y_m", "height_m", "trunk_m", "radius_m", "species", "born_day", "dead_day")
-    return {name: np.array([getattr(plant, name) for plant in plants], float) for name in names}
-
-
-def _base_m(columns: dict[str, np.ndarray], ground: Ground) -> np.ndarray:
-    return ground.at(np.stack([columns["x_m"], columns["y_m"]], 1))
+    trees = [plant for plant in plants if plant.trunk_m > 0]
+    table = columns(trees, "x_m", "y_m", "born_day", "dead_day")
+    height_m, trunk_m = columns(trees, "height_m", "trunk_m").values()
+    table["bottom_m"] = (base_m := ground.at(table["x_m"], table["y_m"])) - ROOT_M
+    table["top_m"] = base_m + trunk_m + TRUNK_IN_CROWN * (height_m - trunk_m)
+    radius_m = TRUNK_RADIUS_M + TRUNK_RADIUS_PER_HEIGHT * height_m
+    return records(CYLINDER, radius_m=radius_m, reflectance=TRUNK_REFLECTANCE, kind=Kind.TRUNK, **table)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from pipeline.world import Floats
 
 CELL_M = 8.0
 MARGIN_M = 60.0
@@ -14,7 +15,7 @@ WAVE_LENGTHS_M = (250.0, 700.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def height_at(heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: float, x_m: float, y_m: float) -> float:
+def height_at(heights: Floats, x0_m: float, y0_m: float, cell_m: float, x_m: float, y_m: float) -> float:
     """Bilinear height in metres between the knots `heights` (i, j), of which (0, 0) lies at (x0_m, y0_m)."""
     u, v = (x_m - x0_m) / cell_m, (y_m - y0_m) / cell_m
     i = min(max(int(u), 0), heights.shape[0] - 2)
@@ -26,12 +27,10 @@ def height_at(heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _heights_at(
-    heights: NDArray[np.float64], x0_m: float, y0_m: float, cell_m: float, xy_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    z_m = np.empty(xy_m.shape[0])
-    for row in range(xy_m.shape[0]):
-        z_m[row] = height_at(heights, x0_m, y0_m, cell_m, xy_m[row, 0], xy_m[row, 1])
+def _heights_at(heights: Floats, x0_m: float, y0_m: float, cell_m: float, x_m: Floats, y_m: Floats) -> Floats:
+    z_m = np.empty(len(x_m))
+    for row in range(len(x_m)):
+        z_m[row] = height_at(heights, x0_m, y0_m, cell_m, x_m[row], y_m[row])
     return z_m
 
 
@@ -39,19 +38,19 @@ def _heights_at(
 class Ground:
     """Heights at the knots of a square raster in the world frame; the ray caster uses the same cells."""
 
-    heights_m: NDArray[np.float64]
+    heights_m: Floats
     """(i, j): knot (i, j) lies at (x0_m + i cell_m, y0_m + j cell_m)."""
     x0_m: float
     y0_m: float
     cell_m: float = CELL_M
 
-    def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Heights (n,) of the ground in metres at `xy_m` (n, 2)."""
-        xy_m = np.ascontiguousarray(xy_m, np.float64)
-        return np.asarray(_heights_at(self.heights_m, self.x0_m, self.y0_m, self.cell_m, xy_m))
+    def at(self, x_m: Floats, y_m: Floats) -> Floats:
+        """Heights (n,) of the ground in metres at places `x_m`, `y_m` (n,)."""
+        x_m, y_m = np.ascontiguousarray(x_m), np.ascontiguousarray(y_m)
+        return np.asarray(_heights_at(self.heights_m, self.x0_m, self.y0_m, self.cell_m, x_m, y_m))
 
 
-def rolling_ground(rng: np.random.Generator, low_m: NDArray[np.float64], high_m: NDArray[np.float64]) -> Ground:
+def rolling_ground(rng: np.random.Generator, low_m: Floats, high_m: Floats) -> Ground:
     """Ground below the rectangle from `low_m` to `high_m` (x, y) and a margin around it."""
     x0_m, y0_m = low_m - MARGIN_M
     cells = ((high_m - low_m + 2 * MARGIN_M) / CELL_M).astype(int) + 1

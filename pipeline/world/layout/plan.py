@@ -1,4 +1,4 @@
-"""Route plans: the streets and directions that a sequence drives, relative to those of the training sequence."""
+"""Route plans: random walks on the street graph, relative to that of the training sequence."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.world.layout.streets import Streets
-from pipeline.world.layout.walks import Graph
+from pipeline.world import Floats
+from pipeline.world.layout.streets import Streets, driven_m, points_along
 
 TRAINING_CANDIDATES, TEST_CANDIDATES = 200, 1000
 UNSEEN_WEIGHTS_LOG10, REVERSED_WEIGHTS_LOG10 = (-2.2, -0.2), (-2.0, 1.0)
 ERROR_WEIGHT = 8.0
 """Weight of an error in the wanted shares, relative to the coverage of the training route."""
+U_TURN_WEIGHT, STRAIGHT_WEIGHT, REVISIT_WEIGHT = 0.02, 1.4, 6.0
 
 SPARE_SHARE, SPARE_M = 0.1, 30.0
 """A plan is longer than the wanted route by this share and length, since the drive cuts corners."""
@@ -27,7 +28,7 @@ NEIGHBOURS = 8
 class Plan:
     """A walk on the street graph."""
 
-    line_m: NDArray[np.float64]
+    line_m: Floats
     """(n, 2) its start and the corners that it passes; it is a little longer than wanted."""
     half_edges: tuple[int, ...]
     unseen: float
@@ -38,23 +39,55 @@ class Plan:
     """The share of the training plan within SEEN_WITHIN_M of it."""
 
 
-@dataclass(frozen=True)
+class Graph:
+    """The half-edges of the streets, which lead from `tails` to `heads` (h,): 2e is street e from start to end, 2e + 1 back."""
+
+    def __init__(self, streets: Streets) -> None:
+        self.tails, self.heads = streets.edges.ravel(), streets.edges[:, ::-1].ravel()
+        self.headings, self.lengths_m = np.repeat(streets.directions()[0], 2, axis=0), np.repeat(streets.lengths_m, 2)
+        self.headings[1::2] *= -1
+        self.leaving = [np.flatnonzero(self.tails == node) for node in range(len(streets.nodes_m))]
+
+    def wander(self, rng: np.random.Generator, weights: Floats, start: int, length_m: float) -> list[int]:
+        """A random walk of at least `length_m` from corner `start`; it prefers new streets, straight on, and large weights."""
+        walk: list[int] = []
+        visits = np.zeros(len(weights) // 2)
+        node, walked_m = start, 0.0
+        while walked_m < length_m:
+            options = self.leaving[node]
+            appeal = weights[options] / (1 + REVISIT_WEIGHT * visits[options // 2]) ** 2
+            if walk:
+                straightness = self.headings[options] @ self.headings[walk[-1]]
+                appeal = appeal * np.where(options == walk[-1] ^ 1, U_TURN_WEIGHT, STRAIGHT_WEIGHT + straightness)
+            up_to = np.cumsum(appeal + 1e-9)
+            step = int(options[min(np.searchsorted(up_to, rng.random() * up_to[-1]), len(options) - 1)])
+            walk.append(step)
+            visits[step // 2] += 1
+            walked_m += self.lengths_m[step]
+            node = int(self.heads[step])
+        return walk
+
+    def anywhere(self, rng: np.random.Generator, length_m: float) -> list[int]:
+        """A random walk from a random corner, to which all streets are alike."""
+        return self.wander(rng, np.ones(len(self.tails)), int(rng.integers(len(self.leaving))), length_m)
+
+    def known(self, steps: list[int] | NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Masks of the half-edges in `steps`, and of those of the same streets in either direction."""
+        driven = np.zeros(len(self.tails), bool)
+        driven[steps] = True
+        return driven, driven | driven[np.arange(len(driven)) ^ 1]
+
+
 class _Samples:
     """Points every SAMPLE_M along a plan."""
 
-    places_m: NDArray[np.float64]
-    headings: NDArray[np.float64]
-    tree: KDTree
-
-    @staticmethod
-    def of(line_m: NDArray[np.float64], end_m: float, start_m: float = 0.0) -> "_Samples":
-        legs_m = np.hypot(*np.diff(line_m, axis=0).T)
-        driven_m = np.concatenate([[0.0], np.cumsum(legs_m)])
-        stations_m = np.arange(start_m, min(end_m, driven_m[-1]), SAMPLE_M)
-        places_m = np.stack([np.interp(stations_m, driven_m, line_m[:, axis]) for axis in (0, 1)], 1)
-        leg = np.searchsorted(driven_m, stations_m, side="right") - 1
-        headings = (np.diff(line_m, axis=0) / legs_m[:, None])[leg]
-        return _Samples(places_m, headings, KDTree(places_m))
+    def __init__(self, line_m: Floats, end_m: float, start_m: float = 0.0) -> None:
+        passed_m = driven_m(line_m)
+        stations_m = np.arange(start_m, min(end_m, passed_m[-1]), SAMPLE_M)
+        legs_m = np.diff(line_m, axis=0)
+        leg = np.searchsorted(passed_m, stations_m, side="right") - 1
+        self.places_m, self.headings = points_along(line_m, stations_m), (legs_m / np.hypot(*legs_m.T)[:, None])[leg]
+        self.tree = KDTree(self.places_m)
 
     def against(self, training: "_Samples") -> tuple[float, float, float]:
         """The shares unseen, reversed and coverage of these samples relative to those of the training plan."""
@@ -68,27 +101,20 @@ class _Samples:
 
 def plan_training(rng: np.random.Generator, streets: Streets, route_m: float) -> Plan:
     """The one of TRAINING_CANDIDATES random walks that repeats the fewest streets."""
-    graph = Graph.of(streets)
-    best: list[int] = []
-    best_share = -1.0
-    for _ in range(TRAINING_CANDIDATES):
-        walk = graph.wander(rng, np.ones(len(graph.tails)), int(rng.integers(len(streets.nodes_m))), _spare_m(route_m))
-        share = len({step // 2 for step in walk}) / len(walk)
-        if share > best_share:
-            best, best_share = walk, share
-    return follow(streets, best)
+    graph = Graph(streets)
+    walks = [graph.anywhere(rng, _spare_m(route_m)) for _ in range(TRAINING_CANDIDATES)]
+    return follow(streets, max(walks, key=lambda walk: len({step // 2 for step in walk}) / len(walk)))
 
 
 def follow(streets: Streets, half_edges: list[int]) -> Plan:
     """The training plan along connected `half_edges`."""
-    graph = Graph.of(streets)
-    corners = [int(graph.tails[half_edges[0]]), *(int(graph.heads[step]) for step in half_edges)]
-    return Plan(streets.nodes_m[corners], tuple(half_edges), 0.0, 0.0, 1.0)
+    graph = Graph(streets)
+    return Plan(streets.nodes_m[[graph.tails[half_edges[0]], *graph.heads[half_edges]]], tuple(half_edges), 0.0, 0.0, 1.0)
 
 
 def half_edges_through(streets: Streets, corners: list[int]) -> list[int]:
     """The half-edges that lead through `corners`, of which neighbours are joined by a street."""
-    graph = Graph.of(streets)
+    graph = Graph(streets)
     number = {ends: row for row, ends in enumerate(zip(graph.tails.tolist(), graph.heads.tolist(), strict=True))}
     return [number[ends] for ends in pairwise(corners)]
 
@@ -97,12 +123,12 @@ def plan_test(
     rng: np.random.Generator, streets: Streets, training: Plan, route_m: float, unseen: float, reversed_: float
 ) -> Plan:
     """The random walk with the best score: near the wanted shares, and with a large coverage of the training plan."""
-    graph, reference = Graph.of(streets), _Samples.of(training.line_m, route_m)
+    graph, reference = Graph(streets), _Samples(training.line_m, route_m)
     steps = np.array(training.half_edges)
     middles_m = np.cumsum(graph.lengths_m[steps]) - graph.lengths_m[steps] / 2
-    driven, known = _known(graph, steps[: max(1, int((middles_m < route_m).sum()))])
+    driven, known = graph.known(steps[: max(1, int((middles_m < route_m).sum()))])
     starts = np.flatnonzero(known)
-    best, best_score = training, -np.inf
+    plans = []
     for _ in range(TEST_CANDIDATES):
         weights = _weights(rng, driven, known)
         node = int(graph.tails[rng.choice(starts)])
@@ -110,11 +136,8 @@ def plan_test(
         skipped_m = rng.uniform(0, 0.8) * graph.lengths_m[walk[0]]
         start_m = streets.nodes_m[node] + skipped_m * graph.headings[walk[0]]
         line_m = np.concatenate([start_m[None], streets.nodes_m[graph.heads[walk]]])
-        plan = Plan(line_m, tuple(walk), *_Samples.of(line_m, route_m).against(reference))
-        score = _score(plan, unseen, reversed_)
-        if score > best_score:
-            best, best_score = plan, score
-    return best
+        plans.append(Plan(line_m, tuple(walk), *_Samples(line_m, route_m).against(reference)))
+    return _best(plans, unseen, reversed_)
 
 
 def plan_loops(rng: np.random.Generator, streets: Streets, route_m: float, unseen: float, reversed_: float) -> Plan:
@@ -122,33 +145,27 @@ def plan_loops(rng: np.random.Generator, streets: Streets, route_m: float, unsee
 
     Its shares are those of the second half relative to the first.
     """
-    graph, half_m = Graph.of(streets), route_m / 2
+    graph, half_m = Graph(streets), route_m / 2
     plans = []
     for _ in range(TEST_CANDIDATES):
-        first = graph.wander(rng, np.ones(len(graph.tails)), int(rng.integers(len(streets.nodes_m))), half_m)
-        weights = _weights(rng, *_known(graph, np.array(first)))
+        first = graph.anywhere(rng, half_m)
+        weights = _weights(rng, *graph.known(first))
         walk = first + graph.wander(rng, weights, int(graph.heads[first[-1]]), _spare_m(half_m))
         line_m = streets.nodes_m[[graph.tails[walk[0]], *graph.heads[walk]]]
-        again = _Samples.of(line_m, route_m, half_m)
-        plans.append(Plan(line_m, tuple(walk), *again.against(_Samples.of(line_m, half_m))))
-    return max(plans, key=lambda plan: _score(plan, unseen, reversed_))
+        again = _Samples(line_m, route_m, half_m)
+        plans.append(Plan(line_m, tuple(walk), *again.against(_Samples(line_m, half_m))))
+    return _best(plans, unseen, reversed_)
 
 
-def _known(graph: Graph, steps: NDArray[np.int64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Masks of the half-edges in `steps`, and of those of the same streets in either direction."""
-    driven = np.zeros(len(graph.tails), bool)
-    driven[steps] = True
-    return driven, driven | driven[np.arange(len(driven)) ^ 1]
-
-
-def _weights(rng: np.random.Generator, driven: NDArray[np.bool_], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _weights(rng: np.random.Generator, driven: NDArray[np.bool_], known: NDArray[np.bool_]) -> Floats:
     """Random weights of the half-edges for a walk: 1 for driven ones, others for reversed and for unseen ones."""
     off_weight, back_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10), 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
     return np.where(driven, 1.0, np.where(known, back_weight, off_weight))
 
 
-def _score(plan: Plan, unseen: float, reversed_: float) -> float:
-    return plan.coverage - ERROR_WEIGHT * (abs(plan.unseen - unseen) + abs(plan.reversed - reversed_))
+def _best(plans: list[Plan], unseen: float, reversed_: float) -> Plan:
+    """The plan with the most coverage less the weighted errors in its shares."""
+    return max(plans, key=lambda p: p.coverage - ERROR_WEIGHT * (abs(p.unseen - unseen) + abs(p.reversed - reversed_)))
 
 
 def _spare_m(route_m: float) -> float:

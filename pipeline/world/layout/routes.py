@@ -6,9 +6,9 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
+from pipeline.world import Floats
 from pipeline.world.layout.plan import Plan, follow, half_edges_through, plan_loops, plan_test, plan_training
 from pipeline.world.layout.streets import Streets, add_route, build_streets
 from pipeline.world.seeds import Stream, generator
@@ -37,8 +37,8 @@ def training_routes(seed: int, blocks: int, route_m: float, route_file: str | No
     """A random route of `route_m` metres, or that of a trajectory file, at most as long; raises ConfigError for a bad file."""
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     if route_file is None:
-        streets = _paved(streets, streets_only)
-        return Routes(seed, streets, plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m), route_m)
+        training = plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m)
+        return Routes(seed, _paved(streets, streets_only), training, route_m)
     route = read_route(Path(route_file))
     spans_m, world_m = np.ptp(route, axis=0), np.ptp(streets.nodes_m, axis=0)
     if (spans_m > world_m).any():
@@ -47,26 +47,25 @@ def training_routes(seed: int, blocks: int, route_m: float, route_file: str | No
             f" only {world_m[0]:.0f} × {world_m[1]:.0f} m"
         )
     streets, corners = add_route(streets, route)
-    streets = _paved(streets, streets_only)
     training = follow(streets, half_edges_through(streets, corners))
     length_m = float(np.hypot(*np.diff(training.line_m, axis=0).T).sum())
     if length_m < MIN_ROUTE_M:
         raise ConfigError(f"route_file={route_file}: only {length_m:.0f} m long, needs at least {MIN_ROUTE_M:.0f} m")
-    return Routes(seed, streets, training, min(route_m, length_m))
+    return Routes(seed, _paved(streets, streets_only), training, min(route_m, length_m))
 
 
 def loop_routes(seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]) -> Routes:
     """A route of `route_m` metres whose second half has the wanted shares `unseen` and `reversed` relative to its first."""
-    streets = _paved(build_streets(generator(seed, Stream.STREETS), blocks), streets_only)
+    streets = build_streets(generator(seed, Stream.STREETS), blocks)
     plan = plan_loops(generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"])
-    return Routes(seed, streets, plan, route_m)
+    return Routes(seed, _paved(streets, streets_only), plan, route_m)
 
 
 def _paved(streets: Streets, streets_only: bool) -> Streets:
     return replace(streets, is_path=np.zeros_like(streets.is_path)) if streets_only else streets
 
 
-def read_route(path: Path) -> NDArray[np.float64]:
+def read_route(path: Path) -> Floats:
     """Route (n, 2) in metres, moved so that its bounding box is centred on the origin.
 
     The file has columns x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks; comments start with #, and a
@@ -81,8 +80,7 @@ def read_route(path: Path) -> NDArray[np.float64]:
         rows = rows[1:]
     if any(len(row) != len(rows[0]) or not _numbers(row) for row in rows) or not rows or len(rows[0]) not in (2, TUM_COLUMNS):
         raise ConfigError(f"route_file={path}: expected rows of x, y or of TUM's stamp x y z qx qy qz qw")
-    first = 1 if len(rows[0]) == TUM_COLUMNS else 0
-    route_m = np.array(rows, float)[:, first : first + 2]
+    route_m = np.array(rows, float)[:, [1, 2] if len(rows[0]) == TUM_COLUMNS else [0, 1]]
     moved = np.hypot(*np.diff(route_m, axis=0).T) > 0
     if not np.isfinite(route_m).all() or not moved.any():
         raise ConfigError(f"route_file={path}: needs at least two different points, and no NaN")

@@ -3,11 +3,14 @@
 World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training sequence's date.
 """
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.world import Floats
 
 Records: TypeAlias = NDArray[Any]
 ALWAYS = (-np.inf, np.inf)
@@ -59,6 +62,11 @@ def records(dtype: np.dtype[Any], **columns: object) -> Records:
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+def columns(things: Sequence[Any], *names: str) -> dict[str, Floats]:
+    """These attributes of `things`, each as an array (n,)."""
+    return {name: np.array([getattr(thing, name) for thing in things], float) for name in names}
 
 
 def standing(shapes: Records, day: int) -> Records:

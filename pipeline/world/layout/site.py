@@ -4,9 +4,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.world.layout.draft import Draft
+from pipeline.world import Floats
+from pipeline.world.layout.campus import Campus
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.layout.streets import Streets
 from pipeline.world.layout.structures import Part, Structure
@@ -18,15 +18,16 @@ MOUND = (Part(0, 0, 8.0, 6.0, 0, 4.5),)
 
 
 def clear_of_streets(streets: Streets, building: Structure) -> bool:
-    """Whether the whole site of the building, fence included, leaves the streets free."""
-    return bool((streets.clearance_m(_site_m(building)) > FENCE_FROM_STREET_M).all())
+    """Whether the whole site of the building, fence included, leaves the streets free: points at most a metre apart do."""
+    u, v = (np.linspace(-half, half, int(2 * half) + 2) for half in _half_m(building))
+    places_m = building.to_world(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))
+    return bool((streets.clearance_m(places_m) > FENCE_FROM_STREET_M).all())
 
 
 def fence(building: Structure, day: float) -> Structure:
     """Four boards around the site, from before the building until some time after."""
-    length_m, width_m = (half + FENCE_MARGIN_M for half in building.half_extent_m())
+    (length_m, width_m), thick = _half_m(building), FENCE_HALF_THICKNESS_M
     boards = [(0, width_m, length_m, 0), (0, -width_m, length_m, 0), (length_m, 0, 0, width_m), (-length_m, 0, 0, width_m)]
-    thick = FENCE_HALF_THICKNESS_M
     parts = tuple(Part(u, v, max(long, thick), max(wide, thick), 0, FENCE_HEIGHT_M) for u, v, long, wide in boards)
     born_day, dead_day = day - FENCE_BEFORE_DAYS, day + FENCE_AFTER_DAYS
     return replace(building, parts=parts, kind=Kind.WORKS, born_day=born_day, dead_day=dead_day)
@@ -37,25 +38,22 @@ def mound(building: Structure, day: float) -> Structure:
     return replace(building, parts=MOUND, kind=Kind.WORKS, born_day=day - MOUND_BEFORE_DAYS, dead_day=day)
 
 
-def clear_site(draft: Draft, building: Structure, day: float) -> None:
+def clear_site(campus: Campus, building: Structure, day: float) -> None:
     """Remove all small things on the site from `day` on, when the fence is built."""
-    half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
-    c, s = np.cos(building.yaw_rad), np.sin(building.yaw_rad)
+    half_m, c, s = _half_m(building), np.cos(building.yaw_rad), np.sin(building.yaw_rad)
 
     def cleared(thing: Any) -> Any:
         offset_m = np.array([thing.x_m - building.x_m, thing.y_m - building.y_m])
         inside = (np.abs(offset_m @ np.array([[c, -s], [s, c]])) <= half_m).all()
         return replace(thing, dead_day=min(thing.dead_day, day)) if inside else thing
 
-    draft.plants, draft.poles, draft.slots = (
-        [cleared(thing) for thing in things] for things in (draft.plants, draft.poles, draft.slots)
-    )
     small = {Kind.CLUTTER, Kind.LEAF}
-    draft.structures = [cleared(thing) if thing.kind in small else thing for thing in draft.structures]
+    campus.plants, campus.poles, campus.slots = (
+        list(map(cleared, things)) for things in (campus.plants, campus.poles, campus.slots)
+    )
+    campus.structures = [cleared(thing) if thing.kind in small else thing for thing in campus.structures]
 
 
-def _site_m(building: Structure) -> NDArray[np.float64]:
-    """Points (n, 2) at most a metre apart all over the site of the building, fence included."""
-    half_m = np.array(building.half_extent_m()) + FENCE_MARGIN_M
-    u, v = (np.linspace(-half, half, int(2 * half) + 2) for half in half_m)
-    return building.to_world(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))
+def _half_m(building: Structure) -> Floats:
+    """Half the length and half the width (2,) of its site, fence included."""
+    return building.half_extent_m() + FENCE_MARGIN_M

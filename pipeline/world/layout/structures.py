@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.world import Floats
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.shapes import ALWAYS, BOX, Kind, Records, Species, records
+from pipeline.world.layout.shapes import ALWAYS, BOX, Kind, Records, Species, columns, records
 
 FOOTING_M = 1.5
 """Depth of a part below the ground that it stands on, so that there is no gap on slopes."""
@@ -39,20 +39,18 @@ class Structure:
     born_day: float = ALWAYS[0]
     dead_day: float = ALWAYS[1]
 
-    def to_world(self, ahead_left_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_world(self, ahead_left_m: Floats) -> Floats:
         """World points (..., 2) in metres of points in the frame of the structure."""
         c, s = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         return np.asarray(ahead_left_m @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m))
 
-    def outline_m(self) -> NDArray[np.float64]:
+    def outline_m(self) -> Floats:
         """World points (15 per part, 2) spread over its footprint, to test whether it fits."""
         u, v = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 3)))
-        spread = [
-            np.stack([part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], 1) for part in self.parts
-        ]
-        return self.to_world(np.concatenate(spread))
+        spread = [(part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m) for part in self.parts]
+        return self.to_world(np.concatenate(spread, axis=1).T)
 
-    def discs_m(self) -> NDArray[np.float64]:
+    def discs_m(self) -> Floats:
         """Discs (5 per part, 3) of x, y, radius that cover its footprint, to keep others at a distance."""
         discs = []
         for part in self.parts:
@@ -63,32 +61,20 @@ class Structure:
             discs.append(np.column_stack([self.to_world(centres), np.full(5, 1.15 * short_m + 1.5)]))
         return np.concatenate(discs)
 
-    def half_extent_m(self) -> tuple[float, float]:
-        """The largest distance of its parts from its own origin, along its length and to its sides."""
-        ahead = max(abs(part.ahead_m) + part.half_length_m for part in self.parts)
-        return ahead, max(abs(part.left_m) + part.half_width_m for part in self.parts)
+    def half_extent_m(self) -> Floats:
+        """The largest distance (2,) of its parts from its own origin, along its length and to its sides."""
+        reaches = [(abs(part.ahead_m) + part.half_length_m, abs(part.left_m) + part.half_width_m) for part in self.parts]
+        return np.asarray(np.max(reaches, axis=0))
 
 
 def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
     """The boxes of all `structures`; the base of each part is the height of the ground at its centre."""
-    if not structures:
-        return np.zeros(0, BOX)
-    owners = [structure for structure in structures for _ in structure.parts]
-    parts = [part for structure in structures for part in structure.parts]
-    places = zip(owners, parts, strict=True)
-    centres = np.array([owner.to_world(np.array([part.ahead_m, part.left_m])) for owner, part in places])
-    base_m = ground.at(centres)
-    yaw = np.array([owner.yaw_rad for owner in owners])
-    bottom_m = np.array([part.bottom_m for part in parts])
-    return records(
-        BOX,
-        x_m=centres[:, 0],
-        y_m=centres[:, 1],
-        **{name: [getattr(part, name) for part in parts] for name in ("half_length_m", "half_width_m")},
-        cos_yaw=np.cos(yaw),
-        sin_yaw=np.sin(yaw),
-        bottom_m=base_m + np.where(bottom_m == 0, -FOOTING_M, bottom_m),
-        top_m=base_m + [part.top_m for part in parts],
-        reflectance=REFLECTANCE,
-        **{name: [getattr(owner, name) for owner in owners] for name in ("born_day", "dead_day", "kind", "species")},
-    )
+    pairs = [(structure, part) for structure in structures for part in structure.parts]
+    table = columns([part for _, part in pairs], "half_length_m", "half_width_m", "bottom_m", "top_m")
+    table |= columns([structure for structure, _ in pairs], "yaw_rad", "born_day", "dead_day", "kind", "species")
+    centres = [structure.to_world(np.array([part.ahead_m, part.left_m])) for structure, part in pairs]
+    table["x_m"], table["y_m"] = np.reshape(centres, (-1, 2)).T
+    base_m, bottom_m, yaw = ground.at(table["x_m"], table["y_m"]), table["bottom_m"], table.pop("yaw_rad")
+    table["bottom_m"] = base_m + np.where(bottom_m == 0, -FOOTING_M, bottom_m)
+    table["top_m"] += base_m
+    return records(BOX, cos_yaw=np.cos(yaw), sin_yaw=np.sin(yaw), reflectance=REFLECTANCE, **table)

@@ -11,27 +11,25 @@ from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_odometry
 from pipeline.world.seeds import Noise, Stream
+from pipeline.world.writers.writer import Writer
 
 CLOUDS, TRUTH, ODOMETRY = "/points", "/ground_truth", "/odom"
 WORLD, START, BODY, LIDAR = "map", "odom", "base_link", "velodyne"
 
 
-class BagWriterInOrder:
+class BagWriterInOrder(Writer):
     """Writes one sequence as `bag.bag`, or as the folder `bag` of ROS 2, in its folder, with messages in order of time."""
 
     in_order = True
 
-    def __init__(self, folder: Path, body_T_sensor: Poses, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
-        self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind)
-        self._body_T_sensor = body_T_sensor
+    def __init__(self, folder: Path, sequence: str, body_T_sensor: Poses, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
+        super().__init__(folder, sequence, body_T_sensor)
+        self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
         self._waiting: list[tuple[int, Poses, Poses]] = []
-
-    def open(self) -> None:
-        self._bag.__enter__()
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches their stamps."""
-        self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self._body_T_sensor)
+        self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
         self._waiting = list(zip(drive.utimes.tolist(), drive.world_T_body, drifted, strict=True))[::-1]
 

@@ -9,18 +9,16 @@ from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.names import kitti_log
 from pipeline.world.seeds import Noise
-from pipeline.world.writers.files import FilesWriter
+from pipeline.world.writers.writer import Writer
 
 
-class KittiWriter(FilesWriter):
+class KittiWriter(Writer):
     """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, and the reader splits it."""
-
-    def open(self) -> None:
-        self._scans().mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the calibration, the times since the first scan, and the poses of cam0 in its first frame; no odometry."""
         log = kitti_log(self.sequence)
+        self._scans().mkdir(parents=True, exist_ok=True)
         kitti.write_calib(self.folder / kitti.CALIB.format(log=log))
         kitti.write_times(self.folder / kitti.TIMES.format(log=log), (drive.scan_utimes - drive.scan_utimes[0]) / 1e6)
         world_T_cam = drive.world_T_body[drive.scan_rows] @ self.body_T_sensor @ np.linalg.inv(kitti.CAM_T_VELO)

@@ -1,7 +1,5 @@
 """Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry (METHODS 7.1)."""
 
-from pathlib import Path
-
 import numpy as np
 
 from pipeline.formats.nclt import ODOMETRY, SCANS, TRUTH, encode, write_pose_rows
@@ -10,20 +8,18 @@ from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_odometry
 from pipeline.world.seeds import Noise, Stream
-from pipeline.world.writers.files import FilesWriter, xyzrpy
+from pipeline.world.writers.writer import Writer, xyzrpy
 
 LEADING_GAPS = 5
 """Number of NaN rows at the start of the truth: in the real files the SLAM solution begins later."""
 
 
-class NcltWriter(FilesWriter):
+class NcltWriter(Writer):
     """Writes one sequence into its folder."""
-
-    def open(self) -> None:
-        self._scans().mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the ground truth, whose first LEADING_GAPS rows are NaN, and the wheel odometry."""
+        (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
         rows = xyzrpy(flip_ned(drive.world_T_body))
         rows[:LEADING_GAPS] = np.nan
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
@@ -33,7 +29,5 @@ class NcltWriter(FilesWriter):
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """velodyne_sync/<utime>.bin."""
         points_m = returns.points_m @ self.body_T_sensor[:3, :3].T + self.body_T_sensor[:3, 3]
-        (self._scans() / f"{utime}.bin").write_bytes(encode(points_m.astype(np.float32), returns.intensity, returns.laser))
-
-    def _scans(self) -> Path:
-        return self.folder / SCANS
+        data = encode(points_m.astype(np.float32), returns.intensity, returns.laser)
+        (self.folder / SCANS / f"{utime}.bin").write_bytes(data)

@@ -8,10 +8,10 @@ import numpy as np
 from pipeline.formats import robotcar
 from pipeline.frames import flip_ned, pose
 from pipeline.world.driving.drive import Drive
-from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns
+from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns, raised
 from pipeline.world.driving.odometry import simulate_ins, visual_odometry
 from pipeline.world.seeds import Noise, Stream
-from pipeline.world.writers.files import FilesWriter, xyzrpy
+from pipeline.world.writers.writer import Writer, xyzrpy
 
 LASER = robotcar.LASERS[0]
 INS_US, IMAGES_US = 20_000, 62_500
@@ -19,19 +19,17 @@ INS_US, IMAGES_US = 20_000, 62_500
 BLIND = "INS_BAD_GPS_AGREEMENT"
 ORIGIN_M = (5_735_000.0, -620_000.0, 110.0)
 """The origin of the simulated world in UTM (x north, y west, z up), in Oxford."""
-BODY_T_VEHICLE = pose(np.array([[0.0, 0.0, CAMERA_HEIGHT_M]]), np.zeros((1, 3)))[0]
+BODY_T_VEHICLE = raised(CAMERA_HEIGHT_M)
 VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
 """(4, 4) in the z-down vehicle frame."""
 
 
-class RobotCarWriter(FilesWriter):
+class RobotCarWriter(Writer):
     """Writes one sequence into its folder."""
-
-    def open(self) -> None:
-        (self.folder / LASER).mkdir(parents=True, exist_ok=True)
 
     def write_truth(self, drive: Drive, noise: Noise) -> None:
         """Write the extrinsics, the stamps of the sweeps, the visual odometry, and the INS with its outages."""
+        (self.folder / LASER).mkdir(parents=True, exist_ok=True)
         robotcar.write_extrinsics(self.folder / "extrinsics")
         robotcar.write_timestamps(self.folder / robotcar.STAMPS.format(laser=LASER), drive.scan_utimes)
         images, rows = (np.arange(drive.utimes[0], drive.utimes[-1], step_us) for step_us in (IMAGES_US, INS_US))

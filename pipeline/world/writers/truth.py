@@ -17,16 +17,13 @@ class TruthWriter:
 
     folder: Path
 
-    def open(self) -> None:
-        """Create the folder."""
-        self._kinds().mkdir(parents=True, exist_ok=True)
-
     def write_scan(self, utime: int, returns: Returns) -> None:
         """Write the `shapes.Kind` of each point of a scan."""
         np.save(self._kinds() / f"{utime}.npy", returns.kind)
 
     def write_year(self, day: int, events: Sequence[Event], plan: dict[str, float]) -> None:
-        """Write the events of the whole year, the day of the sequence in it, and the shares of its route."""
+        """Create the folders; write the events of the whole year, the day of the sequence in it, and the shares of its route."""
+        self._kinds().mkdir(parents=True, exist_ok=True)
         year = {"day": day, "events": [asdict(event) for event in events], "plan": plan}
         (self.folder / "year.json").write_text(json.dumps(year, indent=1) + "\n")
 
