@@ -111,7 +111,7 @@ class Downloader:
                 raise LogError(f"{url}: its certificate is not to be trusted ({_said(error)})") from None
             except (TryAgainError, exceptions.ConnectionError, exceptions.ChunkedEncodingError, exceptions.Timeout) as error:
                 why = _said(error)
-                unreached += _unreached(error)
+                unreached += isinstance(getattr(next(iter(error.args), None), "reason", None), NewConnectionError)
                 if unreached == UNREACHED:
                     advice = "is there a network, and is the base address right?"
                     raise LogError(f"{url}: cannot be reached ({why}); {advice}") from None
@@ -189,16 +189,9 @@ def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Par
 def _length(answer: requests.Response) -> int:
     said, coding = answer.headers.get("Content-Length", ""), answer.headers.get("Content-Encoding", "identity")
     if not re.fullmatch("[0-9]{1,15}", said) or coding != "identity":
-        raise LogError(
-            f"{answer.url}: the server does not say how long the file is, so a part cannot be distinguished from the whole"
-        )
+        unknown = "the server does not say how long the file is, so a part cannot be distinguished from the whole"
+        raise LogError(f"{answer.url}: {unknown}")
     return int(said)
-
-
-def _unreached(error: Exception) -> bool:
-    """Whether no connection was established."""
-    cause = getattr(error.args[0], "reason", None) if error.args else None
-    return isinstance(cause, NewConnectionError)
 
 
 def _said(error: Exception) -> str:

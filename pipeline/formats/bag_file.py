@@ -81,7 +81,10 @@ class BagFile:
             self._reader = rosbag1.Reader(path) if path.suffix == ".bag" and path.is_file() else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, self._reader.close)
-            self.topics = self._topics()
+            self.topics: dict[str, Topic] = {}
+            for connection in sorted(self._reader.connections, key=lambda connection: connection.topic):
+                before = self.topics[connection.topic].count if connection.topic in self.topics else 0
+                self.topics[connection.topic] = Topic(_kind(connection), int(connection.msgcount) + before)
             self.span_ns = int(self._reader.start_time), int(self._reader.end_time)
 
     def __reduce__(self) -> tuple[type["BagFile"], tuple[Path]]:
@@ -121,13 +124,6 @@ class BagFile:
     def ros(self) -> int:
         """The version of ROS: 1 or 2."""
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
-
-    def _topics(self) -> dict[str, Topic]:
-        topics: dict[str, Topic] = {}
-        for connection in self._reader.connections:
-            count = topics[connection.topic].count if connection.topic in topics else 0
-            topics[connection.topic] = Topic(_kind(connection), int(connection.msgcount) + count)
-        return dict(sorted(topics.items()))
 
     def _connections(self, topic: str) -> list[Connection]:
         """The connections that wrote a topic; raises LogError for messages that are not of one standard type."""

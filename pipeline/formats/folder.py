@@ -30,7 +30,11 @@ def points(data: bytes, path: Path, columns: int) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):  # numpy warns when a signalling NaN becomes a float64
         if path.suffix == ".pcd":
             return pcd.decode(data, path, LARGEST_BYTES)
-        return _npy(data, path) if path.suffix == ".npy" else _bin(data, path, columns)
+        if path.suffix == ".npy":
+            return _npy(data, path)
+        if len(data) % (4 * columns):
+            raise LogError(f"{path}: {len(data)} bytes are no whole number of {4 * columns}-byte points (columns={columns})")
+        return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
 
 
 def stamp_ns(word: str, unit: str) -> int | None:
@@ -62,12 +66,6 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
             raise LogError(f"{path}: row {row + 1} is '{' '.join(words)[:60]}'; expected eight numbers") from None
         stamps.append(stamp)
     return stamps, numbers
-
-
-def _bin(data: bytes, path: Path, columns: int) -> NDArray[np.float64]:
-    if len(data) % (4 * columns):
-        raise LogError(f"{path}: {len(data)} bytes are no whole number of {4 * columns}-byte points (columns={columns})")
-    return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
 
 
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:

@@ -2,13 +2,12 @@
 
 import json
 import re
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
-from pipeline.formats.bag import CLOUD, SWEEP
+from pipeline.formats.bag import CLOUD, SWEEP, TRANSFORMS
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
@@ -20,30 +19,12 @@ BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 DRIFTS = re.compile("odom|vo|vio|wheel")
 
-LEVEL_M = 0.1
-"""Sweeps of a lidar lower than this need a lift, or they are invisible in a view of heights."""
 
+def propose(contents: Contents) -> tuple[str, list[str]]:
+    """The text of a file for conf/dataset with points, truth, odometry and extrinsics, and warnings for its user.
 
-@dataclass(frozen=True)
-class PoseSource:
-    """A topic or a pair of frames with poses."""
-
-    name: str
-    frame: str
-    child: str
-    rate_hz: float
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A file for conf/dataset, and warnings for its user."""
-
-    text: str
-    warnings: tuple[str, ...]
-
-
-def propose(contents: Contents) -> Proposal:
-    """Choose the points, the truth, the odometry and the extrinsics; raises LogError for bags without points."""
+    Raises LogError for bags without points.
+    """
     points = next(iter(contents.of(CLOUD) or contents.of(SWEEP)), None)
     if points is None:
         held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
@@ -89,34 +70,33 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   methods: [sci, scan_context]
 """
     head, rest = text.split("\n", 1)
-    return Proposal("\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), tuple(warnings))
+    return "\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), warnings
 
 
-def _poses(contents: Contents) -> tuple[PoseSource | None, PoseSource | None]:
+def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
     """The most likely truth, and the most likely odometry among the rest."""
-    topics = [PoseSource(topic.name, topic.frame, topic.child, topic.rate_hz) for topic in contents.of(*KINDS)]
     frames = sorted({frame for edge in contents.tree.edges for frame in edge})
     bodies = [body for body in BODIES if body in frames]
     trees = [
-        PoseSource(f"tf:{world}>{body}", world, body, np.nan)
+        TopicSummary(f"tf:{world}>{body}", TRANSFORMS, 0, np.nan, world, body)
         for world in (*WORLDS, "odom")
         for body in bodies[:1]
         if world in frames and contents.tree.moves(world, body)
     ]
-    sources = topics + trees
+    sources = contents.of(*KINDS) + trees
     truth = max(sources, key=_trust, default=None)
     drifting = [source for source in sources if source is not truth and DRIFTS.search(source.frame + " " + source.name)]
     return truth, min(drifting, key=_trust, default=None)
 
 
-def _trust(source: PoseSource) -> int:
+def _trust(source: TopicSummary) -> int:
     """A score, larger for poses that are more likely the truth than odometry; a topic is preferred to transforms."""
     known, drifts = source.frame in WORLDS, bool(DRIFTS.search(source.frame + " " + source.name))
     return 8 * known + 4 * bool(TRUE.search(source.name)) - 4 * drifts + (not source.name.startswith("tf:"))
 
 
 def _extrinsic(
-    contents: Contents, points: TopicSummary, truth: PoseSource | None, warnings: list[str]
+    contents: Contents, points: TopicSummary, truth: TopicSummary | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
     """body_T_lidar (4, 4), None where it is unknown, and the comment beside it; appends to `warnings`."""
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
@@ -136,7 +116,7 @@ def _lift(contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.flo
     """The lift in metres that puts the ground of the first cloud at z = 0, and the comment beside it."""
     unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
     if points.kind == SWEEP:
-        raised = body_T_lidar is not None and body_T_lidar[2, 3] > LEVEL_M
+        raised = body_T_lidar is not None and body_T_lidar[2, 3] > 0.1  # lower ones are invisible in a view of heights
         return 0.0 if raised else 1.0, "a level sweep sees no ground: its height marks occupied bins, so it must not be 0"
     if body_T_lidar is None:
         return unknown
@@ -151,7 +131,7 @@ def _lift(contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.flo
     return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
 
 
-def _source_line(source: PoseSource | None) -> str:
+def _source_line(source: TopicSummary | None) -> str:
     if source is None:
         return "null # this bag holds none"
     parts = [f"in the frame {source.frame or '?'}", f"of {source.child}", _rate(source.rate_hz)]

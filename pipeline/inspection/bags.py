@@ -7,43 +7,46 @@ from pipeline.errors import LogError
 from pipeline.formats.bag_file import find, plain
 from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import propose
-from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes, typographic
+from pipeline.inspection.inspection import Inspection, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import size
-from pipeline.readers.bag_poses import Tree
 
 
 def below(path: Path) -> list[Path]:
     """The bags at `path`, right below it, or in the folders below it; an empty list where there are none."""
-    found = find(path)
-    if not found and path.is_dir():
-        found = [bag for child in sorted(path.iterdir()) for bag in find(child)]
-    return found
+    children = sorted(path.iterdir()) if path.is_dir() else []
+    return find(path) or [bag for child in children for bag in find(child)]
 
 
-def bags(path: Path) -> Inspection:
+def bags(path: Path, found: Inspection) -> None:
     """A bag, or a folder of bags; raises LogError where none can be read."""
     paths = below(path)
     contents = Contents.read(paths)
     start_ns, end_ns = contents.span_ns
-    rows = [("bags", f"{len(paths)}, {nbytes(sum(map(size, paths)))}: {', '.join(bag.name for bag in paths):.400}")]
-    rows += [("from", moment(start_ns)), ("span", duration((end_ns - start_ns) * 1e-9))] if end_ns > start_ns else []
+    span = [("from", moment(start_ns)), ("span", duration((end_ns - start_ns) * 1e-9))] if end_ns > start_ns else []
+    held = ("bags", f"{len(paths)}, {nbytes(sum(map(size, paths)))}: {', '.join(bag.name for bag in paths):.400}")
+    found.describe("ROS bag", held, *span)
     topics: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
     for topic in contents.topics:
-        frames = f", in {topic.frame}" if topic.frame else ""
-        frames += f", of {topic.child}" if topic.child else ""
+        frames = (f", in {topic.frame}" if topic.frame else "") + (f", of {topic.child}" if topic.child else "")
         rate = f"{topic.rate_hz:.3g} a second" if topic.rate_hz > 0 else "–"
         topics.append((plain(topic.name, 60), f"{topic.count:,}", rate, plain(topic.kind, 60).replace("/msg/", "/") + frames))
-    sections = [Section("", tuple(rows)), Section("topics", tuple(topics))]
-    if contents.tree.edges:
-        sections.append(Section("transforms", _edges(contents.tree)))
-    warnings = tuple(f"left aside: {line}" for line in contents.broken)
+    found.add("topics", *topics)
+    transforms = []
+    for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
+        fixed = typographic("fixed, at x {:.3f}, y {:.3f}, z {:.3f} m".format(*poses[-1, :3, 3]))
+        how = "moves" if contents.tree.moves(parent, child) else fixed
+        transforms.append((f"{parent} > {child}", f"{len(stamps_ns):,}", how))
+    if transforms:
+        found.add("transforms", *transforms)
+    found.warnings += tuple(f"left aside: {line}" for line in contents.broken)
     try:
-        proposed = propose(contents)
+        text, warnings = propose(contents)
     except LogError as error:
-        return Inspection(f"{path} — ROS bag", tuple(sections), (*warnings, str(error)))
-    lines = tuple((line,) for line in proposed.text.splitlines())
-    sections.append(Section("proposed for conf/dataset; root is the folder that the bags lie in", lines))
-    return Inspection(f"{path} — ROS bag{'s' if len(paths) > 1 else ''}", tuple(sections), (*warnings, *proposed.warnings))
+        found.warn(True, str(error))
+        return
+    found.kind = f"ROS bag{'s' if len(paths) > 1 else ''}"
+    found.add("proposed for conf/dataset; root is the folder that the bags lie in", *((line,) for line in text.splitlines()))
+    found.warnings += tuple(warnings)
 
 
 def proposal(paths: Sequence[Path]) -> str:
@@ -51,13 +54,4 @@ def proposal(paths: Sequence[Path]) -> str:
     found = [bag for path in paths for bag in below(path)]
     if not found:
         raise LogError(f"{', '.join(map(str, paths))}: no bag there")
-    return propose(Contents.read(found)).text
-
-
-def _edges(tree: Tree) -> tuple[tuple[str, ...], ...]:
-    rows: list[tuple[str, ...]] = []
-    for (parent, child), (stamps_ns, poses) in sorted(tree.edges.items()):
-        x, y, z = poses[-1, :3, 3]
-        fixed = typographic(f"fixed, at x {x:.3f}, y {y:.3f}, z {z:.3f} m")
-        rows.append((f"{parent} > {child}", f"{len(stamps_ns):,}", "moves" if tree.moves(parent, child) else fixed))
-    return tuple(rows)
+    return propose(Contents.read(found))[0]

@@ -5,8 +5,6 @@ the fewest cells of azimuth × elevation is that of the sensor. Seen from there,
 separate clusters of elevation and can be counted.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,17 +22,8 @@ USUAL = (1, 4, 8, 16, 32, 40, 64, 80, 128)
 """Beam counts of real sensors; an estimate within 7 % of one is replaced by it."""
 
 
-@dataclass(frozen=True)
-class Beams:
-    """An estimate of the sensor."""
-
-    count: int
-    height_m: float
-    """z of the sensor in the frame of the points."""
-
-
-def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) -> Beams | None:
-    """Beams of a cloud (n, 3) in metres whose ground lies at z = `ground_m`; None where its points form no rings.
+def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) -> tuple[int, float] | None:
+    """Beams of a cloud (n, 3) in metres with its ground at z = `ground_m`, and z of the sensor; None if its points form no rings.
 
     The sensor is searched on the z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points down). Points on the ground
     are not used for the height, since flat ground seen from z = `ground_m` is one ring, but for the count. Beams without a return
@@ -49,19 +38,22 @@ def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) 
         return None
     voting = _slices(turn[voters], VOTING_SLICES)
 
-    def concentration(height_m: float) -> float:
-        """Points per occupied cell, seen from that height."""
-        return float(voters.sum()) / _occupied(voting, _elevation(z_m[voters] - height_m, range_m[voters]))
+    def cells(height_m: float) -> int:
+        """Occupied cells of azimuth × elevation, seen from that height."""
+        rows = int(180 / CELL_DEG)
+        elevation_deg = _elevation(z_m[voters] - height_m, range_m[voters])
+        occupied = np.zeros(VOTING_SLICES * rows, bool)
+        occupied[voting * rows + ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, rows - 1)] = True
+        return int(np.count_nonzero(occupied))
 
     coarse = ground_m + up * np.arange(0.3, 4.0, 0.1)
-    scores = np.array([concentration(height) for height in coarse])
-    best = coarse[scores.argmax()]
-    if scores.max() < 1.5 * np.median(scores):
+    occupied = np.array([cells(height) for height in coarse])
+    if (1 / occupied).max() < 1.5 * np.median(1 / occupied):
         return None
-    fine = best + np.arange(-0.08, 0.09, 0.02)
-    height_m = float(fine[np.argmax([concentration(height) for height in fine])])
+    fine = coarse[occupied.argmin()] + np.arange(-0.08, 0.09, 0.02)
+    height_m = float(fine[np.argmin([cells(height) for height in fine])])
     counting = _slices(turn, COUNTING_SLICES if len(turn) >= SPARSE else COUNTING_SLICES // 3)
-    return Beams(_count(counting, _elevation(z_m - height_m, range_m)), height_m)
+    return _count(counting, _elevation(z_m - height_m, range_m)), height_m
 
 
 def _slices(turn: NDArray[np.float64], slices: int) -> NDArray[np.int64]:
@@ -72,13 +64,6 @@ def _slices(turn: NDArray[np.float64], slices: int) -> NDArray[np.int64]:
 def _elevation(rise_m: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Degrees above the horizon."""
     return np.degrees(np.arctan2(rise_m, range_m))
-
-
-def _occupied(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
-    rows = int(180 / CELL_DEG)
-    cells = np.zeros(VOTING_SLICES * rows, bool)
-    cells[slices * rows + ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, rows - 1)] = True
-    return int(np.count_nonzero(cells))
 
 
 def _count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:

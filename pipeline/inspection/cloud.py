@@ -1,5 +1,6 @@
-"""Diagnoses a cloud: its key numbers, and warnings on everything that would break a method."""
+"""Diagnoses of clouds: key numbers, and warnings on everything that would break a method."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,10 +8,11 @@ from numpy.typing import NDArray
 
 from pipeline.inspection import symptoms
 from pipeline.inspection.beams import find_beams
-from pipeline.inspection.inspection import Section, metres, typographic
+from pipeline.inspection.inspection import Inspection, metres, typographic
 
 MANY = 1_000
 """A scan of a spinning LiDAR has at least so many points."""
+UNKNOWN = (float("nan"),) * 3
 
 
 @dataclass(frozen=True)
@@ -18,37 +20,37 @@ class Diagnosis:
     """Key numbers of one cloud, in metres and in its own frame; NaN or None where unknown."""
 
     points: int
-    range_m: tuple[float, float, float]
-    """Median, 99th percentile and largest distance from the origin in the xy plane."""
-    z_m: tuple[float, float, float]
-    """1st, 50th and 99th percentile."""
-    azimuth_deg: float
-    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
-    beams: int | None
-    """By the laser ids, or an estimate of the beams with returns."""
-    ground_m: float
-    """z of the ground near the sensor."""
-    sensor_m: float
-    """The sensor's height over the ground."""
     warnings: tuple[str, ...]
+    range_m: tuple[float, ...] = UNKNOWN
+    """Median, 99th percentile and largest distance from the origin in the xy plane."""
+    z_m: tuple[float, ...] = UNKNOWN
+    """1st, 50th and 99th percentile."""
+    azimuth_deg: float = 0.0
+    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
+    beams: int | None = None
+    """By the laser ids, or an estimate of the beams with returns."""
+    ground_m: float = np.nan
+    """z of the ground near the sensor."""
+    sensor_m: float = np.nan
+    """The sensor's height over the ground."""
     has_laser_ids: bool = False
     """Whether `beams` is by the laser ids."""
 
-    def section(self, title: str = "cloud") -> Section:
-        """The numbers as rows of text."""
-        low, mid, high = self.z_m
+    def add_to(self, found: Inspection, title: str = "cloud") -> None:
+        """Add the numbers as rows of text, and the warnings."""
         source = "laser ids" if self.has_laser_ids else "with returns, estimated"
         rows = [
             ("points", f"{self.points:,}"),
-            ("range", "median {}, 99 % {}, farthest {}".format(*map(_length, self.range_m))),
-            ("height", f"1 % {low:.2f} m, median {mid:.2f} m, 99 % {high:.2f} m"),
+            ("range", "median {}, 99 % {}, farthest {}".format(*(_known(length, "none", metres) for length in self.range_m))),
+            ("height", "1 % {:.2f} m, median {:.2f} m, 99 % {:.2f} m".format(*self.z_m)),
             ("azimuth", f"{self.azimuth_deg:.0f}° of 360° covered"),
             ("beams", "unknown: the points form no rings" if self.beams is None else f"{self.beams} ({source})"),
-            ("ground", "unknown" if np.isnan(self.ground_m) else f"at z = {_signed(self.ground_m)} m"),
+            ("ground", _known(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m")),
         ]
         if np.isfinite(self.sensor_m):
             rows.append(("sensor", f"{self.sensor_m:.2f} m over the ground (estimated)"))
-        return Section(title, tuple(rows))
+        found.add(title, *rows)
+        found.warnings += self.warnings
 
 
 def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = None) -> Diagnosis:
@@ -59,23 +61,26 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
     warnings: list[str] = []
-    if not finite.all():
-        warnings.append(
-            f"NaN/inf points: {int((~finite).sum()):,} of {len(finite):,} are not finite and poison every maximum and mean; "
-            "drop them when reading"
-        )
-    if len(points) < MANY:
-        warnings.append(f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the file cut short?")
-    nan = float("nan")
+
+    def warn(when: object, text: str) -> None:
+        warnings.extend([text] if when else [])
+
+    lost = int((~finite).sum())
+    warn(
+        lost,
+        f"NaN/inf points: {lost:,} of {len(finite):,} are not finite and poison every maximum and mean; drop them when reading",
+    )
+    few = f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the file cut short?"
+    warn(len(points) < MANY, few)
     if not len(points):
-        return Diagnosis(0, (nan, nan, nan), (nan, nan, nan), 0.0, None, nan, nan, tuple(warnings))
+        return Diagnosis(0, tuple(warnings))
     warnings += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
-    low, mid, high = (float(value) for value in np.percentile(points[:, 2], (1, 50, 99)))
+    heights = low, _, high = tuple(map(float, np.percentile(points[:, 2], (1, 50, 99))))
     ranges = (float(np.median(range_m)), float(np.percentile(range_m, 99)), float(range_m.max()))
     covered = symptoms.coverage(points[range_m > 0])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
-    ground, sensor = nan, nan
+    ground = sensor = np.nan
     shape = symptoms.scale(points, range_m) or symptoms.flat(points)
     if shape:
         warnings.append(shape)
@@ -84,33 +89,71 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
         down = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
         found = find_beams(points, ground, -1.0 if down else 1.0)
         if found is not None:
-            beams, sensor = beams or found.count, abs(found.height_m - ground)
-        if down:
-            warnings.append(
-                f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every highest z is the ground's: "
-                "turn it by (x, −y, −z)"
-            )
-        if abs(ground) > 0.5:
-            warnings.append(
-                f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as much; "
-                f"raise the points by {_signed(-ground)} m (lidar_height_m, lift_m of the dataset's yaml)"
-            )
-        if covered < 300:
-            warnings.append(
-                f"not all round: {covered:.0f}° of 360° covered; a turned vehicle sees another part of the place, so no shift of "
-                "the columns brings it back: gather several scans, or query in the training's direction"
-            )
-        elif beams is not None and beams <= 20:
-            warnings.append(
-                f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the rings, or gather "
-                "several scans into one submap"
-            )
-    return Diagnosis(len(points), ranges, (low, mid, high), covered, beams, ground, sensor, tuple(warnings), lasers is not None)
+            beams, sensor = beams or found[0], abs(found[1] - ground)
+        warn(
+            down,
+            f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every highest z is the ground's: "
+            "turn it by (x, −y, −z)",
+        )
+        warn(
+            abs(ground) > 0.5,
+            f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as much; "
+            f"raise the points by {_signed(-ground)} m (lidar_height_m, lift_m of the dataset's yaml)",
+        )
+        warn(
+            covered < 300,
+            f"not all round: {covered:.0f}° of 360° covered; a turned vehicle sees another part of the place, so no shift of "
+            "the columns brings it back: gather several scans, or query in the training's direction",
+        )
+        warn(
+            covered >= 300 and beams is not None and beams <= 20,
+            f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the rings, or gather "
+            "several scans into one submap",
+        )
+    return Diagnosis(len(points), tuple(warnings), ranges, heights, covered, beams, ground, sensor, lasers is not None)
+
+
+def spread(count: int) -> list[int]:
+    """At most five rows, evenly spread over `count` rows, the first and the last included."""
+    return sorted({int(row) for row in np.linspace(0, count - 1, 5).round()}) if count else []
+
+
+def survey(found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str) -> None:
+    """Add a table of the diagnoses of a few of `count` scans, each (n, 3) in metres in `frame`, and each kind of warning once.
+
+    Under an open sky few beams of a good sensor return, so a warning on the number of beams needs most of the scans.
+    """
+    diagnoses = {row: diagnose(points(row)) for row in spread(count)}
+    head = ("scan", "points", "range 50 %", "99 %", "z 1 %", "50 %", "99 %", "azimuth", "beams", "ground", "sensor above it")
+    found.add(f"clouds, {frame}", head, *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()))
+    kinds: dict[str, tuple[str, list[int]]] = {}
+    for row, diagnosis in diagnoses.items():
+        for warning in diagnosis.warnings:
+            kind = "beams" if warning.partition(":")[0].endswith("beams") else " ".join(warning.split()[:2])
+            kinds.setdefault(kind, (warning, []))[1].append(row)
+    for kind, (warning, rows) in kinds.items():
+        scans = f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, rows))} of the {len(diagnoses)} looked at"
+        found.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
+
+
+def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
+    def height(height_m: float) -> str:
+        return _known(height_m, "–", lambda height: typographic(f"{height:.2f} m"))
+
+    return (
+        f"{diagnosis.points:,}",
+        *(_known(length, "–", metres) for length in diagnosis.range_m[:2]),
+        *map(height, diagnosis.z_m),
+        f"{diagnosis.azimuth_deg:.0f}°",
+        "?" if diagnosis.beams is None else str(diagnosis.beams),
+        height(diagnosis.ground_m),
+        height(diagnosis.sensor_m),
+    )
+
+
+def _known(value: float, unknown: str, text: Callable[[float], str]) -> str:
+    return unknown if np.isnan(value) else text(value)
 
 
 def _signed(value: float) -> str:
     return typographic(f"{value:+.2f}")
-
-
-def _length(value: float) -> str:
-    return "none" if np.isnan(value) else metres(value)

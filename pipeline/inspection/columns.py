@@ -1,5 +1,6 @@
 """The ranges of the arrays of an artifact, read block by block to bound the memory."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,9 +9,6 @@ from numpy.typing import NDArray
 
 from pipeline.inspection.inspection import duration, moment, typographic
 from pipeline.schemas import Column
-
-BLOCK = 1 << 22
-"""Elements read at once."""
 
 
 @dataclass(frozen=True)
@@ -30,30 +28,33 @@ class Extent:
         if not count:
             return "no rows"
         if self.dtype.kind == "b":
-            return f"{'false' if not self.low else 'true'} … {'true' if self.high else 'false'}"
+            return f"{str(bool(self.low)).lower()} … {str(bool(self.high)).lower()}"
+        if np.isnan(self.low):
+            return "all NaN"
         if self.low == self.high and not self.nans:
             return _number(self.low)
-        span = "all NaN" if np.isnan(self.low) else f"{_number(self.low)} … {_number(self.high)}"
-        return span + (f", {100 * self.nans / count:.3g} % NaN" if self.nans and span != "all NaN" else "")
+        return f"{_number(self.low)} … {_number(self.high)}" + (f", {100 * self.nans / count:.3g} % NaN" if self.nans else "")
+
+
+def blocks(array: Any) -> Iterator[NDArray[Any]]:
+    """The rows of a zarr or numpy array, some whole chunks of about four million elements at a time."""
+    chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
+    step = max(1, 2**22 // max(1, int(np.prod(array.shape[1:]))) // chunk) * chunk
+    for start in range(0, array.shape[0], step):
+        yield np.asarray(array[start : start + step])
 
 
 def extent(array: Any) -> Extent:
-    """Lowest and highest of a zarr or numpy array with at least one dimension."""
+    """Lowest and highest of a zarr or numpy array with at least one dimension; NaN for an array without a number."""
     low, high, nans, infinite = np.inf, -np.inf, 0, 0
-    row = max(1, int(np.prod(array.shape[1:])))
-    chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
-    step = max(1, BLOCK // row // chunk) * chunk
-    for start in range(0, array.shape[0], step):
-        block: NDArray[Any] = np.asarray(array[start : start + step])
+    for block in blocks(array):
         if block.dtype.kind == "f":
-            nan = np.isnan(block)
-            nans += int(nan.sum())
+            nans += int(np.isnan(block).sum())
             infinite += int(np.isinf(block).sum())
-            block = block[~nan]
+            block = block[~np.isnan(block)]
         if block.size:
             low, high = min(low, block.min().item()), max(high, block.max().item())
-    if low > high:
-        low = high = float("nan")
+    low, high = (low, high) if low <= high else (np.nan, np.nan)
     return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
@@ -61,18 +62,12 @@ def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ..
     """Name, type, dimensions with their lengths, range, and the description in the data dictionary."""
     dims = column.dims if column is not None and len(column.dims) == len(found.shape) else ("",) * len(found.shape)
     sides = " × ".join(f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True))
-    span = _clock(found) if name == "stamps_ns" and found.low <= found.high else found.text()
+    span = found.text()
+    if name == "stamps_ns" and found.low <= found.high:
+        span = f"{duration((found.high - found.low) * 1e-9)} from {moment(int(found.low)).partition(' (')[0]}"
     return (name, str(found.dtype), sides or "one number", span, *((column.doc,) if column is not None else ()))
 
 
-def _clock(found: Extent) -> str:
-    """A range of stamps in ns as duration and start."""
-    first = moment(int(found.low)).partition(" (")[0]
-    return f"{duration((found.high - found.low) * 1e-9)} from {first}"
-
-
 def _number(value: float) -> str:
-    if isinstance(value, bool | np.bool_):
-        return str(value).lower()
     text = f"{value:.5g}" if isinstance(value, float) else f"{value:,}" if abs(value) < 10**12 else str(value)
     return typographic(text) if "e" not in text else text

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inspection.columns import BLOCK
-from pipeline.inspection.inspection import Findings, Section, duration, metres, moment, typographic
-from pipeline.inspection.survey import spread, survey
+from pipeline.inspection.cloud import survey
+from pipeline.inspection.columns import blocks
+from pipeline.inspection.inspection import Inspection, box, duration, metres, moment, typographic
 from pipeline.store import Artifact
 
 VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
@@ -13,13 +13,12 @@ SWEEP_POINTS = 2_000
 """Scans of fewer points are sweeps of a 2-D LiDAR, which are not diagnosed one by one."""
 
 
-def scans(artifact: Artifact) -> Findings:
+def scans(artifact: Artifact, found: Inspection) -> None:
     """The drive, and the diagnoses of a few of its clouds."""
-    drive, warnings = _drive(artifact, "world_T_scan", "scans")
-    placed = np.isfinite(artifact.load("world_T_scan")).all(axis=(1, 2))
+    drive = _drive(artifact, found, "world_T_scan", "scans")
+    placed, posed = (np.isfinite(artifact.load(name)).all(axis=(1, 2)) for name in ("world_T_scan", "odom_T_scan"))
     offsets, grain_m = artifact.load("offsets"), float(artifact.attrs["grain_m"])
     sizes = np.diff(offsets)
-    posed = np.isfinite(artifact.load("odom_T_scan")).all(axis=(1, 2))
     if len(sizes):
         points_a_scan = f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain {1000 * grain_m:.3g} mm"
         drive += [
@@ -27,25 +26,24 @@ def scans(artifact: Artifact) -> Findings:
             ("true place", f"at {100 * placed.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * posed.mean():.3g} % of the scans"),
         ]
-    if not (placed | posed).all():
-        warnings.append(f"{int((~placed & ~posed).sum())} scans have neither a true pose nor odometry: `dvc repro` them")
-    if (sizes < 0).any() or offsets[-1] != artifact["points"].shape[0]:
-        return Findings((Section("", tuple(drive)),), (*warnings, "offsets do not fit the points: `dvc repro` the scans"))
+    lost, empty = int((~placed & ~posed).sum()), int((sizes == 0).sum())
+    found.warn(lost, f"{lost} scans have neither a true pose nor odometry: `dvc repro` them")
+    fits = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
+    found.warn(not fits, "offsets do not fit the points: `dvc repro` the scans")
+    is_sweeps = fits and len(sizes) and np.median(sizes) < SWEEP_POINTS
+    found.add("", *drive, *([("kind", "sweeps of a 2-D LiDAR, to be accumulated")] if is_sweeps else []))
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
-    if len(sizes) and np.median(sizes) < SWEEP_POINTS:
-        return Findings((Section("", (*drive, ("kind", "sweeps of a 2-D LiDAR, to be accumulated"))),), tuple(warnings))
-    clouds, found = survey(spread(len(sizes)), points, VEHICLE)
-    if (sizes == 0).any():
-        warnings.append(f"{int((sizes == 0).sum())} scans hold no point: their views would be blank; look at the log's files")
-    return Findings((Section("", tuple(drive)), clouds), (*warnings, *found))
+    if fits and not is_sweeps:
+        found.warn(empty, f"{empty} scans hold no point: their views would be blank; look at the log's files")
+        survey(found, len(sizes), points, VEHICLE)
 
 
-def submaps(artifact: Artifact) -> Findings:
+def submaps(artifact: Artifact, found: Inspection) -> None:
     """The drive, and the number of scans per submap."""
-    drive, warnings = _drive(artifact, "world_T_anchor", "submaps")
+    drive = _drive(artifact, found, "world_T_anchor", "submaps")
     if artifact["scans"].shape[0]:
         used = np.concatenate([[0], np.cumsum(artifact.load("used"))])
         gathered = used[artifact.load("scans") + 1] - used[artifact.load("first")]
@@ -54,52 +52,41 @@ def submaps(artifact: Artifact) -> Findings:
             ("gathers", f"{gathered.min():,} … {gathered.max():,} scans each, laid out by {artifact.attrs['layout']}"),
             ("ground", typographic(f"{ground_m.min():.2f} … {ground_m.max():.2f} m in the anchors' frames")),
         ]
-    drive += [("left out", f"{count:,} anchors: {reason}") for reason, count in artifact.attrs["left_out"].items()]
-    return Findings((Section("", tuple(drive)),), tuple(warnings))
+    left_out = artifact.attrs["left_out"].items()
+    found.add("", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out))
 
 
-def views(artifact: Artifact) -> Findings:
+def views(artifact: Artifact, found: Inspection) -> None:
     """The drive, and the share of empty bins in the images."""
-    drive, warnings = _drive(artifact, "world_T_anchor", "views")
-    images = artifact["images"]
-    shape, count = images.shape, int(np.prod(images.shape))
-    step = max(1, BLOCK // max(1, int(np.prod(shape[1:]))))
+    drive = _drive(artifact, found, "world_T_anchor", "views")
+    count = int(np.prod(artifact["images"].shape))
     empty, blank, highest = 0, 0, -np.inf
-    for start in range(0, shape[0], step):
-        block = np.asarray(images[start : start + step])
+    for block in blocks(artifact["images"]) if count else ():
         filled = (block != 0).reshape(len(block), -1)
         empty += int((~filled).sum())
         blank += int((~filled.any(axis=1)).sum())
         highest = max(highest, float(block.max()))
-    if count:
-        drive += [("empty bins", f"{100 * empty / count:.1f} %"), ("highest", f"{highest:.2f} m")]
-        if blank:
-            warnings.append(f"{blank} blank views: they look the same in every place; inspect the scans of these views")
-        if empty > 0.995 * count:
-            share = f"{100 * empty / count:.1f} %"
-            warnings.append(f"{share} of the bins are empty: too fine a view for these scans; inspect the scans")
-    return Findings((Section("", tuple(drive)),), tuple(warnings))
+    share = f"{100 * empty / max(count, 1):.1f} %"
+    found.add("", *drive, *([("empty bins", share), ("highest", f"{highest:.2f} m")] if count else []))
+    found.warn(blank, f"{blank} blank views: they look the same in every place; inspect the scans of these views")
+    sparse = f"{share} of the bins are empty: too fine a view for these scans; inspect the scans"
+    found.warn(empty > 0.995 * count, sparse)
 
 
-def _drive(artifact: Artifact, poses: str, what: str) -> tuple[list[tuple[str, str]], list[str]]:
-    """Rows with date, duration, path and step of a drive, and warnings on its poses and stamps."""
+def _drive(artifact: Artifact, found: Inspection, poses: str, what: str) -> list[tuple[str, str]]:
+    """Rows with date, duration, path and step of a drive; warns of its poses and stamps."""
     stamps, xyz = artifact.load("stamps_ns"), np.asarray(artifact[poses][:, :3, 3])
     rows = [(what, f"{len(stamps):,}")]
     if not len(stamps):
-        return rows, []
+        return rows
     known = np.isfinite(xyz).all(axis=1)
     steps = np.linalg.norm(np.diff(xyz[known], axis=0), axis=1)
-    seconds = float(stamps[-1] - stamps[0]) * 1e-9
-    rows += [("date", moment(int(stamps[0]))), ("duration", duration(seconds))]
-    warnings = []
+    rows += [("date", moment(int(stamps[0]))), ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9))]
     if len(steps):
         step = f"step median {metres(float(np.median(steps)))}, at most {metres(float(steps.max()))}"
-        rows.append(("path", f"{metres(float(steps.sum()))}, {step}"))
-        low, high = xyz[known].min(axis=0), xyz[known].max(axis=0)
-        box = ", ".join(f"{axis} {a:.0f} … {b:.0f} m" for axis, a, b in zip("xyz", low, high, strict=True))
-        rows.append(("world", typographic(f"{box} (z up)")))
-    if not known.all() and poses == "world_T_anchor":
-        warnings.append(f"{int((~known).sum())} {what} have no pose (NaN): `dvc repro` them")
-    if (np.diff(stamps) <= 0).any():
-        warnings.append("stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans")
-    return rows, warnings
+        rows += [("path", f"{metres(float(steps.sum()))}, {step}"), ("world", f"{box(xyz[known], 'xyz', 0)} (z up)")]
+    lost = int((~known).sum())
+    found.warn(lost and poses == "world_T_anchor", f"{lost} {what} have no pose (NaN): `dvc repro` them")
+    back = (np.diff(stamps) <= 0).any()
+    found.warn(back, "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans")
+    return rows

@@ -1,6 +1,5 @@
 """One raw scan file: an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of points."""
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,8 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import kitti, nclt, pcd
 from pipeline.formats.folder import LARGEST_BYTES
 from pipeline.frames import flip_ned, pose, transform
-from pipeline.inspection.cloud import Diagnosis, diagnose
-from pipeline.inspection.inspection import Inspection, Section, duration, moment, nbytes
+from pipeline.inspection.cloud import diagnose
+from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.nclt import read_packets, read_velodyne_sync
 
@@ -32,77 +31,77 @@ def format_of(path: Path, as_format: str | None) -> str:
     return found
 
 
-def scan_file(path: Path, as_format: str | None) -> Inspection:
+def scan_file(path: Path, as_format: str | None, found: Inspection) -> None:
     """A .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one, ConfigError for an unknown format."""
     if path.name == "velodyne_hits.bin":
-        return packets(path)
-    inspect = nclt_scan if format_of(path, as_format) == "nclt" else kitti_scan
+        _packets(path, found)
+        return
+    inspect = _nclt_scan if format_of(path, as_format) == "nclt" else _kitti_scan
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
-    return inspect(path)
+    inspect(path, found)
 
 
-def nclt_scan(path: Path) -> Inspection:
+def _nclt_scan(path: Path, found: Inspection) -> None:
     """velodyne_sync/UTIME.bin: the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
     tail = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
     intensity, lasers = tail & 0xFF, (tail >> 8).astype(np.uint8)
-    rows = [
+    found.describe(
+        "NCLT scan, motion compensated",
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("intensity", f"{intensity.min()} … {intensity.max()}"),
         ("lasers", f"ids {lasers.min()} … {lasers.max()}"),
         ("frame", "body: x forward, y left, z up (the file's y right, z down, turned by the reader)"),
-    ]
-    warnings = []
-    if lasers.max() > 31:
-        warnings.append(f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add --format kitti")
-    return _inspection(f"{path} — NCLT scan, motion compensated", rows, diagnose(points, lasers), warnings)
+    )
+    odd = f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add --format kitti"
+    found.warn(lasers.max() > 31, odd)
+    diagnose(points, lasers).add_to(found)
 
 
-def kitti_scan(path: Path) -> Inspection:
+def _kitti_scan(path: Path, found: Inspection) -> None:
     """velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
     points = read_velodyne(path)
     height_m, size = Kitti().lidar_height_m, path.stat().st_size
     lost = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
-    rows = [
+    found.describe(
+        "KITTI scan",
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
         ("frame", f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does"),
-    ]
-    warnings = []
-    if lost:
-        warnings.append(f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
-    if float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255:
-        warnings.append("reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
-    return _inspection(f"{path} — KITTI scan", rows, diagnose(points + np.array([0.0, 0.0, height_m])), warnings)
+    )
+    found.warn(lost, f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
+    outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
+    found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
+    diagnose(points + np.array([0.0, 0.0, height_m])).add_to(found)
 
 
-def packets(path: Path) -> Inspection:
+def _packets(path: Path, found: Inspection) -> None:
     """velodyne_hits.bin: all packet headers, and the points of one revolution in the middle, in the body frame."""
-    found = read_packets(path)
-    utimes, middle = found.utimes, len(found.utimes) // 2
+    packets = read_packets(path)
+    utimes, middle = packets.utimes, len(packets.utimes) // 2
     chosen = [packet for packet in range(middle, len(utimes)) if utimes[packet] - utimes[middle] < REVOLUTION_US]
-    records = np.concatenate([found.hits(packet) for packet in chosen])
+    records = np.concatenate([packets.hits(packet) for packet in chosen])
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
     points = transform(body_T_velodyne, nclt.decode(records.ravel()).astype(np.float32))
-    rows = [
+    found.describe(
+        "NCLT Velodyne packets",
         ("size", nbytes(path.stat().st_size)),
-        ("packets", f"{len(utimes):,}, with {found.offsets[-1]:,} hits"),
+        ("packets", f"{len(utimes):,}, with {packets.offsets[-1]:,} hits"),
         ("from", moment(int(utimes[0]) * 1000)),
         ("span", duration((utimes[-1] - utimes[0]) * 1e-6)),
         ("frame", "the sensor's, not motion compensated; the cloud below is in the body frame, by the extrinsics of NCLT"),
-    ]
+    )
     back = int((np.diff(utimes) < 0).sum())
-    warnings = [f"{back} packets are stamped before the one ahead of them: sort them before use"] if back else []
+    found.warn(back, f"{back} packets are stamped before the one ahead of them: sort them before use")
     diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
-    title = f"cloud, {len(chosen)} packets of one revolution from the middle"
-    return _inspection(f"{path} — NCLT Velodyne packets", rows, diagnosis, warnings, title)
+    diagnosis.add_to(found, f"cloud, {len(chosen)} packets of one revolution from the middle")
 
 
-def pcd_file(path: Path) -> Inspection:
+def pcd_file(path: Path, found: Inspection) -> None:
     """A .pcd: its header and its points; raises LogError for a damaged one, or one without a finite point."""
     data = path.read_bytes()
     header, points = pcd.parse(data, path), pcd.decode(data, path, LARGEST_BYTES)
@@ -111,16 +110,17 @@ def pcd_file(path: Path) -> Inspection:
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
     fields = zip(header.fields, header.counts, header.types, strict=True)
     lost = f", and {len(points) - len(finite):,} that are not finite" if len(finite) < len(points) else ""
-    rows = [
+    found.describe(
+        "PCD cloud",
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
         ("fields", ", ".join(f"{name}{f'×{count}' if count > 1 else ''} {kind[1:]}" for name, count, kind in fields)),
         ("points", f"{len(finite):,}{lost}"),
         ("frame", "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it lies in the vehicle"),
-    ]
-    return _inspection(f"{path} — PCD cloud", rows, diagnose(finite))
+    )
+    diagnose(finite).add_to(found)
 
 
-def array_file(path: Path) -> Inspection:
+def array_file(path: Path, found: Inspection) -> None:
     """A .npy with points (n, 3 or more), of which only x, y, z are inspected; raises LogError for any other array."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -129,18 +129,16 @@ def array_file(path: Path) -> Inspection:
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu" or not len(array):
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
     stride = max(1, len(array) // MOST_POINTS)
-    rows = [("shape", f"{array.dtype}{array.shape}"), ("size", nbytes(path.stat().st_size))]
-    rows += [("inspected", f"every {stride}th point")] if stride > 1 else []
-    rows += [("frame", "taken as x forward, y left, z up, in metres")]
-    return _inspection(f"{path} — array of points", rows, diagnose(np.asarray(array[::stride, :3], np.float64)))
+    found.describe(
+        "array of points",
+        ("shape", f"{array.dtype}{array.shape}"),
+        ("size", nbytes(path.stat().st_size)),
+        *([("inspected", f"every {stride}th point")] if stride > 1 else []),
+        ("frame", "taken as x forward, y left, z up, in metres"),
+    )
+    diagnose(np.asarray(array[::stride, :3], np.float64)).add_to(found)
 
 
 def moment_of(path: Path) -> str:
     """When a file named UTIME.bin was recorded."""
     return moment(int(path.stem) * 1000) if path.stem.isdecimal() and len(path.stem) <= 17 else "unknown: the name is no utime"
-
-
-def _inspection(
-    headline: str, rows: Sequence[tuple[str, str]], diagnosis: Diagnosis, warnings: Iterable[str] = (), title: str = "cloud"
-) -> Inspection:
-    return Inspection(headline, (Section("", tuple(rows)), diagnosis.section(title)), (*warnings, *diagnosis.warnings))

@@ -1,8 +1,10 @@
 """The result of `yearloc inspect` and its text for a terminal: a headline, aligned rows, warnings."""
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,21 +33,32 @@ class Section:
         return lines
 
 
-@dataclass(frozen=True)
-class Findings:
-    """The sections above the arrays of an artifact, and warnings on its content."""
-
-    sections: tuple[Section, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
+@dataclass
 class Inspection:
     """Kind and content of a file or artifact, and warnings on everything in it that would break a study."""
 
-    headline: str
-    sections: tuple[Section, ...]
+    path: Path
+    kind: str = ""
+    sections: tuple[Section, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def headline(self) -> str:
+        return f"{self.path} — {self.kind}"
+
+    def describe(self, kind: str, *rows: tuple[str, ...]) -> None:
+        """Name the kind of file, and add a section without a title."""
+        self.kind = kind
+        self.add("", *rows)
+
+    def add(self, title: str, *rows: tuple[str, ...]) -> None:
+        """Add a section."""
+        self.sections += (Section(title, rows),)
+
+    def warn(self, when: object, text: str) -> None:
+        """Add a warning if `when` is true."""
+        if when:
+            self.warnings += (text,)
 
     def text(self) -> str:
         """The text for a terminal, without a final newline."""
@@ -92,9 +105,18 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     return [("from", moment(int(times_s[0] * 1e9))), ("span", duration(float(times_s[-1] - times_s[0]))), ("rate", rate)]
 
 
-def path_length(steps_m: NDArray[np.floating]) -> str:
-    """Length of a path from its steps (n,), and their median."""
+def path_length(steps: NDArray[np.floating]) -> str:
+    """Length of a path in metres from its steps (n, 3), and their median."""
+    steps_m = np.linalg.norm(steps, axis=1)
     return f"{metres(float(steps_m.sum()))}, median step {metres(float(np.median(steps_m)) if len(steps_m) else 0.0)}"
+
+
+def box(xyz_m: NDArray[np.floating], names: Sequence[str], digits: int = 1) -> str:
+    """The extent of positions (n, 3) along each named axis."""
+    if not len(xyz_m):
+        return "unknown"
+    ends = zip(names, xyz_m.min(axis=0), xyz_m.max(axis=0), strict=True)
+    return typographic(", ".join(f"{name} {low:.{digits}f} … {high:.{digits}f} m" for name, low, high in ends))
 
 
 def duration(seconds: float) -> str:

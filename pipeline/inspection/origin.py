@@ -3,43 +3,50 @@
 from pathlib import Path
 from typing import Any
 
-from pipeline.inspection.inspection import Section, nbytes
+from pipeline.inspection.inspection import Inspection, nbytes
 from pipeline.running.dvc_files import DvcLock
 
 
-def origin(path: Path, lock: Path) -> Section:
-    """The stage that wrote `path`, or the folder around it: its cmd, parameters and dependencies."""
-    known = _recipe(path, lock)[0]
-    if known is None:
+def add_provenance(found: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
+    """Add the stage that wrote `path`, or the folder around it: its cmd, parameters and dependencies.
+
+    Raw files without an entry in the lock get no section. An artifact with another number of files or bytes than the lock
+    recorded gets a warning, before all others: zarr reads a lost shard as zeros.
+    """
+    try:
+        below = path.resolve().relative_to(lock.resolve().parent)
+    except ValueError:
+        below = path
+    entry = DvcLock.read(lock).entry(below)
+    if entry is not None:
+        found.add("provenance", *_rows(entry))
+    elif is_artifact:
         by_hand = f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
-        why = by_hand if lock.is_file() else f"there is no {lock}"
-        return Section("provenance", (("unknown", why),))
+        found.add("provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}"))
+    out: dict[str, Any] = next((out for out in (entry or {}).get("outs", []) if out.get("path") == below.as_posix()), {})
+    if not is_artifact or "size" not in out:
+        return
+    files, there = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1, size(path)
+    if (files, there) != (int(out.get("nfiles", 1)), int(out["size"])):
+        recorded = f"{int(out.get('nfiles', 1))} with {int(out['size']):,}"
+        remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
+        warning = f"not what {lock} recorded: {files} files with {there:,} bytes, recorded {recorded}; {remedy}"
+        found.warnings = (warning, *found.warnings)
+
+
+def _rows(entry: dict[str, Any]) -> list[tuple[str, str]]:
     params = [
-        f"{file}: "
-        + (", ".join(f"{key}={short(value)}" for key, value in values.items() if _is_set(key, value)) or "nothing set")
-        for file, values in (known.get("params") or {}).items()
+        f"{file}: {', '.join(f'{key}={short(value)}' for key, value in values.items() if _is_set(key, value)) or 'nothing set'}"
+        for file, values in (entry.get("params") or {}).items()
     ]
-    deps = {str(dep.get("path")): dep for dep in known.get("deps") or []}
+    deps = {str(dep.get("path")): dep for dep in entry.get("deps") or []}
     code = [name for name in deps if name.startswith(("pipeline", "stages"))]
     data = [f"{name} ({_digest(dep)})" for name, dep in deps.items() if name not in code]
-    rows = [("stage", str(known["stage"])), ("cmd", " ".join(str(known.get("cmd", "")).split()))]
-    rows += [("params" if i == 0 else "", line) for i, line in enumerate(params)]
-    rows += [("deps" if i == 0 else "", line) for i, line in enumerate(data)]
-    rows += [("code", ", ".join(code))] if code else []
-    return Section("provenance", tuple(rows))
-
-
-def changed(path: Path, lock: Path) -> tuple[str, ...]:
-    """A warning if dvc.lock has another number of files or bytes for `path`: zarr reads a lost shard as zeros."""
-    known, name = _recipe(path, lock)
-    out: dict[str, Any] = next((out for out in (known or {}).get("outs", []) if out.get("path") == name), {})
-    files, there = int(out.get("nfiles", 1)), size(path)
-    count = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
-    if "size" not in out or (count, there) == (files, int(out["size"])):
-        return ()
-    found, recorded = f"{count} files with {there:,} bytes", f"{files} with {int(out['size']):,}"
-    remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
-    return (f"not what {lock} recorded: {found}, recorded {recorded}; {remedy}",)
+    rows = [("stage", str(entry["stage"])), ("cmd", " ".join(str(entry.get("cmd", "")).split()))]
+    rows += [
+        (title if i == 0 else "", line) for title, lines in (("params", params), ("deps", data)) for i, line in enumerate(lines)
+    ]
+    return rows + ([("code", ", ".join(code))] if code else [])
 
 
 def size(path: Path) -> int:
@@ -54,15 +61,6 @@ def short(value: object) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {short(item)}" for key, item in value.items()) + "}" if value else "none"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _recipe(path: Path, lock: Path) -> tuple[dict[str, Any] | None, str]:
-    """The entry of `path`, or of the nearest folder above it, in dvc.lock, and the name of `path` there."""
-    try:
-        below = path.resolve().relative_to(lock.resolve().parent)
-    except ValueError:
-        below = path
-    return DvcLock.read(lock).entry(below), below.as_posix()
 
 
 def _is_set(key: str, value: object) -> bool:

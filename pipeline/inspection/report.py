@@ -1,17 +1,32 @@
 """`yearloc inspect`: kind, ranges, counts, frames and provenance of a file, folder or artifact, and warnings on its content."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.robotcar import LASERS
-from pipeline.inspection import artifacts, bags, files, folders, origin, robotcar, robotcar_poses, tracks
+from pipeline.inspection import artifacts, bags, files, folders, robotcar, tracks
 from pipeline.inspection.inspection import Inspection
+from pipeline.inspection.origin import add_provenance
 
 KNOWN = (
     ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib; TUM poses), .npy, .pcd, "
     ".bag, .mcap, .db3, or a folder of these"
 )
+FILES: dict[str, Callable[[Path, Inspection], None]] = {
+    "*.safetensors": artifacts.model,
+    **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
+    "*.pcd": files.pcd_file,
+    "*.npy": files.array_file,
+    "groundtruth*.csv": tracks.nclt_poses,
+    "odometry*.csv": tracks.nclt_poses,
+    "vo.csv": robotcar.vo,
+    "ins.csv": robotcar.ins,
+    "times.txt": tracks.kitti_times,
+    "calib.txt": tracks.kitti_calib,
+}
+"""By the names of the files; .bin, poses of KITTI and TUM trajectories need a closer look."""
 
 
 def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
@@ -25,64 +40,45 @@ def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.loc
         if path.suffix in (".zarr", ".safetensors"):
             raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
         raise LogError(f"{path}: no such file or folder")
-    return _folder(path, as_format, lock) if path.is_dir() else _file(path, as_format, lock)
-
-
-def _folder(path: Path, as_format: str | None, lock: Path) -> Inspection:
-    if path.suffix == ".zarr" or (path / "zarr.json").is_file():
-        return artifacts.artifact(path, lock)
-    if any((path / name).is_dir() for name in files.FORMATS):
-        found = folders.sequence(path)
-    elif any((path / laser).is_dir() for laser in LASERS):
-        found = robotcar.sequence(path)
-    elif path.name in LASERS:
-        found = robotcar.sweeps(path)
-    elif as_format is None and find(path):
-        found = bags.bags(path)
-    elif path.name in files.FORMATS or any(path.glob("*.bin")):
-        found = folders.scan_folder(path, as_format)
-    elif bags.below(path):
-        found = bags.bags(path)
+    found = Inspection(path)
+    is_group = path.is_dir() and (path.suffix == ".zarr" or (path / "zarr.json").is_file())
+    if is_group:
+        artifacts.artifact(path, found)
+    elif path.is_dir():
+        _folder(path, as_format, found)
     else:
-        found = folders.root(path)
-    return _with_origin(found, path, lock)
+        _file(path, as_format, found)
+    add_provenance(found, path, lock, is_artifact=is_group or path.suffix == ".safetensors")
+    return found
 
 
-def _file(path: Path, as_format: str | None, lock: Path) -> Inspection:
-    if path.suffix == ".safetensors":
-        return artifacts.model(path, lock)
-    if path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
-        found = robotcar.sweep(path)
+def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
+    is_scans = path.name in files.FORMATS or any(path.glob("*.bin"))
+    if any((path / name).is_dir() for name in files.FORMATS):
+        folders.sequence(path, found)
+    elif any((path / laser).is_dir() for laser in LASERS):
+        robotcar.sequence(path, found)
+    elif path.name in LASERS:
+        robotcar.sweeps(path, found)
+    elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
+        bags.bags(path, found)
+    elif is_scans:
+        folders.scan_folder(path, as_format, found)
+    else:
+        folders.root(path, found)
+
+
+def _file(path: Path, as_format: str | None, found: Inspection) -> None:
+    look = next((look for pattern, look in FILES.items() if path.match(pattern)), None)
+    if look is not None:
+        look(path, found)
+    elif path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
+        robotcar.sweep(path, found)
     elif path.suffix == ".bin":
-        found = files.scan_file(path, as_format)
-    elif path.suffix in SUFFIXES:
-        found = bags.bags(path)
-    elif path.suffix == ".pcd":
-        found = files.pcd_file(path)
-    elif path.suffix == ".npy":
-        found = files.array_file(path)
-    elif path.suffix == ".csv" and path.name.startswith(("groundtruth", "odometry")):
-        found = tracks.nclt_poses(path)
-    elif path.name == "vo.csv":
-        found = robotcar_poses.vo(path)
-    elif path.name == "ins.csv":
-        found = robotcar_poses.ins(path)
-    elif path.name == "times.txt":
-        found = tracks.kitti_times(path)
-    elif path.name == "calib.txt":
-        found = tracks.kitti_calib(path)
+        files.scan_file(path, as_format, found)
     elif path.suffix == ".txt" and path.stem.isdecimal():
-        found = tracks.kitti_poses(path)
+        tracks.kitti_poses(path, found)
     elif path.suffix in (".txt", ".tum") and tracks.is_tum(path):
-        found = tracks.tum_poses(path)
+        tracks.tum_poses(path, found)
     else:
         raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {KNOWN}")
-    return _with_origin(found, path, lock)
-
-
-def _with_origin(found: Inspection, path: Path, lock: Path) -> Inspection:
-    """The inspection with the provenance of raw files that a stage wrote, as those of the simulated world."""
-    provenance = origin.origin(path, lock)
-    if provenance.rows[0][0] == "unknown":
-        return found
-    return Inspection(found.headline, (*found.sections, provenance), found.warnings)

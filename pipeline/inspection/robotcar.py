@@ -1,5 +1,6 @@
-"""Oxford RobotCar: a sweep, the folder of one laser, and a sequence as its reader opens it."""
+"""Oxford RobotCar: a sweep, the folder of one laser, a sequence as its reader opens it, and the tables of poses."""
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,12 +10,13 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 from pipeline.formats import robotcar
 from pipeline.inspection import folders, symptoms
+from pipeline.inspection.cloud import spread
 from pipeline.inspection.files import moment_of
-from pipeline.inspection.inspection import Inspection, Section, metres, nbytes, typographic
-from pipeline.inspection.survey import spread
+from pipeline.inspection.inspection import Inspection, box, clock, duration, metres, nbytes
 from pipeline.readers import log
-from pipeline.readers.columns import utimes_ns
+from pipeline.readers.columns import columns, numbers, utimes_ns
 from pipeline.readers.robotcar import RobotCar, read_sweep
+from pipeline.readers.robotcar_poses import read_ins, read_vo
 
 BEAMS = 541
 """Number of beams in a whole sweep: 270° in steps of half a degree."""
@@ -23,15 +25,16 @@ PLANE = np.eye(4)
 """Extrinsics that leave a sweep in its scan plane."""
 
 
-def sweep(path: Path) -> Inspection:
+def sweep(path: Path, found: Inspection) -> None:
     """lms_front/UTIME.bin or lms_rear/UTIME.bin: x, y, reflectance in the laser's scan plane."""
     data = log.read_bytes(path, robotcar.RECORD_BYTES, "returns")
     if not data:
         raise LogError(f"{path}: empty; expected the returns of one sweep: fetch the file anew")
     rows, points = robotcar.decode_sweep(data), read_sweep(path, PLANE)
     range_m = np.hypot(points[:, 0], points[:, 1])
-    bright = rows[np.isfinite(rows[:, 2]), 2]
-    cells = [
+    bright, far = rows[np.isfinite(rows[:, 2]), 2], int((range_m > REACH_M).sum())
+    found.describe(
+        f"RobotCar sweep of {path.parent.name}",
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
@@ -39,78 +42,123 @@ def sweep(path: Path) -> Inspection:
         ("azimuth", f"{symptoms.coverage(points):.0f}° of 360° covered"),
         ("reflectance", f"{bright.min():g} … {bright.max():g}" if len(bright) else "none"),
         ("frame", "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the extrinsics, z up"),
-    ]
-    warnings = []
-    if not len(points):
-        warnings.append("no beam has a return: was the laser covered?")
-    if len(rows) > BEAMS:
-        warnings.append(f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?")
-    if (range_m > REACH_M).any():
-        warnings.append(f"{int((range_m > REACH_M).sum())} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees")
-    return Inspection(f"{path} — RobotCar sweep of {path.parent.name}", (Section("", tuple(cells)),), tuple(warnings))
+    )
+    found.warn(not len(points), "no beam has a return: was the laser covered?")
+    found.warn(len(rows) > BEAMS, f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?")
+    found.warn(far, f"{far} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees")
 
 
-def sweeps(path: Path) -> Inspection:
+def sweeps(path: Path, found: Inspection) -> None:
     """lms_front/ or lms_rear/: the sweeps of one laser, and the list of stamps beside the folder."""
     sizes = {file: file.stat().st_size for file in path.glob("*.bin") if file.stem.isdecimal() and len(file.stem) <= 17}
     whole = sorted((file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0), key=_utime)
     if not whole:
         raise LogError(f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew")
-    warnings = []
-    if len(whole) < len(sizes):
-        warnings.append(f"{len(sizes) - len(whole)} sweeps are empty or cut short: the reader skips them; fetch them anew")
+    cut = len(sizes) - len(whole)
+    found.warn(cut, f"{cut} sweeps are empty or cut short: the reader skips them; fetch them anew")
     utimes = np.array([_utime(file) for file in whole])
     beams = np.array([sizes[file] // robotcar.RECORD_BYTES for file in whole])
-    rows = [
+    found.describe(
+        "RobotCar sweeps of one laser",
         ("sweeps", f"{len(whole):,}, {nbytes(sum(sizes.values()))}"),
         ("beams a sweep", f"{beams.min():,} … {beams.max():,}, median {np.median(beams):,.0f}"),
         ("first, last", f"{whole[0].name}, {whole[-1].name}"),
-        *folders.rate(utimes * 1e-6, warnings),
-        ("stamps", _stamps(path, utimes, warnings)),
-    ]
-    table = _table(spread(len(whole)), lambda row: read_sweep(whole[row], PLANE), "in the laser's scan plane")
-    return Inspection(f"{path} — RobotCar sweeps of one laser", (Section("", tuple(rows)), table), tuple(warnings))
+        *folders.rate(found, utimes * 1e-6),
+        ("stamps", _stamps(found, path, utimes)),
+    )
+    _add_table(found, len(whole), lambda row: read_sweep(whole[row], PLANE), "in the laser's scan plane")
 
 
-def sequence(path: Path) -> Inspection:
+def sequence(path: Path, found: Inspection) -> None:
     """The folder of a sequence, opened by its reader; a LogError of the reader becomes a warning."""
-    path = path.resolve()
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
-    listing = folders.listing(path, path.parent)
-    headline = f"{path} — RobotCar sequence {path.name}"
-    try:
-        opened = RobotCar(lasers).open(path.parent, path.name)
-    except LogError as error:
-        parts = [sweeps(path / laser) for laser in lasers]
-        sections = [Section(laser, part.sections[0].rows) for laser, part in zip(lasers, parts, strict=True)]
-        found = [warning for part in parts for warning in part.warnings]
-        return Inspection(headline, (listing, *sections), (f"the reader refuses the sequence: {error}", *found))
-    rows, warnings = folders.opened_rows(opened, "sweeps")
-    read = Section(f"as its reader opens it, with {' and '.join(lasers)}", rows)
-    table = _table(spread(len(opened.stamps_ns)), opened.points, "vehicle frame: x forward, y left, z up from the camera")
-    return Inspection(headline, (listing, read, table), tuple(warnings))
+    path = path.resolve()
+    title = f"as its reader opens it, with {' and '.join(lasers)}"
+    opened = folders.describe_opened(found, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps")
+    if opened is not None:
+        frame = "vehicle frame: x forward, y left, z up from the camera"
+        _add_table(found, len(opened.stamps_ns), opened.points, frame)
+    for laser in lasers if opened is None else ():
+        part = Inspection(path / laser)
+        sweeps(path / laser, part)
+        found.add(laser, *part.sections[0].rows)
+        found.warnings += part.warnings
 
 
-def _table(rows: list[int], points: Callable[[int], NDArray[np.floating]], frame: str) -> Section:
-    """A table of a few sweeps."""
+def vo(path: Path, found: Inspection) -> None:
+    """vo/vo.csv: the motion of the vehicle from one image to the next, chained by the reader."""
+    gap_s = RobotCar().max_vo_gap_s
+    odometry = read_vo(path, gap_s)
+    stamps_s, poses = odometry.trajectory.stamps_ns * 1e-9, odometry.trajectory.world_T_body
+    known: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
+    steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    moved_m = steps_m[np.isfinite(steps_m)]
+    wide_s = np.diff(stamps_s)[known[1:] & known[:-1]]
+    breaks = len(odometry.breaks_ns)
+    found.describe(
+        "RobotCar visual odometry",
+        ("knots", f"{int(known.sum()):,}, in {breaks + 1} chains"),
+        *clock(stamps_s[known]),
+        ("path", f"{metres(float(moved_m.sum()))}, longest step {metres(float(moved_m.max(initial=0.0)))}"),
+        ("frame", "the vehicle (stereo camera): x forward, y right, z down, radians; the reader turns it z up"),
+    )
+    found.warn(
+        breaks,
+        f"breaks: {breaks} rows start elsewhere than where the row before them ended; no accumulated submap reaches across one",
+    )
+    found.warn(
+        (wide_s > gap_s).any(),
+        f"{int((wide_s > gap_s).sum())} steps over {gap_s} s, the longest {duration(float(wide_s.max(initial=0)))}: sweeps there "
+        "have no odometry; sparser odometry needs max_vo_gap_s in the dataset's yaml",
+    )
+
+
+def ins(path: Path, found: Inspection) -> None:
+    """gps/ins.csv: the INS unit's poses, of which the reader takes those of status INS_SOLUTION_GOOD."""
+    gap_s = RobotCar().max_ins_gap_s
+    track = read_ins(path, np.eye(4), gap_s)
+    table = columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
+    statuses, zones = Counter(table["ins_status"]), sorted(set(table["utm_zone"]))
+    good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
+    stamps_s, xyz = track.stamps_ns * 1e-9, numbers(path, table, robotcar.INS_POSE)[good, :3]
+    steps_m, gaps_s = np.linalg.norm(np.diff(xyz, axis=0), axis=1), np.diff(stamps_s[good])
+    found.describe(
+        "RobotCar inertial navigation",
+        ("rows", f"{len(good):,}, of which {100 * good.mean():.1f} % are {robotcar.INS_GOOD}"),
+        ("statuses", ", ".join(f"{status[:40]} {count:,}" for status, count in statuses.most_common(5))),
+        *clock(stamps_s),
+        ("path", metres(float(steps_m[gaps_s <= gap_s].sum()))),
+        ("box", box(xyz, ("northing", "easting", "down"))),
+        ("UTM zone", ", ".join(zones)[:60]),
+        ("frame", "the INS unit in north-east-down, radians; the reader converts it to the z-up vehicle by the extrinsics"),
+    )
+    found.warn(not good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
+    found.warn(
+        (gaps_s > gap_s).any(),
+        f"outages: {int((gaps_s > gap_s).sum())} over {gap_s} s without a good row, the longest "
+        f"{duration(float(gaps_s.max(initial=0)))}: sweeps there have no place, but go into the submaps around",
+    )
+
+
+def _add_table(found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str) -> None:
+    """Add a table of a few of `count` sweeps."""
     table: list[tuple[str, ...]] = [("sweep", "returns", "x", "y", "z")]
-    for row in rows:
+    for row in spread(count):
         cloud = points(row)
-        ends = zip(cloud.min(axis=0), cloud.max(axis=0), strict=True) if len(cloud) else []
-        table.append((str(row), f"{len(cloud):,}", *(typographic(f"{low:.1f} … {high:.1f} m") for low, high in ends)))
-    return Section(f"sweeps, {frame}", tuple(table))
+        table.append((str(row), f"{len(cloud):,}", *(box(cloud[:, [axis]], [""]).strip() for axis in range(3) if len(cloud))))
+    found.add(f"sweeps, {frame}", *table)
 
 
-def _stamps(folder: Path, utimes: NDArray[np.int64], warnings: list[str]) -> str:
-    """The number of stamps in the list of a laser; appends warnings on files without a stamp and the reverse."""
+def _stamps(found: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
+    """The number of stamps in the list of a laser; warns of files without a stamp and the reverse."""
     path = folder.with_suffix(".timestamps")
     if not path.is_file():
-        warnings.append(f"no {path.name} beside the folder: the reader takes every file that is there")
+        found.warn(True, f"no {path.name} beside the folder: the reader takes every file that is there")
         return "by the names of the files"
     stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
     lone, lost = int((~np.isin(utimes, stamps)).sum()), int((~np.isin(stamps, utimes)).sum())
-    if lone or lost:
-        warnings.append(f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader skips them")
+    unpaired = f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader skips them"
+    found.warn(lone or lost, unpaired)
     return f"{len(stamps):,} in {path.name}"
 
 

@@ -27,10 +27,7 @@ def plane(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped-def]
-    """RANSAC (Fischler and Bolles, 1981): a, b, c of the plane a x + b y + z = c with most points (n,) nearer than `plane_m`.
-
-    `corners` (tried, 3) are three points for each plane; its normal's z is at least `least_upright`; c is infinite for none.
-    """
+    """`corners` (tried, 3) index points (n,); a plane's normal has z of at least `least_upright`; c is infinite for no plane."""
     n = len(x)
     best, a_best, b_best, c_best = np.int32(0), np.float32(0), np.float32(0), np.float32(np.inf)
     missed = 1.0

@@ -24,8 +24,7 @@ class Intake:
         if not grain_m > 0:
             raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
         self._log, self._grain_m = log, grain_m
-        thinned = sample_path(log.world_T_scan[:, :3, 3], every_m) if every_m > 0 else np.arange(len(log.stamps_ns))
-        self._rows = thinned
+        self._rows = sample_path(log.world_T_scan[:, :3, 3], every_m) if every_m > 0 else np.arange(len(log.stamps_ns))
         self._kept: list[int] = []
         self._skipped = Counter(log.skipped)
         self._clipped = 0
@@ -61,11 +60,8 @@ class Intake:
         odom_T_scan = self._log.odom_T_scan[kept]
         unknown = np.concatenate([[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))])
         odom_T_scan[unknown[kept] > unknown[np.concatenate([[0], kept[:-1] + 1])]] = np.nan
-        return {
-            "stamps_ns": self._log.stamps_ns[kept],
-            "world_T_scan": self._log.world_T_scan[kept],
-            "odom_T_scan": odom_T_scan,
-        }
+        stamps_ns, world_T_scan = self._log.stamps_ns[kept], self._log.world_T_scan[kept]
+        return {"stamps_ns": stamps_ns, "world_T_scan": world_T_scan, "odom_T_scan": odom_T_scan}
 
     def skipped(self) -> dict[str, int]:
         """Scans left out: reason to count."""

@@ -16,7 +16,7 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import Poses, Stamps, Trajectory
+from pipeline.frames import Poses
 from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
@@ -76,7 +76,9 @@ class Bag:
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
         def points(row: int) -> NDArray[np.float64]:
-            return _transformed(vehicle_T_lidar, clouds.points(int(rows[row])))
+            # By einsum, since the threads of BLAS block each other when several readers work in parallel.
+            rotated = np.einsum("ij,nj->ni", vehicle_T_lidar[:3, :3], clouds.points(int(rows[row])))
+            return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
         notes = (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *notes)
@@ -120,27 +122,27 @@ class Bag:
 
 def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
     """a_T_b (4, 4) by the fixed transforms of the bags, on tf_static or else repeated on tf; raises LogError if there is none."""
-    for moving in (False, True) if a != b else ():
-        a_T_b = Tree.read(files, moving).fixed(a, b)
+    for moving in (False, True):
+        a_T_b = np.eye(4) if a == b else Tree.read(files, moving).fixed(a, b)
         if a_T_b is not None:
             return a_T_b
-    if a != b:
-        raise LogError(f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose of that frame")
-    return np.eye(4)
+    raise LogError(f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose of that frame")
 
 
 def _rows_with_poses(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
     """Rows with a true pose (for sweeps, odometry is enough), their true poses, their odometry, and notes for the user."""
-    stamps_ns, times = clouds.stamps_ns, truth.trajectory.stamps_ns
+    stamps_ns = clouds.stamps_ns
     world_T_body, known = truth.trajectory.at(stamps_ns)
     odom_T_body, driven = odometry.trajectory.at(stamps_ns) if odometry else (np.full_like(world_T_body, np.nan), ~known)
     kept = known | (driven & (odometry is not None) & (clouds.kind == SWEEP))
-    outside = (stamps_ns < times[0]) | (stamps_ns > times[-1])
-    skipped["outside the poses' span"] += int((~kept & outside).sum())
-    skipped["in a gap of the poses"] += int((~kept & ~outside).sum())
-    chain = np.searchsorted(_breaks(odometry.trajectory), stamps_ns, side="right") if odometry else np.zeros(len(stamps_ns), int)
+    log.count_unknown(stamps_ns[~kept], truth.trajectory, skipped)
+    chain = np.zeros(len(stamps_ns), int)
+    if odometry:
+        posed_ns = odometry.trajectory.stamps_ns[np.isfinite(odometry.trajectory.world_T_body[:, 0, 0])]
+        breaks_ns = posed_ns[1:][np.diff(posed_ns) > odometry.trajectory.max_gap_s * 1e9]
+        chain = np.searchsorted(breaks_ns, stamps_ns, side="right")
     for link in np.unique(chain[kept])[1:]:
         rows = np.flatnonzero(kept & (chain == link))
         first = int(known[rows].argmax()) if known[rows].any() else len(rows)
@@ -151,14 +153,3 @@ def _rows_with_poses(
     unplaced = int((~known[rows]).sum())
     notes = (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",) if unplaced else ()
     return rows, world_T_body[rows], odom_T_body[rows], notes
-
-
-def _transformed(a_T_b: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Points (n, 3) of b in a; by einsum, since the threads of BLAS block each other when several readers work in parallel."""
-    return np.asarray(np.einsum("ij,nj->ni", a_T_b[:3, :3], points) + a_T_b[:3, 3])
-
-
-def _breaks(odometry: Trajectory) -> Stamps:
-    """Stamps (n,) at which the odometry starts anew after a gap."""
-    known = odometry.stamps_ns[np.isfinite(odometry.world_T_body[:, 0, 0])]
-    return known[1:][np.diff(known) > odometry.max_gap_s * 1e9]

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import defaultdict, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE, TRANSFORMS
-from pipeline.formats.bag_file import BagFile, Key
+from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import frame_name, header, pose_numbers, poses, transform_numbers
 from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers.log import LATEST_NS
@@ -79,16 +79,18 @@ class Tree:
         """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of transforms."""
         sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
         broken = 0
-        for file, key, data in _transforms(files, moving):
-            try:
-                message = file.decode(data, TRANSFORMS)
-            except LogError:
-                broken += 1
-                continue
-            for stamped in message.transforms:
-                stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
-                stamp_ns = stamp.sec * 10**9 + stamp.nanosec
-                sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
+        topics = ((file, name) for file in files for name, topic in file.topics.items() if topic.kind == TRANSFORMS)
+        for file, name in ((file, name) for file, name in topics if moving or name.endswith("tf_static")):
+            for key, data in file.messages(name):
+                try:
+                    message = file.decode(data, TRANSFORMS)
+                except LogError:
+                    broken += 1
+                    continue
+                for stamped in message.transforms:
+                    stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                    stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+                    sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
         edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
         for edge, rows in sent.items():
             rows.sort(key=itemgetter(0))
@@ -151,14 +153,6 @@ class Tree:
                         ways[frame] = [*ways[at], (edge, forward)]
                         queue.append(frame)
         return ways.get(b)
-
-
-def _transforms(files: Sequence[BagFile], moving: bool) -> Iterable[tuple[BagFile, Key, bytes]]:
-    for file in files:
-        for name, topic in file.topics.items():
-            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static")):
-                for key, data in file.messages(name):
-                    yield file, key, data
 
 
 def _still(found: Poses) -> bool:

@@ -1,6 +1,7 @@
 """The result of every reader, a Log (the scans of one drive with stamps and poses), and what the readers share."""
 
 import os
+import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -72,11 +73,11 @@ def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
     """The numbers of a text file (rows, columns); raises LogError naming the wrong row."""
     try:
-        with path.open() as file:
+        with path.open() as file, warnings.catch_warnings(action="ignore"):  # numpy warns of an empty file
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
-    except (ValueError, UnicodeDecodeError, UserWarning) as error:
+    except ValueError as error:  # UnicodeDecodeError is one
         raise LogError(f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}") from None
     if rows.size and rows.shape[1] != columns:
         raise LogError(f"{path}: expected {columns} numbers a row, found {rows.shape[1]}")
@@ -163,15 +164,19 @@ def numbered_files(
     return np.array(sorted(named), np.int64), np.array(sorted(whole), np.int64)
 
 
+def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
+    """Count in `skipped` why `truth` knows no pose at `stamps_ns` (n,)."""
+    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
+    skipped["outside the poses' span"] += int(outside.sum())
+    skipped["in a gap of the poses"] += int((~outside).sum())
+
+
 def posed(
     stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses]:
     """Rows of `stamps_ns` with a true pose, these poses, and the odometry at these rows; counts the other rows in `skipped`."""
     world_T_scan, known = truth.at(stamps_ns)
-    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
-    skipped.update(
-        {"outside the poses' span": int((outside & ~known).sum()), "in a gap of the poses": int((~outside & ~known).sum())}
-    )
+    count_unknown(stamps_ns[~known], truth, skipped)
     rows = np.flatnonzero(known)
     odom_T_scan = np.full((len(rows), 4, 4), np.nan) if odometry is None else odometry.at(stamps_ns[rows])[0]
     return rows, world_T_scan[rows], odom_T_scan

@@ -33,9 +33,8 @@ class Nclt:
         folder = root / sequence / nclt.SCANS
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None:
-            raise LogError(
-                f"{root / nclt.TRUTH_PLACES[0].format(sequence=sequence)}: no ground truth there or in its other places"
-            )
+            first = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
+            raise LogError(f"{first}: no ground truth there or in its other places")
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()

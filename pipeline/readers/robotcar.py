@@ -51,7 +51,7 @@ class RobotCar:
         skipped: Counter[str] = Counter()
         notes: list[str] = []
         utimes = [_paired(root, sequence, laser, skipped, notes) for laser in self.lasers]
-        extrinsics = self._extrinsics(root, sequence)
+        extrinsics = root / self.extrinsics.replace("{sequence}", sequence)
         zup_T_lasers = [NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers]
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
         truth = read_ins(root / sequence / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
@@ -87,9 +87,6 @@ class RobotCar:
         files += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
         needed = {name: [file.replace("{sequence}", name) for file in files] for name in names}
         return {name: [place for place in places if not (root / place).exists()] for name, places in needed.items()}
-
-    def _extrinsics(self, root: Path, sequence: str) -> Path:
-        return root / self.extrinsics.replace("{sequence}", sequence)
 
 
 def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:

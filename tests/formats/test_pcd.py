@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 from pipeline.formats import pcd
+from tests.readers.damage import one_line
 
 PATH = Path("scan.pcd")
 LARGEST = 2**28
@@ -159,10 +160,8 @@ HUGE = header("binary", points=10**12).encode()
     ],
 )
 def test_a_damaged_file_is_one_clear_line(data: bytes | str, says: str) -> None:
-    with pytest.raises(LogError, match=says) as error:
+    with one_line(LogError, f"^scan.pcd: .*({says})"):
         read(data)
-    assert str(error.value).startswith("scan.pcd: ")
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("points", [357_913_941, 20_000_000])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 from pipeline.formats.bag import CLOUD, typestore
 from pipeline.formats.pointcloud2 import DATATYPES, decode
+from tests.readers.damage import one_line
 
 NAN, INF = float("nan"), float("inf")
 
@@ -80,9 +81,8 @@ def test_finite_points_of_any_layout_are_read(message: Message, points: list[lis
     ],
 )
 def test_sizes_that_do_not_fit_are_one_line(made: Message, says: str) -> None:
-    with pytest.raises(LogError, match=says) as error:
+    with one_line(LogError, says):
         decode(made)
-    assert "\n" not in str(error.value)
 
 
 @st.composite

@@ -1,12 +1,15 @@
 """A spinning LiDAR in a walled yard of 60 × 36 m on flat ground: clouds that the tests know everything about."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-REAL = Path(__file__).parents[2].parent / "shared" / "real"
-NO_REAL = "the real recordings in ../shared/real are not on this machine"
+from pipeline.inspection.inspection import Inspection
+
+
+def assert_says(found: Inspection, *words: str) -> None:
+    text = found.text()
+    for word in words:
+        assert word in text
 
 
 def scan(

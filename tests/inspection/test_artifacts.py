@@ -8,15 +8,15 @@ from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.report import inspect
-from pipeline.schemas import ALL, SCANS
-from tests.inspection.scanner import scan
+from pipeline.schemas import ALL
+from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
 
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
 LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2, "case": 1}
 LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound3": 3, "confidence2": 2}
 ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
-ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}}
+ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}, "grain_m": 0.005, "skipped": {}, "clipped": 0}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ROWS = 10
 SCHEMAS = {schema.kind: schema for schema in ALL}
@@ -44,11 +44,8 @@ def plain(name: str, shape: list[int], dtype: str) -> np.ndarray:
 
 def scans(path: Path, cloud: np.ndarray, **given: np.ndarray) -> Path:
     """The same cloud in every scan."""
-    given |= {"points": np.tile(np.rint(cloud / 0.005).astype(np.int16), (ROWS, 1)), "offsets": len(cloud) * np.arange(ROWS + 1)}
-    with store.write(path, SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
-        for name, column in SCANS.columns.items():
-            draft.put(name, given[name] if name in given else plain(name, [ROWS, 4, 4][: len(column.dims)], column.dtype))
-    return path
+    points = np.tile(np.rint(cloud / 0.005).astype(np.int16), (ROWS, 1))
+    return write(path, "scans", points=points, offsets=len(cloud) * np.arange(ROWS + 1), **given)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SCHEMAS if kind != "scans"])
@@ -61,26 +58,22 @@ def test_every_kind_is_described_with_each_array_and_attribute(tmp_path: Path, k
 
 def test_scans_tell_path_date_and_clouds(tmp_path: Path) -> None:
     found = inspect(scans(tmp_path / "2012-01-15.zarr", scan(64)))
-    text = found.text()
     assert found.warnings == ()
-    assert "2012-01-15 18:39:55 UTC" in text
-    assert "18 m, step median 2 m" in text  # 9 steps of 2 m
-    assert "clouds, vehicle frame" in text
+    assert_says(found, "2012-01-15 18:39:55 UTC", "18 m, step median 2 m", "clouds, vehicle frame")  # 9 steps of 2 m
 
 
 def test_a_warning_that_all_scans_share_is_said_once(tmp_path: Path) -> None:
     found = inspect(scans(tmp_path / "a.zarr", scan(64, ground_m=-1.73)))
-    assert len(found.warnings) == 1
-    assert found.warnings[0].startswith("ground at z = −1.73 m")
-    assert found.warnings[0].endswith("(scans 0, 2, 4, 7, 9 of the 5 looked at)")
+    (warning,) = found.warnings
+    assert warning.startswith("ground at z = −1.73 m")
+    assert warning.endswith("(scans 0, 2, 4, 7, 9 of the 5 looked at)")
 
 
 def test_submaps_tell_what_they_gather_and_what_was_left_out(tmp_path: Path) -> None:
     rows = {"first": np.arange(ROWS) // 2, "scans": np.arange(ROWS), "ground_m": -np.arange(ROWS) / 10}
-    text = inspect(write(tmp_path / "a.zarr", "submaps", used=np.ones(ROWS, bool), **rows)).text()
-    assert "1 … 6 scans each, laid out by odom_T_scan" in text  # the first alone; the last: 4, 5, … 9
-    assert "−0.90 … 0.00 m" in text
-    assert "7 anchors: no true pose" in text
+    found = inspect(write(tmp_path / "a.zarr", "submaps", used=np.ones(ROWS, bool), **rows))
+    # The first gathers itself alone; the last: 4, 5, … 9.
+    assert_says(found, "1 … 6 scans each, laid out by odom_T_scan", "−0.90 … 0.00 m", "7 anchors: no true pose")
 
 
 def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: Path) -> None:
@@ -88,26 +81,22 @@ def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: 
     truth[3:5] = np.nan
     found = inspect(scans(tmp_path / "a.zarr", np.ones((1, 3)), world_T_scan=truth))
     assert found.warnings == ()
-    assert "at 80 % of the scans" in found.text()
-    assert "sweeps of a 2-D LiDAR" in found.text()
+    assert_says(found, "at 80 % of the scans", "sweeps of a 2-D LiDAR")
 
 
 def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
     images = np.zeros((ROWS, 6, 8), np.float32)
     images[1:, :3] = 4.5  # half of nine images of ten, and one blank: 55 % empty
     found = inspect(write(tmp_path / "a.zarr", "views", images=images))
-    assert "55.0 %" in found.text()
-    assert "4.50 m" in found.text()
+    assert_says(found, "55.0 %", "4.50 m")
     assert found.warnings[0].startswith("1 blank views")
 
 
 def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
     novelty = np.stack([np.linspace(0.1, 1.0, ROWS), np.ones(ROWS)], axis=1).astype(np.float32)
     found = inspect(write(tmp_path / "a.zarr", "rankings", novelty=novelty, confidence=np.full(ROWS, np.nan, np.float32)))
-    text = found.text()
-    assert "rejects 60.0 % from 0.5 on" in text  # .5 … 1.0 are six of ten
-    assert "rejects 0.0 % from 2 on" in text
-    assert "confidence     none" in text
+    # .5 … 1.0 are six of ten.
+    assert_says(found, "rejects 60.0 % from 0.5 on", "rejects 0.0 % from 2 on", "confidence     none")
     assert found.warnings[0].startswith("every query gets the same first answer")
 
 
@@ -119,14 +108,9 @@ def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) 
     numbers[0, 0] = 0.5, 0.25, 0.75
     columns = {"seen": seen[None], "unseen": unseen[None]}
     found = inspect(write(tmp_path / "a.zarr", "evaluations", **columns, numbers=numbers[None]))
-    text = found.text()
-    assert "by cells" in text
-    assert "8 seen and 2 unseen" in text
-    assert "at 1 0.500 (0.250–0.750), at 5 1.000" in text
-    assert "by distance" in text
-    assert "4 seen and 1 unseen" in text
-    assert "at 1 1.000, at 5 1.000" in text
-    assert "heading    median error 1.000°, within 10° 1.000 of the right" in text
+    assert_says(found, "by cells", "8 seen and 2 unseen", "at 1 0.500 (0.250–0.750), at 5 1.000")
+    assert_says(found, "by distance", "4 seen and 1 unseen", "at 1 1.000, at 5 1.000")
+    assert_says(found, "heading    median error 1.000°, within 10° 1.000 of the right")
     assert found.warnings == ()
     numbers[:, NUMBERS.index("heading_within_10deg")] = np.nan
     untold = inspect(write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])).text()
@@ -152,10 +136,9 @@ def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:
         "    params:\n      conf/labels.yaml:\n        cell_m: 10.0\n        out:\n"
         "    outs:\n    - path: artifacts/labels/a.zarr\n      md5: ff.dir\n"
     )
-    text = inspect(path, lock=lock).text()
-    expected = ["labels@a", "python -m stages.labels a", "conf/labels.yaml: cell_m=10", "code    stages/labels.py"]
-    for words in (*expected, "artifacts/submaps/a.zarr (fedcba98, 34 kB, 9 files)"):
-        assert words in text
+    found = inspect(path, lock=lock)
+    assert_says(found, "labels@a", "python -m stages.labels a", "conf/labels.yaml: cell_m=10", "code    stages/labels.py")
+    assert_says(found, "artifacts/submaps/a.zarr (fedcba98, 34 kB, 9 files)")
     other = write(tmp_path / "artifacts" / "labels" / "b.zarr", "labels")
     assert "has no entry for it" in inspect(other, lock=lock).text()
 

@@ -1,12 +1,12 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pipeline.inspection.cloud import diagnose
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.nclt import read_velodyne_sync
-from tests.inspection.scanner import NO_REAL, REAL, scan
-
-real = pytest.mark.skipif(not REAL.is_dir(), reason=NO_REAL)
+from tests.inspection.scanner import scan
 
 
 def test_a_healthy_scan_is_measured_and_draws_no_warning() -> None:
@@ -73,18 +73,16 @@ def test_points_in_no_rings_have_no_beams() -> None:
     assert diagnose(rng.normal(size=(50_000, 3)) * (20, 20, 2)).beams is None
 
 
-@real
 @pytest.mark.parametrize("row", [0, 9, 15])
-def test_a_real_kitti_scan_has_64_beams_and_no_warning(row: int) -> None:
-    found = diagnose(Kitti().open(REAL / "kitti", "00").points(row))
+def test_a_real_kitti_scan_has_64_beams_and_no_warning(real: Path, row: int) -> None:
+    found = diagnose(Kitti().open(real / "kitti", "00").points(row))
     assert found.beams is not None
     assert abs(found.beams - 64) <= 4
     assert found.warnings == ()
     assert found.sensor_m == pytest.approx(1.9, abs=0.2)
 
 
-@real
-def test_a_real_nclt_scan_has_32_beams_and_no_warning() -> None:
-    found = diagnose(read_velodyne_sync(REAL / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin"))
+def test_a_real_nclt_scan_has_32_beams_and_no_warning(real: Path) -> None:
+    found = diagnose(read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin"))
     assert (found.beams, found.warnings) == (32, ())
     assert found.sensor_m == pytest.approx(0.957, abs=0.15)  # METHODS 7.1

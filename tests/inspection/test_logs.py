@@ -8,10 +8,9 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import nclt
 from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.report import inspect
-from tests.inspection.scanner import NO_REAL, REAL, scan
+from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
 
-real = pytest.mark.skipif(not REAL.is_dir(), reason=NO_REAL)
 START_US = 1_326_652_795_000_000
 
 
@@ -56,8 +55,7 @@ def test_a_folders_name_tells_the_format_of_a_scan(tmp_path: Path) -> None:
 def test_a_sequence_is_opened_as_its_reader_opens_it(tmp_path: Path) -> None:
     folder = nclt_sequence(tmp_path)
     found = inspect(folder)
-    assert "6 with a true pose" in found.text()
-    assert "10 m, step median 2 m" in found.text()  # 5 steps of 2 m
+    assert_says(found, "6 with a true pose", "10 m, step median 2 m")  # 5 steps of 2 m
     assert found.warnings == ("no odometry_mu_100hz.csv",)
     assert "can be read" in inspect(tmp_path).text()
     (folder / "groundtruth_2012-01-15.csv").unlink()
@@ -81,8 +79,7 @@ def test_poses_tell_their_gaps_and_nans(tmp_path: Path) -> None:
     stamps[10:] += 2_000_000
     nclt.write_pose_rows(path, stamps, rows)
     found = inspect(path)
-    assert "20, of which 3 hold a NaN" in found.text()
-    assert "16 m, median step 1 m" in found.text()  # rows 3 … 19
+    assert_says(found, "20, of which 3 hold a NaN", "16 m, median step 1 m")  # rows 3 … 19
     assert found.warnings[0].startswith("1 gaps over 0.5 s, the longest 2.1 s")
 
 
@@ -138,7 +135,6 @@ def test_a_broken_raw_file_is_one_line_that_names_it(tmp_path: Path, name: str, 
         inspect(path)
 
 
-@real
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -150,8 +146,8 @@ def test_a_broken_raw_file_is_one_line_that_names_it(tmp_path: Path, name: str, 
         ("nclt/2012-01-15/velodyne_sync/1326652795280148.bin", "23,546"),
     ],
 )
-def test_real_files_are_told_without_warnings(name: str, words: str) -> None:
-    found = inspect(REAL / name)
+def test_real_files_are_told_without_warnings(real: Path, name: str, words: str) -> None:
+    found = inspect(real / name)
     assert words in found.text()
     assert found.warnings == ()
 
@@ -159,17 +155,13 @@ def test_real_files_are_told_without_warnings(name: str, words: str) -> None:
 def test_a_tum_trajectory_tells_its_path_and_its_gaps(tmp_path: Path) -> None:
     rows = [f"{100 + i / 10}, {3 * i} 0 {4 * i} 0 0 0 1" for i in range(5)]  # 5 m a row
     (tmp_path / "poses.txt").write_text("# stamp x y z qx qy qz qw\n" + "\n".join([*rows, "101 nan 0 0 0 0 0 1"]) + "\n")
-    text = inspect(tmp_path / "poses.txt").text()
-    assert "TUM trajectory" in text
-    assert "6, of which 1 hold a NaN" in text
-    assert "20 m, median step 5 m" in text
-    assert "x 0.0 … 12.0 m, y 0.0 … 0.0 m, z 0.0 … 16.0 m" in text
-    (tmp_path / "poses.txt").write_text("100 0 0 0 0 0 0 2\n")
-    with pytest.raises(LogError, match="quaternion"):
-        inspect(tmp_path / "poses.txt")
-    (tmp_path / "poses.txt").write_text("hello\n")
-    with pytest.raises(ConfigError, match="no kind of file"):
-        inspect(tmp_path / "poses.txt")
+    found = inspect(tmp_path / "poses.txt")
+    assert_says(found, "TUM trajectory", "6, of which 1 hold a NaN", "20 m, median step 5 m")
+    assert_says(found, "x 0.0 … 12.0 m, y 0.0 … 0.0 m, z 0.0 … 16.0 m")
+    for text, kind, says in (("100 0 0 0 0 0 0 2\n", LogError, "quaternion"), ("hello\n", ConfigError, "no kind of file")):
+        (tmp_path / "poses.txt").write_text(text)
+        with pytest.raises(kind, match=says):
+            inspect(tmp_path / "poses.txt")
 
 
 HEAD = (
@@ -183,11 +175,9 @@ def test_a_pcd_is_described_with_its_fields_and_points(tmp_path: Path) -> None:
     rows[5, 2] = np.nan
     path = tmp_path / "cloud.pcd"
     path.write_bytes(HEAD.format(n=2000).encode() + rows.tobytes())
-    text = inspect(path).text()
-    assert "cloud.pcd — PCD cloud" in text
-    assert "x f4, y f4, z f4, normal×3 f4" in text
-    assert "1,999, and 1 that are not finite" in text
-    assert "DATA binary" in text
+    found = inspect(path)
+    assert_says(found, "cloud.pcd — PCD cloud", "DATA binary")
+    assert_says(found, "x f4, y f4, z f4, normal×3 f4", "1,999, and 1 that are not finite")
     path.write_bytes(HEAD.format(n=1).encode() + np.full(6, np.nan, "<f4").tobytes())
     with one_line(LogError, "none of its 1 points has finite x, y and z"):
         inspect(path)

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.errors import LogError
 from pipeline.inspection.report import inspect
+from tests.inspection.scanner import assert_says
 from tests.readers.damage import one_line
 from tests.readers.robotcar_drive import DATE, DRIVEN, START, drive, ins_row, ins_text, sweep, vo_row
 
@@ -24,8 +25,7 @@ def test_a_sweep_tells_its_beams_and_its_laser(tmp_path: Path) -> None:
     root = drive(tmp_path, {50: sweep(*beams)})
     found = inspect(root / DATE / "lms_front" / f"{START + 50_000}.bin")
     assert "RobotCar sweep of lms_front" in found.headline
-    for words in ("2014-07-14 14:49:50 UTC", "361 of 541 beams", "10 m … 10 m, median 10 m", "180° of 360°", "0 … 40"):
-        assert words in found.text()
+    assert_says(found, "2014-07-14 14:49:50 UTC", "361 of 541 beams", "10 m … 10 m, median 10 m", "180° of 360°", "0 … 40")
     assert found.warnings == ()
 
 
@@ -50,8 +50,7 @@ def test_a_broken_sweep_is_one_line_that_names_it(tmp_path: Path, data: bytes) -
 def test_a_folder_of_sweeps_is_held_against_its_stamps(tmp_path: Path) -> None:
     root = drive(tmp_path)
     found = inspect(root / DATE / "lms_front")
-    assert "10 a second" in found.text()
-    assert "10 in lms_front.timestamps" in found.text()
+    assert_says(found, "10 a second", "10 in lms_front.timestamps")
     assert found.warnings == ()
     (root / DATE / "lms_front" / f"{START + 50_000}.bin").write_bytes(b"")
     (root / DATE / "lms_front" / f"{START + 60_000}.bin").write_bytes(sweep((1, 0, 0)))
@@ -66,8 +65,7 @@ def test_visual_odometry_tells_its_breaks_and_gaps(tmp_path: Path) -> None:
     # Ten steps of 1 m; then a row that starts 0.1 s later than the last ended, and takes a second.
     root = drive(tmp_path, vo=DRIVEN + vo_row(2100, 1100, 3.0))
     found = inspect(root / DATE / "vo" / "vo.csv")
-    assert "13, in 2 chains" in found.text()
-    assert "13 m, longest step 3 m" in found.text()
+    assert_says(found, "13, in 2 chains", "13 m, longest step 3 m")
     breaks, gap = found.warnings
     assert breaks.startswith("breaks: 1 rows")
     assert gap.startswith("1 steps over 0.5 s, the longest 1 s")
@@ -77,11 +75,10 @@ def test_inertial_navigation_tells_its_good_share_and_its_outages(tmp_path: Path
     # Rows a tenth of a second apart; six of twenty are bad in a row: 0.7 s without a good one.
     rows = [ins_row(100 * i, 5_735_000 + i, status="INS_SOLUTION_GOOD" if not 5 <= i < 11 else "INS_BAD") for i in range(20)]
     found = inspect(drive(tmp_path, ins=ins_text(*rows)) / DATE / "gps" / "ins.csv")
-    for words in ("20, of which 70.0 % are INS_SOLUTION_GOOD", "INS_BAD 6", "30U", "northing 5735000.0 … 5735019.0 m", "12 m"):
-        assert words in found.text()
-    assert [warning.split(":")[1].split(";")[0] for warning in found.warnings] == [
-        " 1 over 0.5 s without a good row, the longest 0.7 s"
-    ]
+    assert_says(found, "20, of which 70.0 % are INS_SOLUTION_GOOD", "INS_BAD 6", "30U", "12 m")
+    assert_says(found, "northing 5735000.0 … 5735019.0 m")
+    (outage,) = found.warnings
+    assert outage.split(":")[1] == " 1 over 0.5 s without a good row, the longest 0.7 s"
 
 
 def test_no_good_row_is_told(tmp_path: Path) -> None:
@@ -105,8 +102,9 @@ def test_a_sequence_is_opened_as_its_reader_opens_it(tmp_path: Path) -> None:
     root = drive(tmp_path, sweeps, {55: sweep((1, 0, 0))}, ins=bad)
     found = inspect(root / DATE)
     assert "RobotCar sequence" in found.headline
-    for words in ("with lms_front and lms_rear", "11, 10 with a true pose", "8 m, step", "odometry", "at 100 % of the sweeps"):
-        assert words in found.text()
+    assert_says(
+        found, "with lms_front and lms_rear", "11, 10 with a true pose", "8 m, step", "odometry", "at 100 % of the sweeps"
+    )
     assert found.warnings == ("1 of 11 sweeps have no place (INS outages: 1)",)
     (root / DATE / "vo" / "vo.csv").unlink()
     assert "the reader refuses the sequence" in inspect(root / DATE).warnings[0]

@@ -39,12 +39,8 @@ def driven(n: int, step_m: float = 1.0) -> np.ndarray:
     return pose(xyz, np.column_stack([np.zeros((n, 2)), np.full(n, np.pi / 2)]))
 
 
-def gathered_one_by_one(artifact: store.Artifact, made: Submaps) -> Gathering:
+def gathered(artifact: store.Artifact, made: Submaps) -> Gathering:
     return Gathering(artifact, made.layout, made.first, made.scans, made.ground_m, made.used)
-
-
-def gathered(artifact: store.Artifact, made: Submaps) -> list[np.ndarray]:
-    return list(gathered_one_by_one(artifact, made))
 
 
 def cut(artifact: store.Artifact, **settings: object) -> Submaps:
@@ -73,7 +69,7 @@ def test_the_ground_is_a_percentile_of_the_heights_around_the_anchor(tmp_path: P
     artifact = scans(tmp_path, [cloud] * 3, driven(3))
     made = cut(artifact, ground_percentile=5.0)
     assert made.ground_m.tolist() == [-2.0]
-    assert {round(z, 9) for z in gathered(artifact, made)[0][:, 2]} == {0.0, 6.0, -7.0}
+    assert {round(z, 9) for z in next(iter(gathered(artifact, made)))[:, 2]} == {0.0, 6.0, -7.0}
 
 
 def test_a_submap_without_ground_is_left_out_and_counted(tmp_path: Path) -> None:
@@ -106,7 +102,7 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
     moved = Counter[int]()
     plain = gathering._moved
     monkeypatch.setattr(gathering, "_moved", lambda a_T_b, points: (moved.update([len(points)]), plain(a_T_b, points))[1])
-    found = gathered(artifact, made)
+    found = list(gathered(artifact, made))
     assert len(found) == len(made.scans) > 10
     for first, last, points in zip(made.first, made.scans, found, strict=True):
         rows = [row for row in range(first, last + 1) if made.used[row]]
@@ -140,7 +136,7 @@ def test_memory_is_that_of_a_window_however_long_the_drive(tmp_path: Path) -> No
         made = cut(artifact, step_m=20.0, window_m=80.0)
         tracemalloc.start()
         try:
-            assert {len(points) for points in gathered_one_by_one(artifact, made)} == {161 * 100}
+            assert {len(points) for points in gathered(artifact, made)} == {161 * 100}
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()

@@ -8,7 +8,7 @@ import sqlite3
 import struct
 from pathlib import Path
 
-CLOUD_MD5, POSE_MD5 = "1158d486dd51d683ce2f1be655c3c181", "d3812c3cbc69362b77dc0b19b345f8f5"
+CLOUD_MD5, POSE_MD5 = b"1158d486dd51d683ce2f1be655c3c181", b"d3812c3cbc69362b77dc0b19b345f8f5"
 HALF = 0.5**0.5
 CLOUDS = {10_500_000_000: (1.0, 2.0, 3.0), 11_000_000_000: (4.0, 5.0, 6.0)}
 POSES = {10_000_000_000: (0.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF), 12_000_000_000: (10.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF)}
@@ -77,32 +77,26 @@ def ros1_pose(stamp_ns: int, numbers: tuple[float, ...]) -> bytes:
     return ros1_header(stamp_ns, "map") + struct.pack("<7d", *numbers)
 
 
-def record(data: bytes, **fields: bytes) -> bytes:
-    """A record of a ROS 1 bag: its fields, then its data, each with its length before it."""
-    head = b"".join(
-        struct.pack("<I", len(name) + 1 + len(value)) + name.encode() + b"=" + value for name, value in fields.items()
-    )
-    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
-
-
 def u32(*numbers: int) -> bytes:
     return struct.pack(f"<{len(numbers)}I", *numbers)
 
 
+def joined(fields: dict[str, bytes]) -> bytes:
+    return b"".join(u32(len(name) + 1 + len(value)) + name.encode() + b"=" + value for name, value in fields.items())
+
+
+def record(data: bytes, **fields: bytes) -> bytes:
+    """A record of a ROS 1 bag: its fields, then its data, each with its length before it."""
+    head = joined(fields)
+    return u32(len(head)) + head + u32(len(data)) + data
+
+
 def ros1(path: Path) -> Path:
     """https://wiki.ros.org/Bags/Format/2.0: header, one chunk, its index, then the connections and the chunk's info."""
-    topics = {0: ("/cloud", "sensor_msgs/PointCloud2", CLOUD_MD5), 1: ("/pose", "geometry_msgs/PoseStamped", POSE_MD5)}
+    cloud = {"topic": b"/cloud", "type": b"sensor_msgs/PointCloud2", "md5sum": CLOUD_MD5, "message_definition": b"by hand"}
+    pose = {"topic": b"/pose", "type": b"geometry_msgs/PoseStamped", "md5sum": POSE_MD5, "message_definition": b"by hand"}
     connections = b"".join(
-        record(
-            b"".join(
-                struct.pack("<I", len(name) + 1 + len(value)) + f"{name}={value}".encode()
-                for name, value in {"topic": topic, "type": kind, "md5sum": md5, "message_definition": "by hand"}.items()
-            ),
-            op=b"\7",
-            conn=u32(number),
-            topic=topic.encode(),
-        )
-        for number, (topic, kind, md5) in topics.items()
+        record(joined(topic), op=b"\7", conn=u32(number), topic=topic["topic"]) for number, topic in enumerate((cloud, pose))
     )
     sent = [(stamp, 0, ros1_cloud(stamp, point)) for stamp, point in CLOUDS.items()]
     sent += [(stamp, 1, ros1_pose(stamp, numbers)) for stamp, numbers in POSES.items()]

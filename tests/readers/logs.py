@@ -14,6 +14,17 @@ def sync_bytes(*hits: tuple[int, int, int]) -> bytes:
     return b"".join(np.array(hit, "<u2").tobytes() + bytes([7, 3]) for hit in hits)
 
 
+def packet(utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4) -> bytes:
+    """Of velodyne_hits.bin: hits of x, y, z, intensity, laser."""
+    head = np.array(magic, "<u2").tobytes() + np.array([len(hits)], "<u4").tobytes() + np.array([utime], "<u8").tobytes()
+    return head + bytes(4) + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
+
+
+def nclt_row(index: int, *pose: object) -> str:
+    """Of a file of poses: a tenth of a second and a metre north a row, unless given."""
+    return ", ".join(map(str, (START + 100_000 * index, *(pose or (index, 0, 0, 0, 0, 0))))) + "\n"
+
+
 def nclt_log(
     root: Path,
     truth: str | None = "".join(f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(11)),

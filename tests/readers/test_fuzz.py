@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import YearlocError
-from pipeline.readers.folder import Folder, read_scan
+from pipeline.errors import LogError, YearlocError
+from pipeline.readers.folder import Folder, read_scan, read_tum
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Reader
 from pipeline.readers.nclt import Nclt, read_packets, read_poses, read_velodyne_sync
-from pipeline.readers.robotcar import RobotCar
+from pipeline.readers.robotcar import RobotCar, read_sweep
 from tests.readers import robotcar_drive
-from tests.readers.damage import damaged, opened
-from tests.readers.logs import DATE, START, folder_log, kitti_log, nclt_log
+from tests.readers.damage import damaged, one_line, opened
+from tests.readers.logs import DATE, START, folder_log, kitti_log, nclt_log, nclt_row, packet
 
 COUNT = itertools.count()
 
@@ -151,6 +151,96 @@ def test_a_damaged_scan_is_read_or_refused(
         return
     assert found.shape[1:] in ((3,), (4,))
     assert read is not own_scan or np.isfinite(found).all()
+
+
+def npy_header(shape: str, kind: str = "<f4", body: bytes = bytes(24), version: int = 1) -> bytes:
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY" + bytes([version, 0]) + len(head).to_bytes(2 if version == 1 else 4, "little") + head + body
+
+
+def tum(*rows: str) -> str:
+    return "".join(f"1326030975.{row}\n" for row in rows)
+
+
+SECOND = START + 100_000
+TWO = packet(START, (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)) + packet(START + 5, (0, 0, 65_535, 1, 2))
+READS: dict[str, Callable[[Path], object]] = {
+    "1.npy": own_scan,
+    "poses.txt": read_tum,
+    "velodyne_hits.bin": read_packets,
+    "groundtruth.csv": read_poses,
+    "1.sync": read_velodyne_sync,
+    "000009.bin": read_velodyne,
+    "1.sweep": lambda path: read_sweep(path, np.eye(4)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "says"),
+    [
+        ("1.npy", b"", "no whole .npy file"),
+        ("1.npy", npy_header("(2, 3)")[:20], "no whole .npy file"),
+        ("1.npy", npy_header("(" * 3000), "no whole .npy file"),
+        ("1.npy", npy_header("(2, 3)", version=9), "no whole .npy file"),
+        ("1.npy", npy_header("(6,)"), r"expected points \(n, 3 or more\) as numbers, found float32\(6,\)"),
+        ("1.npy", npy_header("(3, 2)"), "3 or more"),
+        ("1.npy", npy_header("(2, 3)", "|O"), "as numbers, found object"),
+        ("1.npy", npy_header("(2, 3)", body=bytes(23)), "23 bytes of points, 24 for its shape"),
+        ("1.npy", npy_header("(2, 3)", body=bytes(25)), "25 bytes of points, 24 for its shape"),
+        ("1.npy", npy_header("(1000000000000, 3)"), "24 bytes of points, 12000000000000 for its shape"),
+        ("1.npy", npy_header("(99999999999999999999, 99999999999999999999)"), "24 bytes of points"),
+        ("poses.txt", "", "holds no rows"),
+        ("poses.txt", tum("0 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1.1"), "row 2 has a quaternion qx qy qz qw whose length is not 1"),
+        ("poses.txt", tum("0 0 0 0 0 0 0 0"), "row 1 has a quaternion"),
+        ("poses.txt", tum("0 0 0 0 1e200 0 0 1"), "row 1 has a quaternion"),
+        ("poses.txt", tum("0 0 0 0 0 0 0"), "row 1 is '1326030975.0 0 0 0 0 0 0'; expected stamp x y z qx qy qz qw"),
+        ("poses.txt", tum("0 0 0 zero 0 0 0 1"), "row 1 is .* expected eight numbers"),
+        ("poses.txt", tum("5 0 0 0 0 0 0 1", "4 0 0 0 0 0 0 1"), "row 2 is stamped"),
+        ("poses.txt", "nan 0 0 0 0 0 0 1\n", "row 1 is"),
+        ("poses.txt", "1e999999999999 0 0 0 0 0 0 1\n", "row 1 is"),
+        ("poses.txt", tum("0 0 0 1e300 0 0 0 1"), "row 1 is not finite, or lies nowhere on Earth"),
+        ("poses.txt", "\x00\xff", "row 1 is"),
+        ("velodyne_hits.bin", b"", "empty"),
+        ("velodyne_hits.bin", packet(1, magic=(44_444, 44_444, 44_443, 44_444)), "no whole packet at byte 0;"),
+        (
+            "velodyne_hits.bin",
+            TWO[:40] + b"\0" + TWO[41:],
+            "no whole packet at byte 40;",
+        ),  # the second packet starts at byte 24 + 2 · 8 = 40
+        ("velodyne_hits.bin", TWO[:-1], "no whole packet at byte 40;"),
+        ("velodyne_hits.bin", TWO[:30], "no whole packet at byte 0;"),
+        ("velodyne_hits.bin", TWO + TWO[:20], "no whole packet at byte 72;"),
+        (
+            "velodyne_hits.bin",
+            TWO[:8] + b"\xff\xff\xff\xff" + TWO[12:],
+            "no whole packet at byte 0;",
+        ),  # claims four thousand million hits
+        ("velodyne_hits.bin", packet(2**63 + 1), "which is no time in µs"),
+        ("groundtruth.csv", None, "no such file"),
+        ("groundtruth.csv", nclt_row(0) + nclt_row(2) + nclt_row(1), "row 3 is stamped"),
+        ("groundtruth.csv", nclt_row(0) + nclt_row(1).replace(str(SECOND), "nan"), "row 2 is stamped nan, which is no time"),
+        ("groundtruth.csv", nclt_row(0, 1, 2, 3), "7 numbers"),
+        ("groundtruth.csv", nclt_row(0) + nclt_row(1).replace("1, 0", "one, 0"), "7 numbers"),
+        ("groundtruth.csv", nclt_row(0, 1, 2, 3, 4, 5, 6, 7), "7 numbers"),
+        ("groundtruth.csv", "", "holds no rows"),
+        ("groundtruth.csv", "1e30, 0, 0, 0, 0, 0, 0\n", "row 1 is stamped"),
+        (
+            "1.sweep",
+            np.array([[3.25, -1.125, 40], [17.3, 2.7, 40]], ">f8").tobytes(),
+            "where no laser reaches",
+        ),  # the wrong byte order
+        *(("1.sweep", bytes(n), f"{n} bytes are no whole number of 24-byte returns") for n in (1, 8, 23, 25)),
+        ("1.sync", None, "no such file"),
+        *(("1.sync", bytes(n), f"{n} bytes are no whole number of 8-byte hits") for n in (1, 7, 9, 15)),
+        ("000009.bin", None, "no such file"),
+        *(("000009.bin", bytes(n), f"{n} bytes") for n in (1, 15, 17)),
+    ],
+)
+def test_a_file_that_cannot_be_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes | str | None, says: str) -> None:
+    if data is not None:
+        (tmp_path / name).write_bytes(data.encode() if isinstance(data, str) else data)
+    with one_line(LogError, f"{name}: .*({says})"):
+        READS[name](tmp_path / name)
 
 
 @pytest.mark.parametrize("stem", [START + 350_000, START + 150_000])

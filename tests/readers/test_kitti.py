@@ -51,14 +51,6 @@ def test_points_that_are_no_numbers_are_dropped(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_velodyne(path), [[1, 2, 3], [4, 5, 6]])
 
 
-@pytest.mark.parametrize("length", [1, 15, 17, None])
-def test_a_scan_that_is_cut_short_or_missing_is_refused(tmp_path: Path, length: int | None) -> None:
-    if length:
-        (tmp_path / "000009.bin").write_bytes(bytes(length))
-    with one_line(LogError, f"000009.bin: {length} bytes" if length else "000009.bin: no such file"):
-        read_velodyne(tmp_path / "000009.bin")
-
-
 def test_only_the_scans_on_disk_are_read(tmp_path: Path) -> None:
     point = np.zeros(4, "<f4").tobytes()
     scans = {"000001": point, "000004": point, "000006": point, "000002": b"", "000003": point[:9], "12": point, "scan01": point}

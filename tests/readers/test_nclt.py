@@ -1,6 +1,5 @@
 """The NCLT reader on files made by hand, and on a real scan."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +9,8 @@ from pipeline.errors import LogError
 from pipeline.frames import rpy, yaw
 from pipeline.readers.nclt import Nclt, read_packets, read_poses, read_velodyne_sync
 from tests.readers.damage import one_line
-from tests.readers.logs import DATE, START, nclt_log, sync_bytes
-
-
-def row(index: int, *pose: object) -> str:
-    return ", ".join(map(str, (START + 100_000 * index, *(pose or (index, 0, 0, 0, 0, 0))))) + "\n"
-
+from tests.readers.logs import DATE, START, nclt_log, packet, sync_bytes
+from tests.readers.logs import nclt_row as row
 
 # Scans
 
@@ -29,20 +24,6 @@ def test_raw_words_are_unsigned_half_centimetres_from_minus_100_m(tmp_path: Path
     np.testing.assert_allclose(read_velodyne_sync(path), found, atol=1e-9)
 
 
-@pytest.mark.parametrize("length", [1, 7, 9, 15])
-def test_a_scan_that_is_cut_short_is_refused(tmp_path: Path, length: int) -> None:
-    path = tmp_path / "1.bin"
-    path.write_bytes(bytes(length))
-    with one_line(LogError, f"{length} bytes are no whole number of 8-byte hits"):
-        read_velodyne_sync(path)
-
-
-@pytest.mark.parametrize("read", [read_velodyne_sync, read_poses])
-def test_a_missing_file_is_named(tmp_path: Path, read: Callable[[Path], object]) -> None:
-    with one_line(LogError, r"nowhere: no such file"):
-        read(tmp_path / "nowhere")
-
-
 def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> None:
     points = read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin")
     assert points.shape == (23_546, 3)
@@ -53,43 +34,16 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
 # Raw packets
 
 
-def packet(utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4) -> bytes:
-    head = np.array(magic, "<u2").tobytes() + np.array([len(hits)], "<u4").tobytes() + np.array([utime], "<u8").tobytes()
-    return head + bytes(4) + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
-
-
-TWO = packet(START, (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)) + packet(START + 5, (0, 0, 65_535, 1, 2))
-
-
 def test_packets_are_found_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(packet(START - 1) + TWO)
+    hits = (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)
+    path.write_bytes(packet(START - 1) + packet(START, *hits) + packet(START + 5, (0, 0, 65_535, 1, 2)))
     found = read_packets(path)
     assert found.utimes.tolist() == [START - 1, START, START + 5]
     assert found.offsets.tolist() == [0, 0, 2, 3]  # the first packet is empty
     assert found.hits(1).tolist() == [[20_000, 20_200, 19_800, 9 + 256 * 31], [20_001, 20_000, 20_000, 255]]
     assert found.hits(2).tolist() == [[0, 0, 65_535, 1 + 256 * 2]]
     assert found.hits(0).shape == (0, 4)
-
-
-@pytest.mark.parametrize(
-    ("data", "says"),
-    [
-        (b"", "velodyne_hits.bin: empty"),
-        (packet(1, magic=(44_444, 44_444, 44_443, 44_444)), "no whole packet at byte 0;"),
-        (TWO[:40] + b"\0" + TWO[41:], "no whole packet at byte 40;"),  # the second packet starts at byte 24 + 2 · 8 = 40
-        (TWO[:-1], "no whole packet at byte 40;"),
-        (TWO[:30], "no whole packet at byte 0;"),
-        (TWO + TWO[:20], "no whole packet at byte 72;"),
-        (TWO[:8] + b"\xff\xff\xff\xff" + TWO[12:], "no whole packet at byte 0;"),  # claims four thousand million hits
-        (packet(2**63 + 1), "which is no time in µs"),
-    ],
-)
-def test_a_broken_packet_is_named_by_its_byte(tmp_path: Path, data: bytes, says: str) -> None:
-    path = tmp_path / "velodyne_hits.bin"
-    path.write_bytes(data)
-    with one_line(LogError, says):
-        read_packets(path)
 
 
 # Poses
@@ -111,25 +65,6 @@ def test_leading_rows_without_a_pose_are_gaps(tmp_path: Path) -> None:
     truth = read_poses(path)
     assert len(truth.stamps_ns) == 4
     assert truth.at(truth.stamps_ns)[1].tolist() == [False, False, True, True]
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (row(0) + row(2) + row(1), "row 3 is stamped"),
-        (row(0) + row(1).replace(str(START + 100_000), "nan"), "row 2 is stamped nan, which is no time"),
-        (row(0, 1, 2, 3), "7 numbers"),
-        (row(0) + row(1).replace("1, 0", "one, 0"), "7 numbers"),
-        (row(0, 1, 2, 3, 4, 5, 6, 7), "7 numbers"),
-        ("", "expected 7 numbers|holds no rows"),
-        ("1e30, 0, 0, 0, 0, 0, 0\n", "row 1 is stamped"),
-    ],
-)
-def test_a_pose_file_that_cannot_be_is_one_line_naming_the_row(tmp_path: Path, text: str, says: str) -> None:
-    path = tmp_path / "groundtruth.csv"
-    path.write_text(text)
-    with one_line(LogError, f"groundtruth.csv: .*{says}"):
-        read_poses(path)
 
 
 # Logs

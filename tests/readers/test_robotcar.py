@@ -77,19 +77,6 @@ def test_beams_without_a_return_are_dropped_and_sweeps_may_be_short(tmp_path: Pa
     assert read_sweep(path, np.eye(4)).shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("data", "says"),
-    [
-        (np.array([[3.25, -1.125, 40], [17.3, 2.7, 40]], ">f8").tobytes(), "where no laser reaches"),  # the wrong byte order
-        *((bytes(length), f"{length} bytes are no whole number of 24-byte returns") for length in (1, 8, 23, 25)),
-    ],
-)
-def test_a_damaged_sweep_is_refused(tmp_path: Path, data: bytes, says: str) -> None:
-    (tmp_path / "1.bin").write_bytes(data)
-    with one_line(LogError, says):
-        read_sweep(tmp_path / "1.bin", np.eye(4))
-
-
 def test_both_lasers_are_merged_in_order_of_time(tmp_path: Path) -> None:
     # The front sweeps at 20 and 60 ms, the rear at 40 and 60 ms: one row holds both sweeps of one stamp.
     log = BOTH.open(drive(tmp_path, {20: ONE, 60: ONE}, rear={40: ONE, 60: ONE}), DATE)
