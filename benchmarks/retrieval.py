@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from benchmarks.race import Race, race
 from pipeline.matching.nearest import nearest
+from pipeline.matching.shift_method import ring_keys
 from pipeline.matching.shifts import Spectra
-from pipeline.methods.scan_context import ring_keys
 
 ROWS, RINGS, SECTORS, QUERIES = 5_000, 40, 120, 64
 CANDIDATES, WIDTH, K = 50, 256, 25

@@ -15,8 +15,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.running.settings import check
 
-TINY = 1e-150
-"""In place of a standard error of zero, of values that are all equal."""
+TINY = 1e-150  # in place of a standard error of zero, of values that are all equal
 
 
 @dataclass(frozen=True)
@@ -24,20 +23,13 @@ class Line:
     """A value v = intercept + slope · days, fitted to `number` sequences."""
 
     number: int
-    last_day: float
-    """Of the last sequence: what lies after it is extrapolated."""
-    intercept: float
-    """On the day of training."""
-    slope: float
-    """A day."""
-    middle_slope: float
-    """Theil and Sen's: the median over all pairs of sequences, which one odd sequence hardly moves."""
-    p: float
-    """Two-sided, of no slope; NaN of two sequences."""
-    quantile: float
-    """Of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none."""
-    covariance: NDArray[np.float64]
-    """(2, 2) of intercept and slope."""
+    last_day: float  # of the last sequence: what lies after it is extrapolated
+    intercept: float  # on the day of training
+    slope: float  # a day
+    middle_slope: float  # Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly moves
+    p: float  # two-sided, of no slope; NaN of two sequences
+    quantile: float  # of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none
+    covariance: NDArray[np.float64]  # (2, 2) of intercept and slope
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -77,10 +69,8 @@ class Line:
 class Ageing:
     """What is asked of the lines (conf/results.yaml)."""
 
-    loss: float = 0.1
-    """The share of a number's value on the day of training whose loss calls for training again."""
-    level: float = 0.95
-    """Of the intervals."""
+    loss: float = 0.1  # the share of a number's value on the day of training whose loss calls for training again
+    level: float = 0.95  # of the intervals
 
     def __post_init__(self) -> None:
         check(self, "ageing")
@@ -99,22 +89,17 @@ class Ageing:
         left = rise - slope * apart
         of_slope = (left @ left) / (apart @ apart) / (n - 2) if n > 2 else np.nan
         of_intercept, of_both = of_slope * (x**2).mean(), -of_slope * x.mean()
+        before, after = np.nonzero(x[:, None] < x)
         return Line(
             number=n,
             last_day=float(x.max()),
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
-            middle_slope=_middle_slope(x, y),
+            middle_slope=float(np.median((y[after] - y[before]) / (x[after] - x[before]))),
             p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(of_slope), TINY))) if n > 2 else np.nan,
             quantile=float(stdtrit(n - 2, (1 + self.level) / 2)) if n > 2 else np.nan,
             covariance=np.array([[of_intercept, of_both], [of_both, of_slope]]),
         )
-
-
-def _middle_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Theil and Sen's: the median slope over all pairs of unlike x."""
-    before, after = np.nonzero(x[:, None] < x)
-    return float(np.median((y[after] - y[before]) / (x[after] - x[before])))
 
 
 def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:

@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 from pipeline.running import settings
 
 BOUNDS = (2.5, 97.5)
-CHUNK = 1 << 17
-"""Weights held at once: a MB in each array between, whatever the number of queries."""
-
-Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Weights (r, q) to m numbers (m, r)."""
+CHUNK = 1 << 17  # weights held at once: a MB in each array between, whatever the number of queries
+Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # weights (r, q) to m numbers (m, r)
 
 
 @dataclass(frozen=True)
@@ -24,8 +21,7 @@ class Bootstrap:
     evidence of how it might fail.
     """
 
-    block_m: float = 50.0
-    """Travelled metres that stay together; longer than a run of errors."""
+    block_m: float = 50.0  # travelled metres that stay together; longer than a run of errors
     resamples: int = 1000
     seed: int = 0
 
@@ -39,8 +35,11 @@ class Bootstrap:
         NaN for a number that all queries together leave undefined, and on a path of a single block; resamples that leave it
         undefined are left out.
         """
-        bounds = [np.percentile(spread, BOUNDS) if len(spread) else (np.nan, np.nan) for spread in self.spreads(numbers, xy_m)]
-        return np.array(bounds, np.float64).reshape(-1, 2)
+        return np.array([bounds(spread) for spread in self.spreads(numbers, xy_m)], np.float64).reshape(-1, 2)
+
+    def estimates(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The m numbers of all queries, each with its lowest and highest (m, 3)."""
+        return np.concatenate([numbers(np.ones((1, len(xy_m)))), self.intervals(numbers, xy_m)], axis=1)
 
     def spreads(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Each number in the resamples that define it; empty where `intervals` has NaN."""
@@ -54,6 +53,12 @@ class Bootstrap:
         chunks = [numbers(drawn[i : i + step, block].astype(np.float64)) for i in range(0, self.resamples, step)]
         resampled = np.concatenate(chunks, axis=1)
         return [spread[~np.isnan(spread) & ~np.isnan(one)] for spread, one in zip(resampled, estimate, strict=True)]
+
+
+def bounds(spread: NDArray[np.float64]) -> tuple[float, float]:
+    """Lowest and highest of a number in resamples (r,); NaN without any."""
+    low, high = np.percentile(spread, BOUNDS) if len(spread) else (np.nan, np.nan)
+    return float(low), float(high)
 
 
 def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.evaluation.protocols import Truth
 
-TOP_N = 25
-"""Both papers look at the first 1, 5 and 25 places."""
+TOP_N = 25  # both papers look at the first 1, 5 and 25 places
 N_THRESHOLDS = 200
 
 
@@ -18,24 +17,20 @@ N_THRESHOLDS = 200
 class Counts:
     """Judged queries of each outcome, thresholds along the last axis; the four add up to the same number everywhere."""
 
-    hits: NDArray[Any]
-    """Accepted, and a right answer among the first n."""
-    misses: NDArray[Any]
-    """Rejected although seen; the same for every n."""
-    false_alarms: NDArray[Any]
-    """Accepted, and no right answer among the first n, or the query unseen."""
-    correct_rejections: NDArray[Any]
-    """Rejected and unseen; the same for every n."""
+    hits: NDArray[Any]  # accepted, and a right answer among the first n
+    misses: NDArray[Any]  # rejected although seen; the same for every n
+    false_alarms: NDArray[Any]  # accepted, and no right answer among the first n, or the query unseen
+    correct_rejections: NDArray[Any]  # rejected and unseen; the same for every n
 
 
 def count(truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N) -> Counts:
     """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,): rejected is a query whose novelty (q,) ≥ the threshold."""
-    check(truth, novelty)
+    _check(truth, novelty)
     rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(thresholds, np.float64)  # (q, t)
     hits = _tally(np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1), ~rejected)
     accepted = _tally((truth.seen | truth.unseen)[:, None], ~rejected)
     misses, correct_rejections = (
-        np.broadcast_to(_tally(queries[:, None], rejected), hits.shape).copy() for queries in (truth.seen, truth.unseen)
+        np.tile(_tally(queries[:, None], rejected), (top_n, 1)) for queries in (truth.seen, truth.unseen)
     )
     return Counts(hits, misses, accepted - hits, correct_rejections)
 
@@ -48,7 +43,7 @@ class ExactCounts:
 
     def __init__(self, truth: Truth, novelty: NDArray[Any], weight: NDArray[np.float64]) -> None:
         """`weight` (r, q): how often each of the q queries counts in each of r resamples."""
-        check(truth, novelty)
+        _check(truth, novelty)
         self._truth = truth
         self._order = np.argsort(novelty, kind="stable")
         ascending = np.asarray(novelty, np.float64)[self._order]
@@ -75,15 +70,13 @@ class ExactCounts:
 
 
 def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
-    """The 200 thresholds (t,) to judge these novelties (q,) at.
-
-    0 to 1 where the novelties lie there, as an entropy does; else 0 to the largest one observed, as a distance's do.
-    """
+    """The 200 thresholds (t,) to judge these novelties (q,) at: from 0, or the least of them if that is lower, to 1, or the
+    largest of them if that is higher; infinite ones left out."""
     finite = np.asarray(novelty, np.float64)[np.isfinite(novelty)]
     return np.linspace(min(0.0, finite.min(initial=0.0)), max(1.0, finite.max(initial=0.0)), N_THRESHOLDS)
 
 
-def check(truth: Truth, novelty: NDArray[Any]) -> None:
+def _check(truth: Truth, novelty: NDArray[Any]) -> None:
     """Raise InputError unless each query has a truth and a novelty that a threshold can be held against."""
     if not len(truth.true_rank) == len(truth.seen) == len(truth.unseen) == len(novelty):
         raise InputError(

@@ -49,9 +49,8 @@ def auroc(counts: Counts) -> NDArray[np.float64]:
     The counts run from all rejected to all accepted, past every distinct novelty: so the trapezoids count a tie half.
     """
     misses, correct_rejections = np.asarray(counts.misses, np.float64), np.asarray(counts.correct_rejections, np.float64)
-    pairs = misses[..., 0] * correct_rejections[..., 0]
-    told_apart = np.trapezoid(misses[..., :1] - misses, -correct_rejections, axis=-1)
-    return ratio(np.asarray(told_apart), pairs, empty=np.nan)
+    in_order = np.asarray(np.trapezoid(misses[..., :1] - misses, -correct_rejections, axis=-1))
+    return ratio(in_order, misses[..., 0] * correct_rejections[..., 0], empty=np.nan)
 
 
 def ratio(part: Curve, whole: Curve, empty: float) -> Curve:

@@ -4,8 +4,9 @@ Real changes of the world, unlike those that an alteration draws into single que
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +16,20 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
-from pipeline.evaluation.protocols import Truth
 from pipeline.formats.changes import Change
 from pipeline.running import settings
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
-APART_M = 1e6
-"""Between the paths of two sequences that are pooled, so that no block holds queries of both."""
+APART_M = 1e6  # between the paths of two sequences that are pooled, so that no block holds queries of both
 
 
 @dataclass(frozen=True)
 class Bands:
     """How queries are grouped (conf/results.yaml)."""
 
-    edges_m: Sequence[float] = (25.0, 50.0, 100.0)
-    """Rising; the last band has no end."""
-    kinds: Sequence[str] = ("construction", "demolition")
-    """Which changes count; trees change everywhere."""
-    few: int = 30
-    """Fewer seen queries than this say little."""
+    edges_m: Sequence[float] = (25.0, 50.0, 100.0)  # rising; the last band has no end
+    kinds: Sequence[str] = ("construction", "demolition")  # which changes count; trees change everywhere
+    few: int = 30  # fewer seen queries than this say little
 
     def __post_init__(self) -> None:
         settings.check(self, "bands")
@@ -63,8 +59,8 @@ class Banded:
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
     """Distance (q,) from positions (q, 2) to the nearest change; infinite where there is none."""
-    where = np.array([(one.x_m, one.y_m) for one in changes], np.float64).reshape(-1, 2)
-    return np.asarray(np.linalg.norm(where - xy_m[:, None], axis=2).min(axis=1, initial=np.inf))
+    changes_m = np.array([(one.x_m, one.y_m) for one in changes], np.float64).reshape(-1, 2)
+    return np.asarray(np.linalg.norm(changes_m - xy_m[:, None], axis=2).min(axis=1, initial=np.inf))
 
 
 def distances(
@@ -92,9 +88,10 @@ def banded(
     """
     band = bands.of(np.concatenate(away_m))
     novelty = np.concatenate([one.novelty[:, 0] for one in evaluations])
-    truth = _pooled([one.truth(protocol) for one in evaluations])
+    truths, flags = [one.truth(protocol) for one in evaluations], ("seen", "unseen", "true_rank", "oracle_right")
+    pooled: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in truths]) for name in flags}
     rows = [np.flatnonzero(band == number) for number in range(len(bands.names))]
-    parts = [_some(truth, here) for here in rows]
+    parts = [replace(truths[0], **{name: array[here] for name, array in pooled.items()}) for here in rows]
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
         found = []
@@ -105,17 +102,5 @@ def banded(
         return np.stack(found)
 
     apart_m = np.concatenate([one.xy_m + np.array([APART_M * number, 0.0]) for number, one in enumerate(evaluations)])
-    values = np.concatenate([numbers(np.ones((1, len(band)))), bootstrap.intervals(numbers, apart_m)], axis=1)
-    seen, unseen = ([int(getattr(part, name).sum()) for part in parts] for name in ("seen", "unseen"))
-    return Banded(np.array(seen), np.array(unseen), values.reshape(len(rows), len(NUMBERS), 3))
-
-
-def _pooled(truths: Sequence[Truth]) -> Truth:
-    seen, unseen, true_rank, oracle_right = (
-        np.concatenate([getattr(one, name) for one in truths]) for name in ("seen", "unseen", "true_rank", "oracle_right")
-    )
-    return Truth(seen, unseen, true_rank, oracle_right, truths[0].usual_recall)
-
-
-def _some(truth: Truth, rows: NDArray[np.int64]) -> Truth:
-    return Truth(truth.seen[rows], truth.unseen[rows], truth.true_rank[rows], truth.oracle_right[rows], truth.usual_recall)
+    seen, unseen = (np.array([getattr(part, name).sum() for part in parts]) for name in ("seen", "unseen"))
+    return Banded(seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(rows), len(NUMBERS), 3))

@@ -1,7 +1,7 @@
 """Judges a ranking: what became of each query by both protocols, and every number with its 95 % interval."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +35,22 @@ def judge(
     """Judge a ranking of q queries against their labels and poses (q, 4, 4) as they were driven, rows in that order.
 
     `reject_from` is the model's threshold on each kind of novelty; `days` are since training; `turned_deg` (q,) is how far the
-    robot was turned to the left for each query.
+    robot was turned to the left for each query. Raises InputError where ranking, labels and poses do not fit together.
     """
+    _check(ranking, reject_from, labels, world_T_anchor)
+    turn_deg, true_deg = np.asarray(labels.nearest_turn_deg, np.float64), np.rad2deg(yaw(world_T_anchor))
     if turned_deg is not None:
-        labels = replace(labels, nearest_turn_deg=wrapped_deg(labels.nearest_turn_deg + turned_deg))
-    queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg)
-    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
+        turn_deg, true_deg = wrapped_deg(turn_deg + turned_deg), true_deg + turned_deg
+    xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
+    queries = Queries(
+        novelty=np.asarray(ranking.novelty, np.float32),
+        reject_from=tuple(map(float, reject_from)),
+        thresholds=spread(ranking.novelty[:, 0]),
+        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
+        turn_deg=turn_deg,
+        nearest_m=np.asarray(labels.nearest_m, np.float64),
+        heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg.astype(np.float64) - true_deg)),
+    )
     return Evaluation(
         cells=_judgement(by_cells(ranking.places, labels.places, labels.oracle), queries, xy_m, bootstrap),
         distance=_judgement(distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap),
@@ -50,7 +60,7 @@ def judge(
         answer=ranking.places[:, 0],
         cost=ranking.costs[:, 0],
         xy_m=xy_m,
-        answer_xy_m=ranking.xy_m[:, 0].astype(np.float64),
+        answer_xy_m=answer_xy_m,
         kinds=ranking.kinds,
         days=days,
     )
@@ -65,39 +75,17 @@ def judge_cases(
     """
     true = Labels(**{name: labels.load(name) for name in LABELS.columns})
     world_T_anchor, days = submaps.load("world_T_anchor"), int(labels.attrs["days"])
-    kinds, n = tuple(rankings.attrs["kinds"]), len(world_T_anchor)
-    names = [field.name for field in fields(Ranking) if field.name != "kinds"]
-    arrays = {name: rankings.load(name) for name in (*names, "turned_deg")}
-    found, cases = {}, read_cases(rankings.attrs)
-    if len(arrays["places"]) != n * len(cases):
-        raise InputError(f"{rankings.path}: {len(arrays['places'])} queries in {len(cases)} cases of {n} submaps")
+    found, cases, n = {}, read_cases(rankings.attrs), len(world_T_anchor)
+    arrays = {name: rankings.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
+    turned_deg, kinds = rankings.load("turned_deg"), tuple(rankings.attrs["kinds"])
+    if len(turned_deg) != n * len(cases):
+        raise InputError(f"{rankings.path}: {len(turned_deg)} queries in {len(cases)} cases of {n} submaps")
     for i, case in enumerate(cases):
-        own = {name: array[i * n : (i + 1) * n] for name, array in arrays.items()}
-        turned_deg = own.pop("turned_deg")
-        ranking = Ranking(**own, kinds=kinds)
-        found[case] = judge(ranking, rankings.attrs["thresholds"], true, world_T_anchor, days, distance, bootstrap, turned_deg)
+        own = slice(i * n, (i + 1) * n)
+        ranking = Ranking(**{name: array[own] for name, array in arrays.items()}, kinds=kinds)
+        given = (ranking, rankings.attrs["thresholds"], true, world_T_anchor, days, distance, bootstrap, turned_deg[own])
+        found[case] = judge(*given)
     return found
-
-
-def _queries(
-    ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses, turned_deg: NDArray[np.float32] | None
-) -> Queries:
-    """What a ranking says of q queries, and what it is weighed by whatever the protocol.
-
-    Raises InputError where ranking, labels and poses do not fit together.
-    """
-    _check(ranking, reject_from, labels, world_T_anchor)
-    xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
-    true_deg = np.rad2deg(yaw(world_T_anchor)) + (0.0 if turned_deg is None else turned_deg)
-    return Queries(
-        novelty=np.asarray(ranking.novelty, np.float32),
-        reject_from=tuple(map(float, reject_from)),
-        thresholds=spread(ranking.novelty[:, 0]),
-        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
-        turn_deg=np.asarray(labels.nearest_turn_deg, np.float64),
-        nearest_m=np.asarray(labels.nearest_m, np.float64),
-        heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg.astype(np.float64) - true_deg)),
-    )
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
@@ -119,7 +107,7 @@ def _judgement(truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootst
         every = (first, {name: first[name] for name in MEASURES}, *others)
         return np.stack([value for found in every for value in found.values()])
 
-    found = np.concatenate([every_number(everyone), bootstrap.intervals(every_number, xy_m)], axis=1)
+    found = bootstrap.estimates(every_number, xy_m)
     counts, seen = count(truth, novelty, queries.thresholds), everyone @ truth.seen
     precision, recall = curve(truth, counts, seen)
     exact = ExactCounts(truth, novelty, everyone)
@@ -150,7 +138,7 @@ def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> ND
 
 
 def _check(ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses) -> None:
-    answers = (ranking.places, ranking.costs, ranking.xy_m, ranking.novelty, ranking.confidence, ranking.heading_deg)
+    answers = [array for name, array in vars(ranking).items() if name != "kinds"]
     true = (world_T_anchor, labels.places, labels.oracle, labels.nearest_m, labels.nearest_turn_deg)
     rows = {len(array) for array in (*answers, *true)}
     if len(rows) != 1:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.counts import ExactCounts
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, Queries, curve
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
 from pipeline.schemas import EVALUATIONS
 from pipeline.store import Artifact
@@ -75,11 +75,6 @@ class Evaluation:
         by = self.protocol(name)
         return Truth(by.seen, by.unseen, by.true_rank, by.oracle_right, usual_recall=name == "distance")
 
-    @property
-    def queries(self) -> Queries:
-        """What its numbers are made of besides the truth."""
-        return Queries(**{field.name: getattr(self, field.name) for field in fields(Queries)})
-
     def number(self, protocol: str, name: str) -> tuple[float, float, float]:
         """One of NUMBERS and the bounds of its 95 % interval; NaN where there is none."""
         value, low, high = map(float, self.protocol(protocol).numbers[NUMBERS.index(name)])
@@ -108,14 +103,11 @@ class Evaluation:
 
 def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:
     """The arrays of an artifact that holds these evaluations, a row a case."""
-    judged = {field.name for field in fields(Judgement)}
-
-    def one(evaluation: Evaluation, name: str) -> NDArray[Any]:
-        if name in judged:
-            return np.stack([getattr(evaluation.protocol(protocol), name) for protocol in PROTOCOLS])
-        return np.asarray(getattr(evaluation, name))
-
-    return {name: np.stack([one(evaluation, name) for evaluation in evaluations]) for name in EVALUATIONS.columns}
+    parts = [vars(one) | {"protocols": [vars(one.protocol(protocol)) for protocol in PROTOCOLS]} for one in evaluations]
+    return {
+        name: np.stack([one[name] if name in one else np.stack([by[name] for by in one["protocols"]]) for one in parts])
+        for name in EVALUATIONS.columns
+    }
 
 
 def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:

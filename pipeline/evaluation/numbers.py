@@ -11,27 +11,11 @@ from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_reca
 from pipeline.evaluation.protocols import Truth
 
 NUMBERS = (
-    "recall_at_1",
-    "recall_at_5",
-    "recall_at_25",
-    "recall_at_1_same_heading",
-    "recall_at_1_turned",
-    "oracle",
-    "oracle_same_heading",
-    "oracle_turned",
-    "auc_top1",
-    "auc_top5",
-    "auc_top25",
-    "auc_exact_top1",
-    "f1_max",
-    "recall_at_99_precision",
-    "auroc",
-    "precision_at_threshold",
-    "recall_at_threshold",
-    "median_error_m",
-    "oracle_auc_exact_top1",
-    "median_heading_error_deg",
-    "heading_within_10deg",
+    *("recall_at_1", "recall_at_5", "recall_at_25", "recall_at_1_same_heading", "recall_at_1_turned"),
+    *("oracle", "oracle_same_heading", "oracle_turned"),
+    *("auc_top1", "auc_top5", "auc_top25", "auc_exact_top1", "f1_max", "recall_at_99_precision", "auroc"),
+    *("precision_at_threshold", "recall_at_threshold", "median_error_m"),
+    *("oracle_auc_exact_top1", "median_heading_error_deg", "heading_within_10deg"),
 )
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
@@ -41,34 +25,24 @@ an answer in another street has none to compare."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
-SAME_HEADING_DEG = 45.0
-"""Turned at most this far against the nearest training anchor, a query drives the street as training did."""
+SAME_HEADING_DEG = 45.0  # turned at most this far against the nearest training anchor, a query drives the street as training did
 GOOD_HEADING_DEG = 10.0
 
-Weight = NDArray[np.float64]
-"""(r, q) how often each of q queries counts in each of r resamples."""
-Number = NDArray[np.float64]
-"""(r,) a number in each resample, NaN where it is of nothing."""
+Weight = NDArray[np.float64]  # (r, q) how often each of q queries counts in each of r resamples
+Number = NDArray[np.float64]  # (r,) a number in each resample, NaN where it is of nothing
 
 
 @dataclass(frozen=True)
 class Queries:
     """What was said of q queries, and what it is weighed by whatever the protocol."""
 
-    novelty: NDArray[np.float32]
-    """(q, kind); the first kind is the one in use."""
-    reject_from: tuple[float, ...]
-    """(kind,) the model's own thresholds."""
-    thresholds: NDArray[np.float64]
-    """(t,) of the papers' curve, over the first kind."""
-    error_m: NDArray[np.float64]
-    """(q,) from the query to its first answer."""
-    turn_deg: NDArray[np.float64]
-    """(q,) heading against the nearest training anchor's."""
-    nearest_m: NDArray[np.float64]
-    """(q,) distance to that anchor."""
-    heading_error_deg: NDArray[np.float64]
-    """(q,) estimated heading against the true one, 0 to 180; NaN where the method estimates none."""
+    novelty: NDArray[np.float32]  # (q, kind); the first kind is the one in use
+    reject_from: tuple[float, ...]  # (kind,) the model's own thresholds
+    thresholds: NDArray[np.float64]  # (t,) of the papers' curve, over the first kind
+    error_m: NDArray[np.float64]  # (q,) from the query to its first answer
+    turn_deg: NDArray[np.float64]  # (q,) heading against the nearest training anchor's
+    nearest_m: NDArray[np.float64]  # (q,) distance to that anchor
+    heading_error_deg: NDArray[np.float64]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -105,9 +79,9 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
         found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
         found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
     found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
-    turned_deg, known = queries.heading_error_deg, right(truth, 1) & np.isfinite(queries.heading_error_deg)
-    found["median_heading_error_deg"] = median(turned_deg[known], weight[:, known])
-    found["heading_within_10deg"] = share(turned_deg <= GOOD_HEADING_DEG, known, weight)
+    off_deg, known = queries.heading_error_deg, good["recall_at_1"] & np.isfinite(queries.heading_error_deg)
+    found["median_heading_error_deg"] = median(off_deg[known], weight[:, known])
+    found["heading_within_10deg"] = share(off_deg <= GOOD_HEADING_DEG, known, weight)
     return found
 
 

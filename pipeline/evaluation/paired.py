@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.evaluation.bootstrap import BOUNDS, Bootstrap
+from pipeline.evaluation.bootstrap import Bootstrap, bounds
 from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.numbers import Number, Weight, auc_exact, share
+from pipeline.evaluation.numbers import Weight, auc_exact, share
 
-COMPARED = ("recall_at_1", "auc_exact_top1")
-"""The numbers whose differences are tested."""
+COMPARED = ("recall_at_1", "auc_exact_top1")  # the numbers whose differences are tested
 LEVEL = 0.05
 
 
@@ -21,21 +20,17 @@ class Difference:
     """One number of one method minus the reference's."""
 
     value: float
-    low: float
+    low: float  # of the 95 % interval; NaN where no resample defines the difference
     high: float
-    """95 % interval; NaN where no resample tells."""
-    p: float
-    """Two-sided, and never 0; NaN where no resample tells."""
+    p: float  # two-sided, and never 0; NaN like the interval
 
 
 @dataclass(frozen=True)
 class Paired:
     """One method against the reference on one sequence, by one protocol."""
 
-    differences: tuple[Difference, ...]
-    """One each of COMPARED."""
-    only_this: int
-    """Seen queries whose first answer is right by this method alone."""
+    differences: tuple[Difference, ...]  # one each of COMPARED
+    only_this: int  # seen queries whose first answer is right by this method alone
     only_reference: int
 
 
@@ -49,18 +44,20 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
     same = ((this.xy_m, reference.xy_m), (ours.seen, theirs.seen), (ours.unseen, theirs.unseen))
     if not all(np.array_equal(one, other) for one, other in same):
         raise InputError("two methods can be compared on the same queries only, in the same order and judged alike")
+    good, better = right(ours, 1), right(theirs, 1)
 
     def difference(weight: Weight) -> NDArray[np.float64]:
-        return np.stack(_numbers(this, protocol, weight)) - np.stack(_numbers(reference, protocol, weight))
+        recall = share(good, ours.seen, weight) - share(better, theirs.seen, weight)
+        return np.stack(
+            [recall, auc_exact(ours, this.novelty[:, 0], weight) - auc_exact(theirs, reference.novelty[:, 0], weight)]
+        )
 
-    values = difference(np.ones((1, len(this.xy_m))))[:, 0]
-    spreads = bootstrap.spreads(difference, this.xy_m)
-    good, better = right(ours, 1), right(theirs, 1)
-    return Paired(
-        tuple(_tested(float(value), spread) for value, spread in zip(values, spreads, strict=True)),
-        int((good & ~better).sum()),
-        int((better & ~good).sum()),
+    values = difference(np.ones((1, len(this.xy_m))))[:, 0].tolist()
+    tested = (
+        Difference(one, *bounds(spread), _p(spread))
+        for one, spread in zip(values, bootstrap.spreads(difference, this.xy_m), strict=True)
     )
+    return Paired(tuple(tested), int((good & ~better).sum()), int((better & ~good).sum()))
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,14 +70,6 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     return corrected
 
 
-def _numbers(evaluation: Evaluation, protocol: str, weight: Weight) -> tuple[Number, Number]:
-    truth = evaluation.truth(protocol)
-    return share(right(truth, 1), truth.seen, weight), auc_exact(truth, evaluation.novelty[:, 0], weight)
-
-
-def _tested(value: float, spread: NDArray[np.float64]) -> Difference:
-    if not len(spread):
-        return Difference(value, np.nan, np.nan, np.nan)
+def _p(spread: NDArray[np.float64]) -> float:
     fewer = min((spread <= 0).sum(), (spread >= 0).sum())
-    low, high = np.percentile(spread, BOUNDS)
-    return Difference(value, float(low), float(high), min(1.0, 2 * (1 + int(fewer)) / (1 + len(spread))))
+    return min(1.0, 2 * (1 + int(fewer)) / (1 + len(spread))) if len(spread) else np.nan

@@ -15,16 +15,11 @@ PROTOCOLS = ("cells", "distance")
 class Truth:
     """What is true of each of q queries under one protocol; a query neither seen nor unseen is not judged."""
 
-    seen: NDArray[np.bool_]
-    """(q,) training went there."""
-    unseen: NDArray[np.bool_]
-    """(q,) training never went there."""
-    true_rank: NDArray[np.int64]
-    """(q,) 0-based rank of the first right answer; −1 if not seen or not ranked."""
-    oracle_right: NDArray[np.bool_]
-    """(q,) seen, and answering the nearest training anchor would be right."""
-    usual_recall: bool = False
-    """Recall is of all seen queries; else, as the papers count, of the hits and misses alone."""
+    seen: NDArray[np.bool_]  # (q,) training went there
+    unseen: NDArray[np.bool_]  # (q,) training never went there
+    true_rank: NDArray[np.int64]  # (q,) 0-based rank of the first right answer; −1 if not seen or not ranked
+    oracle_right: NDArray[np.bool_]  # (q,) seen, and answering the nearest training anchor would be right
+    usual_recall: bool = False  # recall is of all seen queries; else, as the papers count, of the hits and misses alone
 
 
 def by_cells(places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]) -> Truth:
@@ -42,12 +37,9 @@ def by_cells(places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: 
 class Distance:
     """The protocol by distance (conf/evaluate.yaml), which no border of a grid cell cuts."""
 
-    seen_m: float = 5.0
-    """Seen: a training anchor is nearer than this."""
-    correct_m: float = 15.0
-    """Right: the answer lies at most this far from the query."""
-    unseen_m: float = 15.0
-    """Unseen: every training anchor is farther than this; a query between is not judged."""
+    seen_m: float = 5.0  # seen: a training anchor is nearer than this
+    correct_m: float = 15.0  # right: the answer lies at most this far from the query
+    unseen_m: float = 15.0  # unseen: every training anchor is farther than this; a query between is not judged
 
     def __post_init__(self) -> None:
         settings.check(self, "distance")

@@ -4,7 +4,7 @@ Reports, the page, MLflow, `yearloc results` and sweeps read this table and comp
 csv, a file a study; timings, which differ from run to run, have a csv of their own and are added when the table is read.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline import schemas, store
-from pipeline.alterations import Case, read_cases
+from pipeline.alterations import read_cases
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
@@ -21,7 +21,7 @@ from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES, WORDS, Rows, of_evaluation, row, table
-from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, sequences_by_day, viewpoint_rows
+from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, viewpoint_rows
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
@@ -41,44 +41,45 @@ class Gathering:
     simulated: bool
     ageing: Ageing
     bands: Bands
-    unseen_share: float
-    """Of queries, that the held-out AUC expects."""
+    unseen_share: float  # of queries, that the held-out AUC expects
 
     def table(self) -> pd.DataFrame:
         """All rows of the study."""
-        every = [*self._answers(), *self._viewpoints()]
-        return table(every, study=self.name, dataset=self.name, simulated=self.simulated)
+        return table([*self._answers(), *self._viewpoints()], study=self.name, dataset=self.name, simulated=self.simulated)
 
     def _answers(self) -> Rows:
         """Every model at every cell size on every sequence; and for the study's own cells what several of them show together."""
-        stress = self.study.get("stress", {})
+        tests, stress = self.study["tests"], self.study.get("stress", {})
+        models = [model for method in self.study["methods"] for model in models_of(method)]
         for grid in grids(self.study) if asks_about_the_year(self.study) else ():
+            own = grid in self.study["grids"]
             of_methods: dict[str, dict[str, Evaluation]] = {}
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out, bootstrap = {}, Bootstrap()
-            for model in self._models(grid):
+            for model in models if own else [model for model in models if model.name == model.method]:
                 place = {"grid": grid, "method": model.method, "variant": model.variant, "seed": model.seed}
-                evaluations, artifact = dict[str, Evaluation](), None
-                for sequence, artifact in self._evaluated(grid, model):
-                    for case, evaluation in _cases(artifact):
-                        where = {
-                            "sequence": sequence,
-                            "days": evaluation.days,
-                            "stress": stress.get(sequence, ""),
-                        }
+                driven: dict[str, Evaluation] = {}
+                for sequence in (*tests, *stress) if own else tests:
+                    artifact = self._evaluations(grid, model, sequence)
+                    for i, case in enumerate(read_cases(artifact.attrs)):
+                        evaluation = Evaluation.read(artifact, i)
+                        where = {"sequence": sequence, "days": evaluation.days, "stress": stress.get(sequence, "")}
                         yield from (place | where | one for one in of_evaluation(evaluation, case))
                         if not case.change:
-                            evaluations[sequence] = evaluation
-                learned = store.read_model(self._path("train", grid, f"{model.name}.safetensors"))
-                kind = evaluations[self.study["tests"][0]].kinds[0]
+                            driven[sequence] = evaluation
+                learned, kind = (
+                    store.read_model(self._path("train", grid, f"{model.name}.safetensors")),
+                    driven[tests[0]].kinds[0],
+                )
                 yield place | row("held_out_auc", "cells", held_out_auc(Evidence.of(learned), kind, self.unseen_share))
-                if model.name == model.method and artifact is not None:
-                    of_methods[model.method] = sequences_by_day(evaluations, self.study["tests"])
+                by_day = {name: driven[name] for name in sorted(tests, key=lambda name: (driven[name].days, name))}
+                if model.name == model.method:
+                    of_methods[model.method] = by_day
                     held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
                 elif self.study["question"] == "year" and not model.seed:
-                    of_variants[model.method, model.variant] = sequences_by_day(evaluations, self.study["tests"])
-            if grid in self.study["grids"]:
+                    of_variants[model.method, model.variant] = by_day
+            if own:
                 yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap))
 
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
@@ -104,26 +105,13 @@ class Gathering:
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """What a model answered in one sequence as driven."""
-        return Evaluation.read(store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS))
+        return Evaluation.read(self._evaluations(grid, model, sequence))
 
-    def _models(self, grid: str) -> list[ModelName]:
-        """Those that were trained at one cell size."""
-        every = [model for method in self.study["methods"] for model in models_of(method)]
-        return [model for model in every if grid in self.study["grids"] or model.name == model.method]
-
-    def _evaluated(self, grid: str, model: ModelName) -> Iterator[tuple[str, Artifact]]:
-        """Each test sequence, and at the study's own cells each sequence of stress, with the model's evaluation."""
-        stress = self.study.get("stress", {}) if grid in self.study["grids"] else {}
-        for sequence in (*self.study["tests"], *stress):
-            yield sequence, store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS)
+    def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Artifact:
+        return store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS)
 
     def _path(self, kind: str, *names: str) -> Path:
         return self.artifacts.joinpath(kind, self.name, *names)
-
-
-def _cases(artifact: Artifact) -> Iterator[tuple[Case, Evaluation]]:
-    for i, case in enumerate(read_cases(artifact.attrs)):
-        yield case, Evaluation.read(artifact, i)
 
 
 def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
@@ -149,12 +137,13 @@ def _parsed(path: Path) -> pd.DataFrame:
 
 
 def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
-    """The rows in which each column's text is the one wanted, or one of several with commas between.
+    """The rows in which each column's text is the one wanted, or one of several with commas between; 20 is 20.0 too.
 
     Raises ConfigError for a column that the table has not.
     """
     for column, wanted in conditions.items():
         if column not in COLUMNS:
             raise ConfigError(f"--where {column}={wanted}: expected one of the columns {', '.join(COLUMNS)}")
-        frame = frame[frame[column].astype(str).isin(wanted.split(","))]
+        text, texts = frame[column].astype(str), wanted.split(",")
+        frame = frame[text.isin(texts) | (column in NUMERIC and text.str.removesuffix(".0").isin(texts))]
     return frame

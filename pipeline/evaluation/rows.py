@@ -11,8 +11,7 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
 
-Rows = Iterator[dict[str, Any]]
-"""Rows as they come: columns to values, those that are the same in all rows left out."""
+Rows = Iterator[dict[str, Any]]  # rows as they come: columns to values, those that are the same in all rows left out
 COLUMNS = (
     "study", "dataset", "simulated", "grid", "method", "variant", "seed", "sequence", "days", "case", "protocol", "number",
     "value", "low", "high",
@@ -48,20 +47,22 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         by = evaluation.protocol(protocol)
         counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
         shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
-        for name, value in (counts | shares).items():
-            yield parts | row(name, protocol, float(value))
-        for name, (value, low, high) in zip(NUMBERS, by.numbers, strict=True):
-            yield parts | row(name, protocol, value, low, high)
+        yield from several(parts, protocol, counts | shares | dict(zip(NUMBERS, by.numbers, strict=True)))
         for kind, measures in () if case.change else zip(evaluation.kinds, by.rejection, strict=True):
-            for name, (value, low, high) in zip(MEASURES, measures, strict=True):
-                yield parts | row(name, protocol, value, low, high) | {"case": f"novelty {kind}", "kind": kind}
-    for name, value in zip(("ece_raw", "ece"), evaluation.calibration, strict=True):
-        yield parts | row(name, "cells", float(value))
+            own = parts | {"case": f"novelty {kind}", "kind": kind}
+            yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)))
+    yield from several(parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True)))
 
 
 def row(number: str, protocol: str, value: float, low: float = np.nan, high: float = np.nan) -> dict[str, Any]:
     """The last columns of a row."""
     return {"protocol": protocol, "number": number, "value": float(value), "low": float(low), "high": float(high)}
+
+
+def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> Rows:
+    """A row of a place for each number, which is a value or a value with its lowest and highest."""
+    for number, values in numbers.items():
+        yield {**place, **row(number, protocol, *np.atleast_1d(values))}
 
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:

@@ -1,7 +1,8 @@
 """Rows of the table of results that need several evaluations: ageing over the year, methods against each other, real changes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from pipeline.evaluation.events import Bands, banded, distances
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import Rows, row
+from pipeline.evaluation.rows import Rows, row, several
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import Change
@@ -27,8 +28,7 @@ AGEING = (
     ("cells", "auroc"),
 )
 """Protocol and number that are followed over the days; the first is the cleanest: neither new nor reversed streets touch it."""
-PER_DAYS = 100
-"""Slopes are of so many days."""
+PER_DAYS = 100  # slopes are of so many days
 ORACLE = "oracle"
 SHOWN, TO_COME = "change shown", "change to come"
 
@@ -38,8 +38,7 @@ class Answers:
     """The evaluations as driven of each method's own model, by method and test sequence in the order of the days."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
-    held_out: Mapping[str, NDArray[np.float64]]
-    """Novelties (h,) in use of each method's held-out queries of training."""
+    held_out: Mapping[str, NDArray[np.float64]]  # novelties (h,) in use of each method's held-out queries of training
     variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
     """The same of method and variant; they are only compared with the reference."""
 
@@ -71,13 +70,12 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
                 yield place | row(f"{number}_line", protocol, *on_line)
             if line is not None:
                 slope, (low, high) = line.slope, line.interval or (np.nan, np.nan)
-                per, place = f"per_{PER_DAYS}_days", {"method": method}
-                yield place | row(f"{number}_{per}", protocol, PER_DAYS * slope, PER_DAYS * low, PER_DAYS * high)
-                yield place | row(f"{number}_theil_sen_{per}", protocol, PER_DAYS * line.middle_slope)
-                yield place | row(f"{number}_day_0", protocol, line.intercept)
-                yield place | row(f"{number}_slope_p", protocol, line.p)
+                per = f"per_{PER_DAYS}_days"
+                slopes = {f"_{per}": PER_DAYS * np.array([slope, low, high]), f"_theil_sen_{per}": PER_DAYS * line.middle_slope}
+                of_line: dict[str, Any] = slopes | {"_day_0": line.intercept, "_slope_p": line.p}
                 if number != "novelty_percentile" and (lost := line.lost(ageing.loss)):
-                    yield place | row(f"{number}_retrain_after_days", protocol, *lost)
+                    of_line["_retrain_after_days"] = lost
+                yield from several({"method": method}, protocol, {number + end: values for end, values in of_line.items()})
 
 
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
@@ -86,19 +84,19 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
     against = {"case": f"against {answers.reference}", "change": "against", "kind": answers.reference}
     own = {(method, ""): group for method, group in answers.evaluations.items()}
     for (method, variant), group in (own | dict(answers.variants)).items():
+        common = {"method": method, "variant": variant} | against
+        places = {sequence: common | {"sequence": sequence, "days": one.days} for sequence, one in group.items()}
         for protocol in PROTOCOLS if group is not first else ():
             found = {name: compare(one, first[name], protocol, bootstrap) for name, one in group.items()}
             for i, number in enumerate(COMPARED):
                 p = holm(np.array([one.differences[i].p for one in found.values()]))
                 for (sequence, one), corrected in zip(found.items(), p, strict=True):
-                    place = {"method": method, "variant": variant, "sequence": sequence, "days": group[sequence].days} | against
-                    difference = one.differences[i]
-                    yield place | row(f"{number}_difference", protocol, difference.value, difference.low, difference.high)
-                    yield place | row(f"{number}_difference_p", protocol, corrected)
+                    difference = one.differences[i].value, one.differences[i].low, one.differences[i].high
+                    numbers = {f"{number}_difference": difference, f"{number}_difference_p": corrected}
+                    yield from several(places[sequence], protocol, numbers)
             for sequence, one in found.items():
-                place = {"method": method, "variant": variant, "sequence": sequence, "days": group[sequence].days} | against
-                yield place | row("only_this_right", protocol, one.only_this)
-                yield place | row("only_reference_right", protocol, one.only_reference)
+                alone = {"only_this_right": one.only_this, "only_reference_right": one.only_reference}
+                yield from several(places[sequence], protocol, alone)
 
 
 def event_rows(answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap) -> Rows:
@@ -120,23 +118,14 @@ def event_rows(answers: Answers, changes: Mapping[str, Iterable[Change]], bands:
                 found = banded([*group.values()], [away_m[name][i] for name in group], bands, protocol, bootstrap)
                 for band, edge_m in enumerate((*bands.edges_m, np.inf)):
                     place = {"method": method, "case": f"{when}, {bands.names[band]}", "change": when, "level": edge_m}
-                    yield place | row("seen", protocol, found.seen[band])
-                    yield place | row("unseen", protocol, found.unseen[band])
-                    for number, values in zip(NEAR_CHANGES, found.values[band], strict=True):
-                        yield place | row(number, protocol, *values)
+                    counts = {"seen": found.seen[band], "unseen": found.unseen[band]}
+                    yield from several(place, protocol, counts | dict(zip(NEAR_CHANGES, found.values[band], strict=True)))
 
 
 def viewpoint_rows(judged: Judged) -> Rows:
     """One model on one sequence matched with itself, from each heading between those of the reference."""
     for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
         place = {"case": f"viewpoint {heading_deg:g}°", "change": "viewpoint", "level": float(heading_deg)}
-        for number, value in zip(VIEWPOINT_NUMBERS, values, strict=True):
-            yield place | row(number, "distance", value)
-    place = {"case": "viewpoint", "change": "viewpoint of all"}
-    yield place | row("queries", "distance", judged.valid.sum())
-    yield place | row("bytes_per_place", "distance", judged.bytes_per_place)
-
-
-def sequences_by_day(evaluations: Mapping[str, Evaluation], wanted: Sequence[str]) -> dict[str, Evaluation]:
-    """Those of the wanted sequences, in the order of their days."""
-    return {name: evaluations[name] for name in sorted(wanted, key=lambda name: (evaluations[name].days, name))}
+        yield from several(place, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True)))
+    numbers = {"queries": judged.valid.sum(), "bytes_per_place": judged.bytes_per_place}
+    yield from several({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)

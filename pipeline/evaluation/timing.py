@@ -8,8 +8,8 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.evaluation.rows import Rows, row
+from pipeline.evaluation.rows import Rows, several
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
@@ -26,13 +26,9 @@ from pipeline.running.telemetry import Trace
 from pipeline.store import Artifact, read_model
 from pipeline.studies.expansion import ModelName
 
-Samples = Mapping[str, NDArray[np.float64]]
-"""Milliseconds of wall time (query,) by name."""
-Laps = dict[tuple[str, str], tuple[float, float]]
-"""Milliseconds of wall and of CPU time of each view and each method."""
-WARM_UP = 3
-"""Calls before the first that counts: they compile, allocate and fill caches."""
-PARTS = ("generation", "retrieval", "total")
+Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
+Laps = dict[tuple[str, str], tuple[float, float]]  # milliseconds of wall and of CPU time of each view and each method
+WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
 
@@ -40,50 +36,21 @@ PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 class Contender:
     """A method, ready to be asked."""
 
-    view: str
-    """Name of what it looks at; methods that look at the same share the time of drawing it."""
+    view: str  # name of what it looks at; methods that look at the same share the time of drawing it
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     localize: Localizer
-
-
-@dataclass(frozen=True)
-class Machine:
-    """What it was measured on."""
-
-    processor: str
-    cores: int
-    gpu: str
-    """The one that torch has used; empty for none."""
-    load: float
-    """Processes that ran or wanted to, over the last minute of measuring."""
-    busy: float
-    """CPU time over wall time of what was measured: above 1 if threads ran side by side, below if others had the processor."""
-    versions: Mapping[str, str]
-
-    @classmethod
-    def here(cls, busy: float) -> Self:
-        """This one, now."""
-        cuda = getattr(sys.modules.get("torch"), "cuda", None)
-        gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
-        versions = {"Python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
-        return cls(processor(), os.cpu_count() or 1, gpu, round(os.getloadavg()[0], 2), round(busy, 2), versions)
 
 
 @dataclass(frozen=True)
 class Latency:
     """What each of some queries took, each asked alone."""
 
-    generation: Samples
-    """By view: from points to the view."""
-    retrieval: Samples
-    """By method: from the view to its ranking."""
-    views: Mapping[str, str]
-    """What each method looks at."""
-    points: NDArray[np.int64]
-    """(query,) of its submap."""
-    k: int
-    """Places ranked."""
-    machine: Machine
+    generation: Samples  # by view: from points to the view
+    retrieval: Samples  # by method: from the view to its ranking
+    views: Mapping[str, str]  # what each method looks at
+    points: NDArray[np.int64]  # (query,) of its submap
+    k: int  # places ranked
+    machine: Mapping[str, Any]  # what it was measured on: `machine`
 
     @classmethod
     def measure(cls, contenders: Mapping[str, Contender], scans: Artifact, submaps: Artifact, queries: int, k: int) -> Self:
@@ -109,20 +76,21 @@ class Latency:
         views = {name: contender.view for name, contender in contenders.items()}
         generation = {view: wall["view", view] for view in views.values()}
         retrieval = {name: wall["method", name] for name in views}
-        return cls(generation, retrieval, views, np.array(points), k, Machine.here(float(busy)))
+        return cls(generation, retrieval, views, np.array(points), k, machine(float(busy)))
 
     def rows(self) -> Rows:
         """Medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
             parts = {"generation": self.generation[view], "retrieval": self.retrieval[method], "query": self.total[method]}
             for part, took in parts.items():
-                yield {"method": method} | row(f"{part}_ms", "", float(np.median(took)))
-                yield {"method": method} | row(f"{part}_ms_p95", "", float(np.percentile(took, 95)))
+                numbers = {f"{part}_ms": np.median(took), f"{part}_ms_p95": np.percentile(took, 95)}
+                yield from several({"method": method}, "", numbers)
 
     def record(self) -> dict[str, Any]:
         """Every sample, and what it was measured on, as JSON has it."""
-        samples = {part: {name: took.round(4).tolist() for name, took in getattr(self, part).items()} for part in PARTS}
-        about = {"machine": asdict(self.machine), "views": dict(self.views), "k": self.k, "points": self.points.tolist()}
+        parts = {"generation": self.generation, "retrieval": self.retrieval, "total": self.total}
+        samples = {part: {name: took.round(4).tolist() for name, took in by.items()} for part, by in parts.items()}
+        about = {"machine": self.machine, "views": dict(self.views), "k": self.k, "points": self.points.tolist()}
         return about | {"milliseconds": samples}
 
     def line(self) -> str:
@@ -152,16 +120,30 @@ def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
     """The size of each model's file, and what its training took where it was trained here."""
     for model, path in models.items():
         place = {"method": model.method, "variant": model.variant, "seed": model.seed}
-        yield place | row("model_mb", "", path.stat().st_size / 1e6)
+        costs = {"model_mb": path.stat().st_size / 1e6}
         if trace := Trace.read(path):
-            costs = {"train_cpu_s": trace.cpu_s, "train_wall_s": trace.wall_s, "train_peak_memory_mb": trace.peak_memory_mb}
-            yield from (place | row(name, "", value) for name, value in costs.items())
+            costs |= {"train_cpu_s": trace.cpu_s, "train_wall_s": trace.wall_s, "train_peak_memory_mb": trace.peak_memory_mb}
+        yield from several(place, "", costs)
 
 
 def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
     for one in rows.tolist():
         yield from submap_points(scans, submaps, slice(one, one + 1))
+
+
+def machine(busy: float) -> dict[str, Any]:
+    """This one, now.
+
+    `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted to, over the last minute; `busy`
+    the CPU time over the wall time of what was measured: above 1 if threads ran side by side, below if others had the processor.
+    """
+    cuda = getattr(sys.modules.get("torch"), "cuda", None)
+    gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
+    found = {one.name: one.version for one in distributions() if one.name in PACKAGES}
+    versions = {"Python": platform.python_version(), **{name: found.get(name, "") for name in PACKAGES}}
+    about = {"processor": processor(), "cores": os.cpu_count() or 1, "gpu": gpu}
+    return about | {"load": round(os.getloadavg()[0], 2), "busy": round(busy, 2), "versions": versions}
 
 
 def processor() -> str:
@@ -187,10 +169,3 @@ def _lap(call: Callable[..., Any], *given: Any) -> tuple[Any, tuple[float, float
     wall, cpu = time.perf_counter(), time.process_time()
     result = call(*given)
     return result, (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""

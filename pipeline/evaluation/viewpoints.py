@@ -71,15 +71,23 @@ class Judged:
     @cached_property
     def values(self) -> NDArray[np.float64]:
         """NUMBERS at each heading (h, number); NaN where there is none."""
-        return np.array([list(self._at(heading).values()) for heading in range(len(self.headings_deg))])
+        rows = []
+        for heading, correct in enumerate(self.correct[:, self.valid]):
+            precision, recall = self.curve(heading)
+            accuracy = correct.mean() if len(correct) else np.nan
+            area = auc(precision, recall) if correct.any() else np.nan
+            surely = recall_at_precision(precision, recall, PRECISE) * accuracy
+            rows.append((auroc(self._counts[heading].count(1)).item(), area, accuracy, surely))
+        return np.array(rows, np.float64)
 
     def numbers(self) -> dict[str, dict[str, float | None]]:
         """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have them; None where there is none."""
-        found = [dict(zip(NUMBERS, map(float, row), strict=True)) for row in self.values]
-        means = {name: [one[name] for one in found if np.isfinite(one[name])] for name in NUMBERS}
-        every = {f"{deg:g}_deg": one for deg, one in zip(self.headings_deg, found, strict=True)}
-        every[MEAN] = {name: float(np.mean(values)) if values else np.nan for name, values in means.items()}
-        return {key: {name: value if np.isfinite(value) else None for name, value in one.items()} for key, one in every.items()}
+        means = [there.mean() if len(there := column[np.isfinite(column)]) else np.nan for column in self.values.T]
+        keys = [*(f"{deg:g}_deg" for deg in self.headings_deg), MEAN]
+        return {
+            key: {name: float(value) if np.isfinite(value) else None for name, value in zip(NUMBERS, row, strict=True)}
+            for key, row in zip(keys, [*self.values, means], strict=True)
+        }
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The arrays of its artifact."""
@@ -93,38 +101,25 @@ class Judged:
     @classmethod
     def read(cls, artifact: Artifact) -> Self:
         """From a `viewpoints` artifact."""
-        names = [field.name for field in fields(cls)]
         given = artifact.attrs
+        names = [field.name for field in fields(cls)]
         parts: dict[str, Any] = {name: given[name] if name in given else artifact.load(name) for name in names}
         return cls(**parts)
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
         """Of each heading; a correct match stands for a seen query, a wrong one for an unseen."""
-        counts = []
-        for correct, score in zip(self.correct[:, self.valid], self.score[:, self.valid], strict=True):
-            truth = Truth(correct, ~correct, np.where(correct, 0, -1), correct)
-            counts.append(ExactCounts(truth, -score, np.ones((1, len(score)))))
-        return counts
-
-    def _at(self, heading: int) -> dict[str, float]:
-        precision, recall = self.curve(heading)
-        correct = self.correct[heading, self.valid]
-        accuracy = float(correct.mean()) if len(correct) else np.nan
-        return {
-            "roc_auc": auroc(self._counts[heading].count(1)).item(),
-            "pr_auc": float(auc(precision, recall)) if correct.any() else np.nan,
-            "accuracy": accuracy,
-            "recall": float(recall_at_precision(precision, recall, PRECISE)) * accuracy,
-        }
+        return [
+            ExactCounts(Truth(correct, ~correct, np.where(correct, 0, -1), correct), -score, np.ones((1, len(score))))
+            for correct, score in zip(self.correct[:, self.valid], self.score[:, self.valid], strict=True)
+        ]
 
 
 @dataclass(frozen=True)
 class Viewpoints:
     """How matches from other headings are judged."""
 
-    correct_m: float = 10.0
-    """A match is correct if it lies at most this far from the query."""
+    correct_m: float = 10.0  # a match is correct if it lies at most this far from the query
 
     def __post_init__(self) -> None:
         settings.check(self, "viewpoints")
@@ -174,7 +169,7 @@ def turned(views: Rows, heading: int) -> Rows:
 
 def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
     """By how much the model grows with a place: its codes or image, and where it lies."""
-    one = method.moved(moved, Rows(views.images[:1], views.stamps_ns[:1], views.world_T_anchor[:1]), np.arange(1))
+    one = method.moved(moved, views.some(slice(1)), np.arange(1))
     whole, least = (sum(array.nbytes for array in model.values()) for model in (moved, one))
     return (whole - least) / max(len(views.images) - 1, 1)
 

@@ -14,8 +14,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, search
 from pipeline.running.settings import check, positive
 
-QUERIES = 256
-"""Searched at once, so that no cost of every row with every query is kept."""
+QUERIES = 256  # searched at once, so that no cost of every row with every query is kept
 LARGEST = float(np.finfo(np.float32).max)
 Costs = NDArray[np.float32]
 
@@ -27,12 +26,9 @@ class Alignment:
     length: int = 10
     slowest: float = 0.8
     fastest: float = 1.2
-    speed_step: float = 0.1
-    """Speeds are training rows a query."""
-    both_ways: bool = False
-    """Match the training sequence driven backwards too; the authors do not."""
-    contrast_rows: int = 30
-    """A difference counts against those of so many training rows around its own."""
+    speed_step: float = 0.1  # speeds are training rows a query
+    both_ways: bool = False  # match the training sequence driven backwards too; the authors do not
+    contrast_rows: int = 30  # a difference counts against those of so many training rows around its own
     subtract_minimum: bool = True
     """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that out, and costs below 0 turn its
     score round."""

@@ -17,10 +17,8 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.running.settings import check, positive
 
 PREFIX = "database/"
-QUERIES = 256
-"""Queries per block when each is compared with the whole database."""
-KIND = "distance"
-"""The one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)."""
+QUERIES = 256  # queries per block when each is compared with the whole database
+KIND = "distance"  # the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)
 Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]]
 """Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
 
@@ -29,13 +27,11 @@ Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float
 class DescriptorMethod:
     """Settings of every method that answers with the nearest of a database."""
 
-    distinct_places: bool = False
-    """Rank places, each once where its nearest training row lies, instead of training rows."""
+    distinct_places: bool = False  # rank places, each once where its nearest training row lies, instead of training rows
     held_out_every_m: float = 40.0
     held_out_length_m: float = 4.0
     """One block of this length in every `held_out_every_m` of the training path is held out to choose thresholds."""
-    neighbour_m: float = 20.0
-    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+    neighbour_m: float = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -46,12 +42,9 @@ class DescriptorMethod:
 class Database:
     """Place and pose of each training submap."""
 
-    places: NDArray[np.int64]
-    """(n,)."""
-    xy_m: NDArray[np.float64]
-    """(n, 2)."""
-    yaw_deg: NDArray[np.float64]
-    """(n,) in the world."""
+    places: NDArray[np.int64]  # (n,)
+    xy_m: NDArray[np.float64]  # (n, 2)
+    yaw_deg: NDArray[np.float64]  # (n,) in the world
 
     @classmethod
     def learned(cls, views: Rows, places: NDArray[np.int64]) -> Self:
@@ -94,23 +87,21 @@ class Database:
         """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg` (q,) is each query's
         yaw against the first of them.
 
-        With `distinct_places` a place is answered once, where its nearest training row lies, and what is missing of k places
-        is place −1 at an infinite cost; else neighbouring rows of one place follow each other.
+        With `distinct_places` a place is answered once, where its nearest training row lies; else neighbouring rows of one place
+        follow each other. What is missing of k places, or at no finite distance, is place −1 at an infinite cost.
         """
-        novelty = distances[:, :1].astype(np.float32)
         columns = first_of_each(self.places[rows], k) if distinct_places else np.arange(min(k, rows.shape[1]))
         columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
-        there = columns >= 0
-        picked = np.take_along_axis(rows, columns.clip(0), axis=1)
-        heading = np.full(len(rows), np.nan)
-        if turned_deg is not None:
-            heading = wrapped_deg(self.yaw_deg[rows[:, 0]] + turned_deg)
+        costs, picked = (np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows))
+        there = (columns >= 0) & np.isfinite(costs)
+        silent = np.full(len(rows), np.nan, np.float32)
+        heading = silent if turned_deg is None else wrapped_deg(self.yaw_deg[rows[:, 0]] + turned_deg)
         return Ranking(
             np.where(there, self.places[picked], -1),
-            np.where(there, np.take_along_axis(distances, columns.clip(0), axis=1), np.inf).astype(np.float32),
+            np.where(there, costs, np.inf).astype(np.float32),
             np.where(there[..., None], self.xy_m[picked], np.nan),
-            novelty,
-            np.full(len(rows), np.nan, np.float32),
+            distances[:, :1].astype(np.float32),
+            silent,
             heading.astype(np.float32),
             (KIND,),
         )
@@ -119,10 +110,8 @@ class Database:
         """The ranking of queries (q, d) by Euclidean distance to the database's descriptors (n, d)."""
         if not distinct_places:
             return self.answer(*nearest(descriptors, queries, k), k, distinct_places=False)
-        parts = [
-            nearest(descriptors, queries[i : i + QUERIES], len(descriptors)) for i in range(0, max(len(queries), 1), QUERIES)
-        ]
-        return joined([self.answer(*part, k, distinct_places=True) for part in parts])
+        parts = (queries[i : i + QUERIES] for i in range(0, max(len(queries), 1), QUERIES))
+        return joined([self.answer(*nearest(descriptors, part, len(descriptors)), k, distinct_places=True) for part in parts])
 
 
 def euclidean(descriptors: NDArray[np.float32]) -> Search:

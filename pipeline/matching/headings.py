@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 
-PLACES = 128
-"""Compared at once."""
+PLACES = 128  # compared at once
 
 
 def nearest_heading(codes: NDArray[np.floating], queries: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -20,6 +20,5 @@ def novelties(logits: NDArray[np.float64], softness: float, likeness: NDArray[np
 
 def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
     """Entropy (n,) of probabilities (n, places) over log₂ places: 0 for one sure place, 1 for none (METHODS 2.6)."""
-    entropy: NDArray[np.float64] = entr(probability).sum(axis=1)
-    normalised: NDArray[np.float64] = entropy / np.log(max(probability.shape[1], 2))
+    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(max(probability.shape[1], 2))
     return normalised

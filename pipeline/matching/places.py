@@ -14,16 +14,11 @@ from pipeline.grid import UNSEEN, Grid
 class Labels:
     """The places of a sequence's submaps, and what its nearest training anchors say."""
 
-    places: NDArray[np.int64]
-    """(submap,) −1 where training never went."""
-    cells: NDArray[np.int64]
-    """(place,) the grid cell of each place, ascending."""
-    oracle: NDArray[np.int64]
-    """(submap,) place of the geometrically nearest training anchor: the best that any method can answer."""
-    nearest_m: NDArray[np.float64]
-    """(submap,) distance to that anchor in the xy plane."""
-    nearest_turn_deg: NDArray[np.float64]
-    """(submap,) heading against that anchor's, in (−180, 180]."""
+    places: NDArray[np.int64]  # (submap,) −1 where training never went
+    cells: NDArray[np.int64]  # (place,) the grid cell of each place, ascending
+    oracle: NDArray[np.int64]  # (submap,) place of the geometrically nearest training anchor: the best that can be answered
+    nearest_m: NDArray[np.float64]  # (submap,) distance to that anchor in the xy plane
+    nearest_turn_deg: NDArray[np.float64]  # (submap,) heading against that anchor's, in (−180, 180]
 
 
 def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:

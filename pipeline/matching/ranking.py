@@ -21,8 +21,7 @@ Model = Mapping[str, NDArray[Any]]
 class Rows:
     """A window on a view artifact, a row a submap."""
 
-    images: Any
-    """(submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what else; slicing reads."""
+    images: Any  # (submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what else; slicing reads
     stamps_ns: Stamps
     world_T_anchor: Poses
 
@@ -36,13 +35,16 @@ class Rows:
     def cases(cls, path: str | Path) -> dict[Case, Self]:
         """The rows of each case of a view artifact."""
         views = store.read(path, *schemas.LOOKED_AT)
-        cases, images = read_cases(views.attrs), views["images"]
-        columns = views.load("stamps_ns"), views.load("world_T_anchor")
+        cases = read_cases(views.attrs)
+        whole = cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+        n = len(whole.stamps_ns) // len(cases)
         if len(cases) == 1:
-            return {cases[0]: cls(images, *columns)}
-        n = len(columns[0]) // len(cases)
-        spans = [slice(i * n, (i + 1) * n) for i in range(len(cases))]
-        return {case: cls(images[span], *(column[span] for column in columns)) for case, span in zip(cases, spans, strict=True)}
+            return {cases[0]: whole}
+        return {case: whole.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
+
+    def some(self, rows: slice) -> Self:
+        """Some of the rows; their images are read."""
+        return replace(self, images=self.images[rows], stamps_ns=self.stamps_ns[rows], world_T_anchor=self.world_T_anchor[rows])
 
     @classmethod
     def queries(cls, driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
@@ -57,29 +59,21 @@ class Rows:
         """Those of several sequences, one after the other; of one, that one."""
         if len(parts) == 1:
             return parts[0]
-        images = np.concatenate([part.images[:] for part in parts])
-        stamps_ns = np.concatenate([part.stamps_ns for part in parts])
-        return cls(images, stamps_ns, np.concatenate([part.world_T_anchor for part in parts]))
+        columns = zip(*((part.images[:], part.stamps_ns, part.world_T_anchor) for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True)
 class Ranking:
     """A method's answer to Q queries: k places each, cheapest first, and how new each query looks."""
 
-    places: NDArray[np.int64]
-    """(query, k)."""
-    costs: NDArray[np.float32]
-    """(query, k)."""
-    xy_m: NDArray[np.float64]
-    """(query, k, 2) where each answer lies: the matched training row, or the place's mean one."""
-    novelty: NDArray[np.float32]
-    """(query, kind) larger: more likely unseen; the first kind is the one in use."""
-    confidence: NDArray[np.float32]
-    """(query,) chance that the first answer is right, if the query is seen; NaN where the method gives none."""
-    heading_deg: NDArray[np.float32]
-    """(query,) the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell."""
-    kinds: tuple[str, ...]
-    """Name of each kind of novelty."""
+    places: NDArray[np.int64]  # (query, k)
+    costs: NDArray[np.float32]  # (query, k)
+    xy_m: NDArray[np.float64]  # (query, k, 2) where each answer lies: the matched training row, or the place's mean one
+    novelty: NDArray[np.float32]  # (query, kind) larger: more likely unseen; the first kind is the one in use
+    confidence: NDArray[np.float32]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
+    heading_deg: NDArray[np.float32]  # (query,) the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell
+    kinds: tuple[str, ...]  # name of each kind of novelty
 
     def by(self, kind: str) -> Self:
         """The same with this kind of novelty first."""
@@ -88,8 +82,7 @@ class Ranking:
         return replace(self, novelty=self.novelty[:, order], kinds=tuple(self.kinds[column] for column in order))
 
 
-Localizer = Callable[[Rows, int], Ranking]
-"""Ranks the k likeliest places of each view."""
+Localizer = Callable[[Rows, int], Ranking]  # ranks the k likeliest places of each view
 
 
 def joined(rankings: Sequence[Ranking]) -> Ranking:

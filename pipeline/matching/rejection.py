@@ -11,8 +11,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking
 from pipeline.running.settings import check
 
-ACCEPT_NOTHING = float(np.finfo(np.float32).min)
-"""The threshold that rejects every query; a novelty is a float32."""
+ACCEPT_NOTHING = float(np.finfo(np.float32).min)  # the threshold that rejects every query; a novelty is a float32
 PREFIX = "held_out/"
 
 
@@ -23,19 +22,16 @@ class Evidence:
     The second stands for a query from a place that training never saw.
     """
 
-    right: NDArray[np.bool_]
-    """(h,) whether the first answer was the true place, with the whole database."""
-    seen: Mapping[str, NDArray[np.float64]]
-    """Kind of novelty to its values (h,) with the whole database."""
-    unseen: Mapping[str, NDArray[np.float64]]
-    """Kind of novelty to its values (h,) without the places around the query."""
+    right: NDArray[np.bool_]  # (h,) whether the first answer was the true place, with the whole database
+    seen: Mapping[str, NDArray[np.float64]]  # kind of novelty to its values (h,) with the whole database
+    unseen: Mapping[str, NDArray[np.float64]]  # the same without the places around the query
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Its arrays, as they are stored in a model."""
-        parts = {"right": self.right}
+        parts: dict[str, NDArray[Any]] = {f"{PREFIX}right": self.right}
         for name, kinds in (("seen", self.seen), ("unseen", self.unseen)):
-            parts |= {f"{name}/{kind}": values.astype(np.float32) for kind, values in kinds.items()}
-        return {PREFIX + name: array for name, array in parts.items()}
+            parts |= {f"{PREFIX}{name}/{kind}": values.astype(np.float32) for kind, values in kinds.items()}
+        return parts
 
     @classmethod
     def of(cls, model: Model) -> Self:
@@ -68,11 +64,9 @@ def near(xy_m: NDArray[np.float64], others_m: NDArray[np.float64], radius_m: flo
 class Rejection:
     """Which novelty to reject by, and the precision to keep among what is accepted."""
 
-    novelty: str = "own"
-    """The method's own choice, or another of its kinds."""
+    novelty: str = "own"  # the method's own choice, or another of its kinds
     wanted_precision: float = 0.9
-    unseen_share: float = 0.2
-    """Share of unseen queries to expect."""
+    unseen_share: float = 0.2  # share of unseen queries to expect
 
     def __post_init__(self) -> None:
         check(self, "rejection")

@@ -10,12 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-BLOCK = 2_048
-"""Columns at a time: the dozen rows that a window touches stay in the L2 cache."""
-GRAIN = 1_000
-"""Speeds are whole thousandths, so that a position is a whole division and no float decides between two rows."""
-FLAT = 1e-13
-"""A window whose variance is this share of its mean square or less is flat: float32 cannot tell its values apart."""
+BLOCK = 2_048  # columns at a time: the dozen rows that a window touches stay in the L2 cache
+GRAIN = 1_000  # speeds are whole thousandths, so that a position is a whole division and no float decides between two rows
+FLAT = 1e-13  # a window whose variance is this share of its mean square or less is flat: float32 cannot tell its values apart
 NAN_SAFE = {"reassoc", "contract", "arcp", "nsz"}  # fast-math, but infinity keeps its meaning
 
 

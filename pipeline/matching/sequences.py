@@ -27,15 +27,12 @@ Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float3
 class SequenceMethod(Alignment):
     """A method whose queries, passed together, are one drive; it answers with the training rows of the best matching sequence."""
 
-    novelty: Literal["cost", "ratio"] = "cost"
-    """The sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere."""
-    distinct_places: bool = False
-    """Rank places, each once where its cheapest training row lies, instead of training rows."""
+    novelty: Literal["cost", "ratio"] = "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
+    distinct_places: bool = False  # rank places, each once where its cheapest training row lies, instead of training rows
     held_out_every_m: float = 200.0
     held_out_length_m: float = 40.0
     """One block of this length in every `held_out_every_m` of the training path is held out to choose epochs and thresholds."""
-    neighbour_m: float = 20.0
-    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+    neighbour_m: float = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,18 +64,10 @@ class SequenceMethod(Alignment):
             rows = cheapest(sums, sums.shape[1] if self.distinct_places else k)
             costs = np.take_along_axis(sums, rows, axis=1) - aligned.base
             turned = None if turned_deg is None else turned_deg[rows[:, 0], queries]
+            kinds = aligned.novelty(sums, rows[:, 0])
+            novelty = np.stack([kinds[kind] for kind in self.kinds], axis=1).astype(np.float32)
             ranking = database.answer(costs, rows, k, self.distinct_places, turned)
-            novelty = aligned.novelty(sums, rows[:, 0])
-            there = np.isfinite(ranking.costs)
-            parts.append(
-                replace(
-                    ranking,
-                    places=np.where(there, ranking.places, -1),
-                    xy_m=np.where(there[..., None], ranking.xy_m, np.nan),
-                    novelty=np.stack([novelty[kind] for kind in self.kinds], axis=1).astype(np.float32),
-                    kinds=self.kinds,
-                )
-            )
+            parts.append(replace(ranking, novelty=novelty, kinds=self.kinds))
         return joined(parts)
 
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:

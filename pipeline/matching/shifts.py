@@ -13,41 +13,21 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import circulant
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.matching.database import QUERIES, Database, DescriptorMethod
+from pipeline.errors import InputError
+from pipeline.matching.database import QUERIES, Database
 from pipeline.matching.ranking import Model, Ranking, Rows, joined
 
 PREFIX = "spectra/"
-BLOCK = 256
-"""Rows compared at once: their correlations stay in the core's own cache."""
-
-
-class ShiftMethod(DescriptorMethod):
-    """A method that compares Scan Contexts at every shift of their columns.
-
-    No dataclass itself: each method declares the field at its own place, for a model's file holds the fields in their order.
-    """
-
-    least_engaged: float
-    """A shift counts if it engages at least this share of the columns that the pair's fullest shift engages. With the authors' 0
-    a shift at which a single column overlaps can win, as often with a sensor that sees half the circle; 0.9 prevents it."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.least_engaged <= 1:
-            raise ConfigError(f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1")
+BLOCK = 256  # rows compared at once: their correlations stay in the core's own cache
 
 
 @dataclass(frozen=True)
 class Spectra:
     """The n Scan Contexts of a database, ready to be compared at every shift."""
 
-    columns: NDArray[np.float32]
-    """(n, frequency, 2 rings) of the unit columns along the sectors: a real and an imaginary part of each ring."""
-    engaged: NDArray[np.float32]
-    """(n, sector) 1 where a column holds anything."""
-    least_engaged: float = 0.0
-    """`ShiftMethod.least_engaged`."""
+    columns: NDArray[np.float32]  # (n, frequency, 2 rings) of the unit columns: a real and an imaginary part of each ring
+    engaged: NDArray[np.float32]  # (n, sector) 1 where a column holds anything
+    least_engaged: float = 0.0  # `ShiftMethod.least_engaged`
 
     @classmethod
     def learned(cls, heights_m: NDArray[np.float32], least_engaged: float = 0.0) -> Self:

@@ -23,10 +23,8 @@ class Sad(SequenceMethod):
     """Views are compared at the robot's own heading, so a turned view is a different image; answers have no heading."""
 
     view: str = "birdview"
-    side_px: int = 64
-    """Views are brought to this side."""
-    patch_px: int = 8
-    """Side of the patches that are normalised."""
+    side_px: int = 64  # views are brought to this side
+    patch_px: int = 8  # side of the patches that are normalised
     contrast_rows: int = 10
 
     def __post_init__(self) -> None:

@@ -10,21 +10,16 @@ from pipeline.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
 from pipeline.networks.circle import rolled
-from pipeline.networks.classifier import Classifier
+from pipeline.networks.classifier import Classifier, Prediction
 from pipeline.networks.lenet import LeNet, device
-from pipeline.networks.prediction import Prediction, TrainingEmbeddings
 
 
 @dataclass(frozen=True)
 class Sci(Classifier):
     """The paper's network and training."""
 
-    n_way: int = 2
-    """Copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed."""
-
-    def network(self, places: int, rings: int, sectors: int) -> LeNet:
-        """The network of the paper's Table I."""
-        return LeNet(places, rings, sectors, self.channels, self.dropout, self.batch_norm_momentum)
+    architecture = LeNet
+    n_way: int = 2  # copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
@@ -56,7 +51,7 @@ class Sci(Classifier):
             logits = logits.masked_fill(forgotten, -torch.inf)
         return Prediction(logits, nn.functional.normalize(embedded).cpu(), torch.full((len(heights),), torch.nan))
 
-    def embed_training(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
+    def embed_training(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
         """Every trained view at each of its `n_way` headings."""
         turned = self._turned(heights, trained, torch.arange(len(trained) * self.n_way))
-        return TrainingEmbeddings(self.predict(net, turned).features, trained.repeat_interleave(self.n_way))
+        return self.predict(net, turned).features, trained.repeat_interleave(self.n_way)

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -18,33 +18,39 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import determined, temperature
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.networks.prediction import Kinds, Prediction, TrainingEmbeddings
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
+
+Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)
+
+
+class Prediction(NamedTuple):
+    """A network's outputs for n images."""
+
+    logits: Tensor  # (n, places)
+    features: Tensor  # (n, 64) inputs of the last layer, brought to length 1
+    heading_deg: Tensor  # (n,) NaN where the network has no heading
 
 
 @dataclass(frozen=True)
 class Classifier(ABC):
     """Settings, training judged on held-out blocks, and answers by softmax; a method adds its network and its batches."""
 
+    architecture: ClassVar[type[nn.Module]]
     view: str = "scan_context"
     colormap: Literal["jet", "grey"] = "jet"
     h_min_m: float = 0.0
-    h_max_m: float = 15.0
-    """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
+    h_max_m: float = 15.0  # heights are clipped to [h_min_m, h_max_m] before they are coloured
     epochs: int = 200
     batch: int = 64
     learning_rate: float = 0.002
-    schedule: loop.Schedule = "one_cycle"
-    """The authors' is constant; falling at the end is what makes a short training good."""
+    schedule: loop.Schedule = "one_cycle"  # the authors' is constant; falling at the end is what makes a short training good
     dropout: float = 0.7
     batch_norm_momentum: float = 0.1
     """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short training has."""
-    precision: Literal["auto", "bf16", "f32"] = "auto"
-    """Of training and of answers; the last layer always answers in f32."""
-    threads: int = 2
-    """Fixed, since the order of sums follows from it and the weights from that."""
+    precision: loop.Precision = "auto"  # of training and of answers; the last layer always answers in f32
+    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
     seed: int = 0
     held_out_every_m: float = 40.0
     held_out_length_m: float = 4.0
@@ -59,9 +65,10 @@ class Classifier(ABC):
         if not 0 <= self.dropout <= 1:
             raise ConfigError(f"method.dropout={self.dropout}: expected a share from 0 to 1")
 
-    @abstractmethod
     def network(self, places: int, rings: int, sectors: int) -> nn.Module:
-        """The network before training."""
+        """The network before training; raises InputError for views that do not suit it."""
+        channels = len(colours(self.colormap)[0])
+        return self.architecture(places, rings, sectors, channels, self.dropout, self.batch_norm_momentum)
 
     @abstractmethod
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Any], int]:
@@ -72,8 +79,8 @@ class Classifier(ABC):
         """Outputs for quantized heights (n, rings, sectors); places `forgotten` (n, places) get a logit of −∞."""
 
     @abstractmethod
-    def embed_training(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
-        """Features of the training views, which the nearest one to a query is found by."""
+    def embed_training(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (m, 64) of training views, of length 1, and the row (m,) of each: a query's nearest is found by them."""
 
     def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
         """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
@@ -102,7 +109,7 @@ class Classifier(ABC):
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             net = self.network(len(place_xy), *heights.shape[1:]).to(device())
-            result = loop.fit(
+            curves = loop.fit(
                 net,
                 batches,
                 judge,
@@ -115,42 +122,32 @@ class Classifier(ABC):
                 progress=progress,
                 step=self.step,
             )
-            net.load_state_dict(result.weights)
             forgotten = torch.from_numpy(near(xy[held], place_xy, self.neighbour_m))
-            memory = self.embed_training(net, heights, views, trained)
+            memory, rows = self.embed_training(net, heights, views, trained)
             seen, unseen = self.predict(net, heights[held]), self.predict(net, heights[held], forgotten)
-        memory_xy, of_training = xy[memory.rows.numpy()], torch.isin(memory.rows, trained)
-        softness = temperature(_scores(seen), places[held])
-        if not determined(softness, _scores(seen), places[held]):
+        memory_xy, of_training = xy[rows.numpy()], torch.isin(rows, trained)
+        logits, forgetful = _scores(seen), _scores(unseen)
+        softness = temperature(logits, places[held])
+        if not determined(softness, logits, places[held]):
             line = f"the {int(held.sum())} held-out views fix no temperature, {softness:.3g} is used"
             progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
-        features = memory.features[of_training].numpy()
+        features = memory[of_training].numpy()
         cosines, others = ((one.features.numpy() @ features.T).astype(np.float64) for one in (seen, unseen))
         others[near(xy[held], memory_xy[of_training], self.neighbour_m)] = -1
         evidence = Evidence(
-            _scores(seen).argmax(axis=1) == places[held],
-            self.novelties(_scores(seen), softness, cosines.max(axis=1)),
-            self.novelties(_scores(unseen), softness, others.max(axis=1)),
+            logits.argmax(axis=1) == places[held],
+            self.novelties(logits, softness, cosines.max(axis=1)),
+            self.novelties(forgetful, softness, others.max(axis=1)),
         )
-        return {
-            **{f"net/{name}": value.cpu().contiguous().numpy() for name, value in result.weights.items()},
-            "place_xy_m": place_xy,
-            "memory": memory.features.numpy(),
-            "memory_xy_m": memory_xy,
-            "temperature": np.array(softness),
-            **evidence.arrays(),
-            "image_shape": np.array(heights.shape[1:]),
-            "best_epoch": np.array(result.best_epoch),
-            **{f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)},
-        }
+        found = {"place_xy_m": place_xy, "memory": memory.numpy(), "memory_xy_m": memory_xy, "temperature": np.array(softness)}
+        return {**loop.arrays(net), **found, **evidence.arrays(), "image_shape": np.array(heights.shape[1:]), **curves}
 
     def localizer(self, model: Model) -> Localizer:
         """The k places of highest softmax; cost = 1 − probability."""
         place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
         net = self.network(len(place_xy), rings, sectors)
-        weights = {name.removeprefix("net/"): array for name, array in model.items() if name.startswith("net/")}
-        net.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
+        net.load_state_dict(loop.tensors(model))
         net.to(device())
         memory = torch.from_numpy(model["memory"].copy())
 
@@ -202,11 +199,6 @@ class Classifier(ABC):
 
     def _heights(self, views: Rows) -> Tensor:
         return torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
-
-    @property
-    def channels(self) -> int:
-        """Of a coloured image."""
-        return len(colours(self.colormap)[0])
 
 
 def _scores(prediction: Prediction) -> NDArray[np.float64]:

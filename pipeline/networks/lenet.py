@@ -1,5 +1,8 @@
 """The SCI paper's network (Table I): three convolutions and two dense layers over a Scan Context Image (METHODS 2.4)."""
 
+from collections.abc import Callable
+from functools import partial
+
 import torch
 from torch import Tensor, nn
 
@@ -9,9 +12,8 @@ from pipeline.errors import InputError
 class LeNet(nn.Module):
     """Logits (batch, places) of images (batch, channels, rings, sectors) in [0, 1].
 
-    Initialised as Keras does: Glorot uniform kernels, zero biases; `momentum` is the weight of a new batch in the batch
-    norms' running statistics, Keras's 1 − 0.99. 2,296,515 numbers for 579 places, 384 of them the
-    batch norms' running ones.
+    `momentum` is the weight of a new batch in the batch norms' running statistics, Keras's 1 − 0.99. 2,296,515 numbers for 579
+    places, 384 of them the batch norms' running ones.
     """
 
     def __init__(
@@ -20,11 +22,7 @@ class LeNet(nn.Module):
         super().__init__()
         if places < 1 or rings < 8 or sectors < 8:
             raise InputError(f"places={places} rings={rings} sectors={sectors}: expected a place or more and sides of 8 or more")
-        self.features = nn.Sequential(
-            nn.Conv2d(channels, 64, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=momentum),
-            nn.Conv2d(64, 128, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
-            nn.Conv2d(128, 256, 5, padding=2), nn.ReLU(), nn.MaxPool2d(2),
-        )  # fmt: skip
+        self.features = trunk(partial(nn.Conv2d, kernel_size=5, padding=2), channels, momentum)
         self.head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
@@ -32,13 +30,7 @@ class LeNet(nn.Module):
             nn.Dropout(dropout),
             nn.Linear(64, places),
         )
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.Linear):
-                nn.init.xavier_uniform_(module.weight)
-                if module.bias is not None:
-                    nn.init.zeros_(module.bias)
-            if isinstance(module, nn.Conv2d):  # twice as fast on a CPU
-                module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
+        start(self)
 
     def forward(self, images: Tensor) -> Tensor:
         logits: Tensor = self.head[3:](self.embed(images))
@@ -51,9 +43,23 @@ class LeNet(nn.Module):
         return embedded
 
 
-def parameters(net: nn.Module) -> int:
-    """Numbers a network holds, the batch norms' running statistics included, as Keras counts them."""
-    return sum(value.numel() for name, value in net.state_dict().items() if not name.endswith("num_batches_tracked"))
+def trunk(convolution: Callable[[int, int], nn.Conv2d], channels: int, momentum: float) -> nn.Sequential:
+    """Features (batch, 256, rings // 8, sectors // 8) of images, by 5 × 5 convolutions of so many channels to so many filters."""
+    return nn.Sequential(
+        convolution(channels, 64), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=momentum),
+        convolution(64, 128), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
+        convolution(128, 256), nn.ReLU(), nn.MaxPool2d(2),
+    )  # fmt: skip
+
+
+def start(net: nn.Module) -> None:
+    """Initialise as Keras does: Glorot uniform kernels, zero biases."""
+    for module in net.modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            nn.init.xavier_uniform_(module.weight)
+            nn.init.zeros_(module.bias)  # type: ignore[arg-type]
+        if isinstance(module, nn.Conv2d):  # twice as fast on a CPU
+            module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
 
 
 def device() -> torch.device:

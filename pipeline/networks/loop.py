@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -20,25 +19,14 @@ from pipeline.running.progress import Progress
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
-Batches = Callable[[torch.Generator], Iterator[Batch]]
-"""The batches of an epoch; its random draws follow from this generator."""
+Batches = Callable[[torch.Generator], Iterator[Batch]]  # the batches of an epoch; its random draws follow from this generator
 Step = Callable[[Callable[[Tensor], Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
+Precision = Literal["auto", "bf16", "f32"]
 NET, BEST = "net/", "best/"
 """Prefixes within a checkpoint."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Result of a training: the weights of the best epoch, and the curves of all epochs."""
-
-    weights: dict[str, Tensor]
-    curves: NDArray[np.float64]
-    """(epoch, 4): training loss, training accuracy, held-out loss, held-out accuracy."""
-    best_epoch: int
-    """0-based; the highest held-out accuracy, of equals the last."""
 
 
 @contextmanager
@@ -53,10 +41,25 @@ def reproducible(threads: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def autocast(where: torch.device, precision: Literal["auto", "bf16", "f32"]) -> torch.autocast:
-    """bfloat16 arithmetic if `precision` says so; with auto on any GPU, and on processors that have the instructions."""
-    fast = where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
-    return torch.autocast(where.type, torch.bfloat16, enabled=precision == "bf16" or (precision == "auto" and bool(fast)))
+def dtype(where: torch.device, precision: Precision) -> torch.dtype:
+    """bfloat16 if `precision` says so, else float32; with auto bfloat16 on any GPU, and on processors with the instructions."""
+    fast = precision == "auto" and (where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported())
+    return torch.bfloat16 if precision == "bf16" or fast else torch.float32
+
+
+def autocast(where: torch.device, precision: Precision) -> torch.autocast:
+    """Arithmetic of that type."""
+    return torch.autocast(where.type, torch.bfloat16, enabled=dtype(where, precision) == torch.bfloat16)
+
+
+def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
+    """A network's weights, as they are stored in a model."""
+    return {f"{prefix}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()}
+
+
+def tensors(model: Mapping[str, NDArray[Any]], prefix: str = NET) -> dict[str, Tensor]:
+    """The weights of a network that are stored in a model."""
+    return {name.removeprefix(prefix): torch.from_numpy(array.copy()) for name, array in model.items() if name.startswith(prefix)}
 
 
 def classify(net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, int]:
@@ -75,18 +78,19 @@ def fit(
     steps: int,
     learning_rate: float,
     schedule: Schedule,
-    precision: Literal["auto", "bf16", "f32"],
+    precision: Precision,
     seed: int,
     progress: Progress,
     step: Step[Any] = classify,
     fused: bool = False,
-) -> Fit:
+) -> dict[str, NDArray[Any]]:
     """Train `net` with Adam on the loss of each `step`, judged on held-out rows after each epoch (its loss and accuracy).
 
-    An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches. `fused` Adam rounds differently,
-    and is much faster for a network of many numbers.
-    Every random draw of an epoch follows from the seed and the epoch's number, so a run that goes on from
-    `progress.checkpoint` gives the weights of one that was never interrupted.
+    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the last; returns `best_epoch`,
+    0-based, and the `curves/` of CURVES (epoch,), as they are stored in a model.
+    An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches. `fused` Adam rounds differently, and
+    is much faster for a network of many numbers. Every random draw of an epoch follows from the seed and the epoch's number, so a
+    run that goes on from `progress.checkpoint` gives the weights of one that was never interrupted.
     """
     where = next(net.parameters()).device
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
@@ -98,10 +102,8 @@ def fit(
 
     curves = np.empty((0, len(CURVES)))
     best = {name: value.clone() for name, value in net.state_dict().items()}
-    if progress.checkpoint is not None and progress.checkpoint.is_file():
-        with whole(progress.checkpoint):
-            kept = resume(progress.checkpoint, net, {"adam": optimizer})
-            curves, best = kept["curves"].cpu().numpy(), _taken(kept, BEST)
+    if kept := resume(progress.checkpoint, net, {"adam": optimizer}):
+        curves, best = kept["curves"].cpu().numpy(), taken(kept, BEST)
     share = SCHEDULES[schedule]
     for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), "train"):
         torch.manual_seed((seed << 20) + epoch)
@@ -127,22 +129,14 @@ def fit(
         if progress.checkpoint is not None:
             more = {f"{BEST}{name}": value for name, value in best.items()} | {"curves": torch.from_numpy(curves)}
             keep(progress.checkpoint, net, {"adam": optimizer}, more)
-    return Fit(best, curves, _best(curves))
+    net.load_state_dict(best)
+    columns = {f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)}
+    return {"best_epoch": np.array(_best(curves)), **columns}
 
 
 def _best(curves: NDArray[np.float64]) -> int:
-    """The epoch of highest held-out accuracy, of equals the last; the loss rises while the ranking still improves."""
+    """Not by the held-out loss, which rises while the ranking still improves."""
     return len(curves) - 1 - int(curves[::-1, 3].argmax())
-
-
-def constant(progress: float) -> float:
-    """The full learning rate throughout."""
-    return 1.0
-
-
-def stepped(progress: float) -> float:
-    """Share of the learning rate: a tenth less at each quarter of the training, as PointNetVLAD's authors do in 20 epochs."""
-    return 0.9 ** int(4 * progress)
 
 
 def one_cycle(progress: float) -> float:
@@ -155,43 +149,47 @@ def one_cycle(progress: float) -> float:
     return 0.5 + 0.5 * math.cos(math.pi * (progress - 0.3) / 0.7)
 
 
-SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {"one_cycle": one_cycle, "stepped": stepped, "constant": constant}
+SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
+    "one_cycle": one_cycle,
+    "stepped": lambda progress: 0.9 ** int(4 * progress),  # as PointNetVLAD's authors do in 20 epochs
+    "constant": lambda progress: 1.0,
+}
+"""Share of the learning rate at a share of the training."""
 
 
 def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer], more: Mapping[str, Tensor]) -> None:
     """Write a checkpoint: the network, the moments of each optimiser, and `more`."""
-    tensors = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
+    kept = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
     for optimizer_name, optimizer in optimizers.items():
         for index, state in optimizer.state_dict()["state"].items():
-            tensors |= {f"{optimizer_name}/{index}/{name}": value for name, value in state.items()}
+            kept |= {f"{optimizer_name}/{index}/{name}": value for name, value in state.items()}
     with store.replace(path) as scratch:
-        save_file({name: value.contiguous() for name, value in tensors.items()}, scratch)
+        save_file({name: value.contiguous() for name, value in kept.items()}, scratch)
 
 
-def resume(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, Tensor]:
-    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file."""
-    tensors: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
-    net.load_state_dict(_taken(tensors, NET))
-    for optimizer_name, optimizer in optimizers.items():
-        state: dict[int, dict[str, Tensor]] = {}
-        weights: list[Tensor] = [weight for group in optimizer.param_groups for weight in group["params"]]
-        for name, value in _taken(tensors, f"{optimizer_name}/").items():
-            index, _, field = name.partition("/")
-            like = torch.empty_like(weights[int(index)])  # with its strides, on which rounding depends
-            state.setdefault(int(index), {})[field] = value.cpu() if field == "step" else like.copy_(value)
-        optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
-    return tensors
+def resume(path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, Tensor]:
+    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file, none where there is no file.
 
-
-@contextmanager
-def whole(path: Path) -> Iterator[None]:
-    """Converts errors from reading a checkpoint into an ArtifactError."""
+    Raises ArtifactError for a file that is cut off or of another training.
+    """
+    if path is None or not path.is_file():
+        return {}
     try:
-        yield
+        kept: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
+        net.load_state_dict(taken(kept, NET))
+        for optimizer_name, optimizer in optimizers.items():
+            state: dict[int, dict[str, Tensor]] = {}
+            weights: list[Tensor] = [weight for group in optimizer.param_groups for weight in group["params"]]
+            for name, value in taken(kept, f"{optimizer_name}/").items():
+                index, _, field = name.partition("/")
+                like = torch.empty_like(weights[int(index)])  # with its strides, on which rounding depends
+                state.setdefault(int(index), {})[field] = value.cpu() if field == "step" else like.copy_(value)
+            optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     except (SafetensorError, KeyError, RuntimeError) as error:
         raise ArtifactError(f"{path}: not a whole checkpoint of this training ({error}); remove it") from None
+    return kept
 
 
-def _taken(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+def taken(kept: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """Removes and returns the tensors of a prefix, under their names without it."""
-    return {name.removeprefix(prefix): tensors.pop(name) for name in list(tensors) if name.startswith(prefix)}
+    return {name.removeprefix(prefix): kept.pop(name) for name in list(kept) if name.startswith(prefix)}

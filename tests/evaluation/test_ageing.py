@@ -22,12 +22,9 @@ def line(values: np.ndarray = VALUES, days: np.ndarray = DAYS) -> Line:
     return found
 
 
-def test_the_line_is_the_one_of_least_squares() -> None:
+def test_the_line_is_the_one_of_least_squares_and_the_interval_of_its_slope_is_students() -> None:
     assert (line().intercept, line().slope) == (pytest.approx(1.01), pytest.approx(-0.0014))
     assert (line().number, line().last_day) == (4, 300)
-
-
-def test_the_interval_of_the_slope_is_students() -> None:
     half = T_2 * np.sqrt(2e-8)
     assert line().interval == pytest.approx((-0.0014 - half, -0.0014 + half))
     assert line().trend == -1
@@ -50,15 +47,12 @@ def test_a_tenth_is_lost_where_the_line_says_within_fiellers_interval() -> None:
     assert line().lost(0.1) == pytest.approx((72.142857, 54.35923, 116.54399), rel=1e-6)
 
 
-def test_where_the_sequences_lie_on_the_line_nothing_is_uncertain() -> None:
+def test_on_the_line_nothing_is_uncertain_and_no_day_is_given_unless_it_surely_falls() -> None:
     exact = line(1.0 - 0.001 * DAYS)
     assert exact.lost(0.2) == pytest.approx((200, 200, 200))
     assert exact.interval == pytest.approx((-0.001, -0.001))
     level = line(np.full(4, 0.7))
     assert (level.interval, level.trend, level.lost(0.1)) == ((0.0, 0.0), 0, None)
-
-
-def test_no_day_is_told_unless_the_line_surely_falls() -> None:
     up_and_down, rising = line(np.array([0.8, 0.7, 0.8, 0.75])), line(VALUES[::-1])
     assert (up_and_down.trend, up_and_down.lost(0.1)) == (0, None)
     assert (rising.trend, rising.lost(0.1)) == (1, None)

@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same_intervals_whatever_is_held_at_once(monkeyp
     assert (Bootstrap(resamples=100, seed=1).intervals(share_of(right), straight(700)) != first).all()
 
 
-def test_resamples_that_leave_a_number_undefined_are_left_out() -> None:
+def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_there_is_no_interval() -> None:
     # Only the first of three blocks holds what the number is of; two resamples in seven or so never draw it.
     def numbers(weight: np.ndarray) -> np.ndarray:
         return np.stack([np.where(weight[:, 0] > 0, 0.25, np.nan), np.full(len(weight), np.nan)])
@@ -72,8 +72,6 @@ def test_resamples_that_leave_a_number_undefined_are_left_out() -> None:
     assert intervals[0].tolist() == [0.25, 0.25]
     assert np.isnan(intervals[1]).all()
 
-
-def test_a_number_that_all_queries_or_every_resample_leave_undefined_has_no_interval() -> None:
     def of_all_once(weight: np.ndarray) -> np.ndarray:
         return np.where((weight == 1).all(axis=1), 0.5, np.nan)[None]  # as the estimate is
 

@@ -37,22 +37,22 @@ def official(sequence: str) -> Counts:
     return Counts(*arrays)
 
 
-def test_precision_and_recall_of_six_queries_by_hand() -> None:
+def test_precision_recall_and_area_of_six_queries_by_hand() -> None:
     # hits 1 1 2 2 3 3, false alarms 0 1 1 2 2 3, misses 3 2 1 1 0 0 (test_counts.py)
     precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS))
     np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
     np.testing.assert_allclose(recall[0], [1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
     assert precision.shape == recall.shape == (25, 6)
-
-
-def test_area_of_six_queries_by_hand() -> None:
     # Trapezoids: (1/12)(3/4) + (1/3)(7/12) + 0 + (1/3)(11/20) + 0 = 0.0625 + 0.194444 + 0.183333 = 0.440278
-    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS))
     assert auc(precision, recall)[0] == pytest.approx(0.0625 + 7 / 36 + 11 / 60)
     # With threshold 0 in front, (recall 0, precision 1) joins: one more trapezoid of (1/4) · 1.
     precision, recall = precision_recall(count(TOY, NOVELTY, np.r_[0.0, THRESHOLDS]))
     assert (recall[0, 0], precision[0, 0]) == (0.0, 1.0)
     assert auc(precision, recall)[0] == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
+    # By the usual recall a misplaced query counts: 4 are seen; hits are 1 1 2 2 3 3, and the misplaced one is never recalled.
+    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS), seen=4)
+    assert recall[0].tolist() == [1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
+    np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])  # as by the authors' rule
 
 
 def test_at_the_ends_of_the_curve() -> None:
@@ -63,13 +63,6 @@ def test_at_the_ends_of_the_curve() -> None:
     counts = count(Truth(seen, ~seen, np.array([0, -1]), seen), np.array([0.1, 0.2], np.float32), np.array([1.0]), top_n=1)
     precision, recall = precision_recall(counts)
     assert (recall.item(), precision.item()) == (1.0, 0.5)
-
-
-def test_a_misplaced_query_counts_against_the_usual_recall() -> None:
-    # The toy has 4 seen queries; hits are 1 1 2 2 3 3, and the one that is placed wrong is never recalled.
-    precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS), seen=4)
-    assert recall[0].tolist() == [1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
-    np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])  # as by the authors' rule
 
 
 def exact(truth: Truth, novelty: np.ndarray, usual: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -31,9 +31,7 @@ def test_what_shows_in_later_sequences_alone_is_to_come_unless_something_that_sh
     shown, to_come = found["late"]
     assert shown.tolist() == [5.0, 30.0]
     assert np.isnan(to_come).all()
-
-
-def test_trees_count_where_they_are_asked_for() -> None:
+    # Trees count where they are among the kinds.
     shown, _ = distances({"a": PATH_M}, {"a": [TREE, BUILT]}, ("tree",))["a"]
     assert shown == pytest.approx([0.0, np.hypot(100, 30)])
 
@@ -50,7 +48,7 @@ def test_edges_rise_from_above_0(edges_m: tuple[float, ...]) -> None:
         Bands(edges_m)
 
 
-def test_each_band_counts_its_own_queries_over_all_sequences() -> None:
+def test_each_band_counts_its_own_queries_over_all_sequences_and_an_empty_one_has_no_numbers() -> None:
     # By cells the seven are: right, right, wrong, wrong, right, unseen, unseen, at novelty .1 .8 .2 .3 .05 .4 .9. The first three
     # are near, the fourth left out, the rest far; the second sequence is all far.
     near, far = np.array([1.0, 1, 1, np.nan, 99, 99, 99]), np.full(7, 99.0)
@@ -64,6 +62,9 @@ def test_each_band_counts_its_own_queries_over_all_sequences() -> None:
     # Near, as the threshold rises past .1, .2, .8, (recall, precision): (1/3, 1) with two seen rejected, (1/2, 1/2), (1, 2/3);
     # from (0, 1) on the area is 1/3 + 1/8 + 7/24
     assert area[0] == pytest.approx(0.75)
+    one = banded([evaluation()], [np.full(7, 99.0)], Bands((25.0,)), "distance", BOOTSTRAP)
+    assert np.isnan(one.values[0]).all()
+    assert (one.seen[0], one.unseen[0]) == (0, 0)
 
 
 def test_the_threshold_passes_the_novelties_of_all_sequences_together() -> None:
@@ -89,9 +90,3 @@ def test_no_block_of_the_path_holds_queries_of_two_sequences() -> None:
     rule = Bootstrap(block_m=1000.0, resamples=200)
     found = banded([right, wrong], [np.zeros(7), np.zeros(7)], Bands((25.0,)), "cells", rule).values[0, 0]
     assert found == pytest.approx([0.5, 0.0, 1.0])
-
-
-def test_an_empty_band_has_no_numbers() -> None:
-    one = banded([evaluation()], [np.full(7, 99.0)], Bands((25.0,)), "distance", BOOTSTRAP)
-    assert np.isnan(one.values[0]).all()
-    assert (one.seen[0], one.unseen[0]) == (0, 0)

@@ -11,11 +11,8 @@ def evidence(right: list[bool], seen: list[float], unseen: list[float]) -> Evide
     return Evidence(np.array(right), {"entropy": np.array(seen)}, {"entropy": np.array(unseen)})
 
 
-def test_right_and_told_apart_is_one() -> None:
+def test_right_and_apart_is_one_and_never_right_is_nothing() -> None:
     assert held_out_auc(evidence([True] * 3, [0.1, 0.2, 0.3], [0.7, 0.8, 0.9]), "entropy", 0.2) == pytest.approx(1)
-
-
-def test_never_right_is_nothing() -> None:
     # All but the trapezoid of the very first step, from (recall 0, precision 1) to (0, 0).
     assert held_out_auc(evidence([False] * 3, [0.1, 0.2, 0.3], [0.7, 0.8, 0.9]), "entropy", 0.2) == 0
 

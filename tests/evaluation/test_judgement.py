@@ -91,7 +91,8 @@ def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
 
 
 def test_the_numbers_of_five_queries_by_hand() -> None:
-    numbers = summary(drive())
+    evaluation = drive()
+    numbers = summary(evaluation)
     cells, distance = numbers["cells"], numbers["distance"]
     assert (numbers["days"], numbers["queries"]) == (20, 5)
     assert tuple(cells) == tuple(distance) == ("seen", "unseen", *NUMBERS, "threshold")
@@ -102,24 +103,17 @@ def test_the_numbers_of_five_queries_by_hand() -> None:
     assert (cells["median_error_m"], cells["auroc"]) == (3.5, 1.0)  # of 1, 2, 5 and 10; the unseen query's 50 does not count
     assert [distance[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "oracle")] == [3, 1, 0.5, 1.0, 1.0]
     assert (distance["median_error_m"], distance["precision_at_threshold"]) == (5.0, 1.0)
-
-
-def test_a_heading_is_judged_where_the_answer_is_right() -> None:
-    evaluation = drive()
+    # A heading is judged where the answer is right.
     assert evaluation.heading_error_deg == pytest.approx([20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4)  # over ±180° too
-    numbers = summary(evaluation)
     # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
-    assert numbers["cells"]["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
-    assert numbers["distance"]["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
-    assert (numbers["cells"]["heading_within_10deg"], numbers["distance"]["heading_within_10deg"]) == (2 / 3, 1 / 3)
-
-
-def test_calibration_is_of_the_seen_queries_by_cells() -> None:
-    # Right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1 holds 3 of .95, all right; .4 … .5 one of .45, wrong.
-    calibration = summary(drive())["calibration"]
-    assert calibration["ece"] == pytest.approx((3 * 0.05 + 0.45) / 4)
+    assert cells["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
+    assert distance["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
+    assert (cells["heading_within_10deg"], distance["heading_within_10deg"]) == (2 / 3, 1 / 3)
+    # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1 holds 3 of .95, all right;
+    # .4 … .5 one of .45, wrong.
+    assert numbers["calibration"]["ece"] == pytest.approx((3 * 0.05 + 0.45) / 4)
     # 1 − cost: .85 .75 .55 right and .65 wrong, each in a bin of its own
-    assert calibration["ece_raw"] == pytest.approx((0.15 + 0.25 + 0.65 + 0.45) / 4)
+    assert numbers["calibration"]["ece_raw"] == pytest.approx((0.15 + 0.25 + 0.65 + 0.45) / 4)
 
 
 def test_the_arrays_and_the_numbers_agree() -> None:
@@ -165,7 +159,7 @@ def test_every_number_lies_in_its_interval() -> None:
         assert (low < high)[NUMBERS.index("recall_at_1")]
 
 
-def test_an_all_unseen_sequence_gives_valid_json() -> None:
+def test_sequences_that_are_all_unseen_or_without_queries_give_valid_json() -> None:
     labels = replace(LABELS, places=np.full(5, -1), nearest_m=np.full(5, 99.0))
     evaluation = drive(labels=labels, reject_from=(np.inf, np.inf))
     numbers = summary(evaluation)
@@ -176,6 +170,9 @@ def test_an_all_unseen_sequence_gives_valid_json() -> None:
         assert numbers[name]["threshold"] is None
         assert np.isnan(evaluation.protocol(name).auc).all()
     assert numbers["calibration"] == {"ece_raw": None, "ece": None}
+    numbers = summary(drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0]))
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+    assert (numbers["queries"], numbers["cells"]["recall_at_1"]) == (0, None)
 
 
 def test_what_is_of_nothing_is_none() -> None:
@@ -190,12 +187,6 @@ def test_what_is_of_nothing_is_none() -> None:
     assert np.isnan(all_seen.number("cells", "auroc")).all()
     assert np.isnan(all_seen.cells.rejection[:, MEASURES.index("auroc")]).all()
     assert summary(all_seen)["cells"]["recall_at_1"] == 3 / 4
-
-
-def test_a_sequence_without_queries_is_judged_too() -> None:
-    numbers = summary(drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0]))
-    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
-    assert (numbers["queries"], numbers["cells"]["recall_at_1"]) == (0, None)
 
 
 def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:

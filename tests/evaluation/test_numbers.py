@@ -48,9 +48,7 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     # The oracle, nearest first: queries 0 and 1 right, 5 unseen, 2 right, 4 misplaced, 3 unseen. Precision falls from 1 after the
     # second to 2/3, 3/4, 3/5, 3/6, recall rises 1/4, 2/4, 2/4, 3/4, 1, 1.
     assert found["oracle_auc_exact_top1"] == pytest.approx(1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8)
-
-
-def test_by_the_usual_recall_a_misplaced_query_is_not_recalled() -> None:
+    # By the usual recall a misplaced query is not recalled.
     found = told(replace(TOY, usual_recall=True))
     assert found["recall_at_threshold"] == 2 / 4  # two hits of four seen
     assert found["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
@@ -92,19 +90,14 @@ def test_a_threshold_that_accepts_nothing_has_no_precision_and_one_without_end_a
     assert (found["precision_at_threshold"], found["recall_at_threshold"]) == pytest.approx(told_there, nan_ok=True)
 
 
-def test_without_a_seen_query_only_precision_is_defined() -> None:
+def test_a_number_of_nothing_is_missing() -> None:
+    # Without a seen query only precision is defined, without an unseen one only auroc is missing.
     nobody = np.zeros(6, bool)
     found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
     assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
     assert all(np.isnan(value) for value in found.values())
-
-
-def test_without_an_unseen_query_only_auroc_is_missing() -> None:
     found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
     assert [name for name, value in found.items() if np.isnan(value)] == ["auroc"]
-
-
-def test_a_heading_that_no_query_has_is_missing() -> None:
     found = told(queries=replace(QUERIES, turn_deg=np.zeros(6)))
     assert np.isnan(found["recall_at_1_turned"])
     assert np.isnan(found["oracle_turned"])

@@ -72,10 +72,12 @@ def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
     assert (found.low, found.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
 
 
-def test_the_same_answers_differ_in_nothing_and_surely_in_nothing() -> None:
+def test_the_same_answers_differ_surely_in_nothing_and_a_path_of_one_block_has_no_interval() -> None:
     found = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
     assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [(0.0, 0.0, 0.0, 1.0)] * 2
     assert (found.only_this, found.only_reference) == (0, 0)
+    found = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
+    assert np.isnan([found.low, found.high, found.p]).all()
 
 
 def test_the_area_is_compared_too() -> None:
@@ -103,11 +105,6 @@ def test_chance_is_called_a_difference_as_often_as_the_level_says() -> None:
     assert np.mean(np.array(p) < 0.05) <= 0.15
 
 
-def test_a_path_of_one_block_tells_nothing() -> None:
-    found = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
-    assert np.isnan([found.low, found.high, found.p]).all()
-
-
 def test_other_queries_are_refused() -> None:
     this = method(HARD)
     with pytest.raises(InputError, match="same queries"):
@@ -116,12 +113,9 @@ def test_other_queries_are_refused() -> None:
         compare(this, replace(this, cells=replace(this.cells, seen=~this.cells.seen)), "cells", BOOTSTRAP)
 
 
-def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls() -> None:
+def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls_and_nan_is_no_test() -> None:
     # Ascending .01 .02 .03 .2 become .04, .06, .06 (.03 · 2 is no less), .2; of two, .6 · 2 is cut at 1.
     np.testing.assert_allclose(holm(np.array([0.02, 0.01, 0.2, 0.03])), [0.06, 0.04, 0.2, 0.06])
     np.testing.assert_allclose(holm(np.array([0.6, 0.7])), [1.0, 1.0])
-
-
-def test_what_could_not_be_tested_counts_as_no_test() -> None:
     np.testing.assert_allclose(holm(np.array([np.nan, 0.02, 0.04])), [np.nan, 0.04, 0.04])
     assert holm(np.empty(0)).shape == (0,)

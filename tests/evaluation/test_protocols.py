@@ -7,7 +7,7 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.protocols import Distance, by_cells
 
 
-def test_by_cells_the_query_s_own_cell_is_right() -> None:
+def test_by_cells_the_query_s_own_cell_is_right_and_padding_is_no_place() -> None:
     places, true_places = np.array([[7, 1], [1, 9], [2, 3], [2, 3]]), np.array([7, 9, 4, -1])
     truth = by_cells(places, true_places, oracle=np.array([7, 8, 4, 2]))
     assert truth.seen.tolist() == [True, True, True, False]
@@ -15,9 +15,6 @@ def test_by_cells_the_query_s_own_cell_is_right() -> None:
     assert truth.true_rank.tolist() == [0, 1, -1, -1]  # first, second, not ranked, unseen
     assert truth.oracle_right.tolist() == [True, False, True, False]
     assert not truth.usual_recall
-
-
-def test_padding_in_a_ranking_is_not_the_place_of_an_unseen_query() -> None:
     truth = by_cells(np.array([[-1, -1], [-1, 4]]), np.array([-1, 4]), np.array([-1, -1]))
     assert truth.true_rank.tolist() == [-1, 1]
     assert truth.oracle_right.tolist() == [False, False]
@@ -31,6 +28,11 @@ def test_by_distance_the_first_answer_near_enough_is_right() -> None:
     assert truth.true_rank.tolist() == [0, 1, -1, -1]
     assert truth.oracle_right.tolist() == [True, True, True, False]
     assert truth.usual_recall
+    # An answer without a position is wrong, and so is the nearest anchor where it is farther than right reaches.
+    truth = Distance().truth(np.array([[[np.nan, 0.0], [0.0, 0.0]]]), np.zeros((1, 2)), np.zeros(1))
+    assert truth.true_rank.tolist() == [1]
+    truth = Distance(seen_m=5.0, correct_m=3.0).truth(np.zeros((2, 1, 2)), np.zeros((2, 2)), np.array([2.0, 4.0]))
+    assert truth.oracle_right.tolist() == [True, False]
 
 
 def test_between_seen_and_unseen_a_query_is_not_judged() -> None:
@@ -39,16 +41,6 @@ def test_between_seen_and_unseen_a_query_is_not_judged() -> None:
     assert truth.seen.tolist() == [True, False, False, False]
     assert truth.unseen.tolist() == [False, False, False, True]
     assert truth.true_rank.tolist() == [0, -1, -1, -1]
-
-
-def test_an_answer_without_a_position_is_wrong() -> None:
-    truth = Distance().truth(np.array([[[np.nan, 0.0], [0.0, 0.0]]]), np.zeros((1, 2)), np.zeros(1))
-    assert truth.true_rank.tolist() == [1]
-
-
-def test_the_nearest_anchor_is_wrong_where_it_is_farther_than_right_reaches() -> None:
-    truth = Distance(seen_m=5.0, correct_m=3.0).truth(np.zeros((2, 1, 2)), np.zeros((2, 2)), np.array([2.0, 4.0]))
-    assert truth.oracle_right.tolist() == [True, False]
 
 
 def test_distances_that_make_no_sense_are_refused() -> None:

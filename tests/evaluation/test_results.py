@@ -284,6 +284,8 @@ def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) ->
     found = results.where(gathered, wanted)
     assert found["method"].tolist() == ["sci", "sci", "sad", "sci", "sad"]  # own, variant, own; and in other cells
     assert len(results.where(found, {"seed": "0", "simulated": "True"})) == 5
+    assert len(results.where(found, {"days": "20"})) == len(results.where(found, {"days": "62,20.0"})) == 5
+    assert results.where(found, {"days": "2"}).empty
     assert results.where(found, {"method": "sc"}).empty
     with pytest.raises(ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"):
         results.where(gathered, {"model": "sci"})

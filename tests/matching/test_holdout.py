@@ -13,10 +13,14 @@ def along(n: int, step_m: float = 1.0) -> np.ndarray:
     return poses
 
 
-def test_one_block_in_every_stretch_is_held_out() -> None:
+def test_one_block_in_every_stretch_of_the_path_along_its_bends_is_held_out() -> None:
     # Every 40 m, 4 m long, the first half a stretch in: rows 20 to 23, 60 to 63, 100 to 103 of one long place.
     held = blocks(along(120), np.zeros(120, np.int64), 40.0, 4.0)
     assert np.flatnonzero(held).tolist() == [*range(20, 24), *range(60, 64), *range(100, 104)]
+    # Up and down the same ten metres: 25 rows are 24 m of path, and 20 to 23 m of it are held out.
+    poses = along(25)
+    poses[:, 0, 3] = np.concatenate([np.arange(10), np.arange(8, 0, -1), np.arange(0, 7)])
+    assert np.flatnonzero(blocks(poses, np.zeros(25, np.int64), 40.0, 4.0)).tolist() == [20, 21, 22, 23]
 
 
 def test_a_place_never_loses_its_last_row() -> None:
@@ -31,10 +35,3 @@ def test_whatever_is_held_out_every_place_is_trained(n: int, places: int, every_
     place = np.random.default_rng(seed).integers(0, places, n)
     held = blocks(along(n), place, every_m, length_m)
     assert set(place[~held]) == set(place)
-
-
-def test_path_is_measured_along_the_bends() -> None:
-    # Up and down the same ten metres: 25 rows are 24 m of path, and 20 to 23 m of it are held out.
-    poses = along(25)
-    poses[:, 0, 3] = np.concatenate([np.arange(10), np.arange(8, 0, -1), np.arange(0, 7)])
-    assert np.flatnonzero(blocks(poses, np.zeros(25, np.int64), 40.0, 4.0)).tolist() == [20, 21, 22, 23]

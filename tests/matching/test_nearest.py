@@ -13,10 +13,8 @@ def test_the_nearest_come_first_and_of_equally_near_ones_the_first_row():
     distances, rows = nearest(LINE, np.array([[2.0], [7.0]], np.float32), 4)
     assert rows.tolist() == [[1, 2, 3, 0], [4, 2, 3, 1]]
     assert distances.tolist() == [[1, 1, 1, 2], [0, 4, 4, 6]]
-
-
-def test_more_than_there_are_is_all_of_them():
     assert nearest(LINE, LINE[:1], 25)[1].shape == (1, 5)
+    assert nearest(LINE, np.empty((0, 1), np.float32), 3)[1].shape == (0, 3)
 
 
 @pytest.mark.parametrize("asked", [1, 3, 400])
@@ -29,10 +27,6 @@ def test_a_query_is_answered_alone_as_in_a_crowd(asked: int):
     alone = [nearest(database, query[None], 1) for query in queries[:asked]]
     assert rows.tolist() == [row.tolist()[0] for _, row in alone]
     np.testing.assert_allclose(crowd, np.concatenate([distance for distance, _ in alone]), rtol=1e-6)
-
-
-def test_no_queries_have_no_neighbours():
-    assert nearest(LINE, np.empty((0, 1), np.float32), 3)[1].shape == (0, 3)
 
 
 def test_descriptors_of_another_length_are_refused():

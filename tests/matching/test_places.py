@@ -54,19 +54,13 @@ def test_a_query_is_labelled_by_its_cell_and_by_its_nearest_anchor(
     np.testing.assert_allclose(labels.nearest_turn_deg, turn, atol=1e-9)
 
 
-def test_the_oracle_may_lie_across_the_border_of_the_true_place() -> None:
+def test_the_oracle_may_lie_across_a_border_height_does_not_count_and_no_queries_have_no_labels() -> None:
     # (20.5, 5) is in cell 6, a place; the nearest anchor, (19.5, 5), in cell 3, another.
     labels = label(anchors((20.5, 5, 0)), anchors((19.5, 5, 0), (29, 5, 0)), GRID)
     assert (labels.places.tolist(), labels.oracle.tolist()) == ([1], [0])
-
-
-def test_height_does_not_count() -> None:
     above = anchors((25, 5, 0))
     above[0, 2, 3] = 50
     np.testing.assert_array_equal(label(above, TRAINING, GRID).nearest_m, [0])
-
-
-def test_no_queries_have_no_labels() -> None:
     labels = label(anchors(), TRAINING, GRID)
     assert len(labels.places) == len(labels.oracle) == len(labels.nearest_m) == 0
     assert labels.cells.tolist() == [0, 6, 11]

@@ -37,22 +37,17 @@ def test_a_threshold_keeps_the_wanted_precision_among_seen_and_unseen() -> None:
     # With no unseen query to expect, the precisions are 1, 1, 2/3, 3/4.
     (threshold,) = Rejection("own", 0.75, 0.0).thresholds(EVIDENCE.arrays(), ("entropy",))
     assert threshold > 0.4
-
-
-def test_a_kind_that_takes_the_unseen_for_the_most_familiar_accepts_nothing() -> None:
+    # Energy takes the unseen for the most familiar.
     assert Rejection("own", 0.9, 0.5).thresholds(EVIDENCE.arrays(), ("entropy", "energy"))[1] == ACCEPT_NOTHING
 
 
-def test_evidence_survives_being_part_of_a_model() -> None:
+def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() -> None:
     back = Evidence.of({"net/weight": np.zeros(3), **EVIDENCE.arrays()})
     np.testing.assert_array_equal(back.right, EVIDENCE.right)
     for mine, theirs in ((back.seen, EVIDENCE.seen), (back.unseen, EVIDENCE.unseen)):
         assert mine.keys() == theirs.keys()
         for kind in mine:
             np.testing.assert_allclose(mine[kind], theirs[kind], rtol=1e-6)
-
-
-def test_a_model_without_evidence_is_refused() -> None:
     with pytest.raises(InputError, match="held_out/right"):
         Evidence.of({"net/weight": np.zeros(3)})
 
@@ -99,26 +94,17 @@ def test_the_largest_threshold_that_keeps_the_precision_is_chosen(precision: flo
     assert (np.array(novelty) < threshold).sum() == accepted
 
 
-def test_precision_may_dip_and_recover() -> None:
+def test_precision_may_dip_and_recover_and_equal_novelties_are_accepted_together_in_any_order() -> None:
     # wrong, then three right: 0, 1/2, 2/3, 3/4 of those accepted.
     assert chosen(0.75, [0.1, 0.2, 0.3, 0.4], [0, 1, 1, 1]) > 0.4
     assert chosen(0.76, [0.1, 0.2, 0.3, 0.4], [0, 1, 1, 1]) == ACCEPT_NOTHING
-
-
-def test_equal_novelties_are_accepted_together() -> None:
-    # At 0.2 there are a right one and a wrong one, in any order: accepting one accepts both, 2 of 3.
+    # Equal novelties: at 0.2 there are a right one and a wrong one, in any order: accepting one accepts both, 2 of 3.
     for right in ([1, 1, 0], [1, 0, 1]):
         assert 0.1 < chosen(0.9, [0.1, 0.2, 0.2], right) <= 0.2
         assert chosen(0.66, [0.1, 0.2, 0.2], right) > 0.2
-
-
-def test_an_unreachable_precision_accepts_nothing() -> None:
     assert chosen(0.95, [0.3, 0.4], [0, 1]) == ACCEPT_NOTHING
     assert chosen(0.95, [-7.0, -7.0], [0, 1]) == ACCEPT_NOTHING
     assert chosen(0.95, [], []) == ACCEPT_NOTHING
-
-
-def test_the_threshold_does_not_depend_on_the_order() -> None:
     assert chosen(0.7, [0.4, 0.1, 0.3, 0.2], [0, 1, 0, 1]) == chosen(0.7, [0.1, 0.2, 0.3, 0.4], [1, 1, 0, 0])
 
 

@@ -111,14 +111,11 @@ def test_rows_are_compared_in_the_order_asked_however_many():
         assert some.tolist() == everything[np.array(rows, np.int64)].tolist()
 
 
-def test_what_a_model_holds_of_it_comes_back():
+def test_what_a_model_holds_of_it_comes_back_and_takes_twenty_kilobytes_a_scan():
     spectra = Spectra.learned(images(8, 0.3, 0.7))
     again = Spectra.of({**spectra.arrays(), "ring_keys": np.empty(0)})
     assert np.array_equal(again.columns, spectra.columns)
     assert np.array_equal(again.engaged, spectra.engaged)
-
-
-def test_a_scan_takes_twenty_kilobytes():
     spectra = Spectra.learned(np.zeros((2, 40, 120), np.float32))
     assert sum(array.nbytes for array in spectra.arrays().values()) / 2 == 4 * (61 * 2 * 40 + 120)
 

@@ -24,10 +24,7 @@ def test_a_temperature_is_not_determined_where_all_rows_are_right_or_all_wrong_o
     assert not determined(1.0, np.empty((0, 5)), np.empty(0, np.int64))
 
 
-def test_a_forgotten_class_has_no_say() -> None:
+def test_a_forgotten_class_has_no_say_and_no_rows_leave_the_logits_as_they_are() -> None:
     logits = np.array([[2.0, 1.0, -np.inf], [0.5, 1.0, -np.inf]])
     assert temperature(logits, np.array([0, 0])) == temperature(logits[:, :2], np.array([0, 0]))
-
-
-def test_no_rows_leave_the_logits_as_they_are() -> None:
     assert temperature(np.empty((0, 5)), np.empty(0, np.int64)) == 1.0

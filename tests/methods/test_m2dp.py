@@ -3,22 +3,18 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from pipeline.errors import InputError
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.m2dp import M2dp
 from pipeline.readers.kitti import read_velodyne
 from pipeline.running.progress import Progress
 from pipeline.views import m2dp as views
+from tests.matching.made import along
 
 
-def rows(signatures: np.ndarray, step_m: float = 1.0) -> Rows:
-    """One of them every `step_m` along x."""
-    poses = np.tile(np.eye(4), (len(signatures), 1, 1))
-    poses[:, 0, 3] = step_m * np.arange(len(signatures))
-    return Rows(signatures.astype(np.float32), np.arange(len(signatures)), poses)
+def rows(signatures: np.ndarray) -> Rows:
+    return along(signatures.astype(np.float32))
 
 
 LINE = rows(np.array([[0.0, 0], [1, 0], [2, 0], [3, 0]]))
@@ -38,8 +34,7 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
 
 
 def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_blocks() -> None:
-    rng = np.random.default_rng(0)
-    n = 200
+    rng, n = np.random.default_rng(0), 200
     path = np.cumsum(rng.normal(0, 0.05, (n, 192)), axis=0)  # signatures that change along the path, some 0.7 a row
     training, again = rows(path), rows(path + rng.normal(0, 0.01, path.shape))
     method = M2dp(held_out_length_m=1.0)  # one row in forty
@@ -54,18 +49,6 @@ def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_bl
     assert (method.localizer(model)(rows(path + 1.0), 1).novelty >= threshold).all()
 
 
-def test_one_query_is_answered_as_in_a_crowd() -> None:
-    rng = np.random.default_rng(1)
-    training, crowd = rows(rng.random((300, 192))), rows(rng.random((50, 192)))
-    method = M2dp()
-    localize = method.localizer(method.learn(training, np.arange(300), Progress()))
-    together = localize(crowd, 25)
-    for i in (0, 17):
-        alone = localize(Rows(crowd.images[i : i + 1], crowd.stamps_ns[i : i + 1], crowd.world_T_anchor[i : i + 1]), 25)
-        np.testing.assert_array_equal(alone.places[0], together.places[i])
-        np.testing.assert_array_equal(alone.costs[0], together.costs[i])
-
-
 def test_real_scans_find_their_neighbours(real: Path) -> None:
     # Sixteen scans along 13 m of a street, and one of another: the second of each pair finds a scan beside it.
     scans = [read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
@@ -77,11 +60,3 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
     beside = np.abs(ranking.places[:7, 0] - (np.arange(7) + 0.5))
     assert (beside < 2).all()
     assert ranking.novelty[7, 0] > ranking.novelty[:7, 0].max()
-
-
-def test_views_that_are_no_signatures_are_refused() -> None:
-    with pytest.raises(InputError, match=r"\(4, 40, 120\): expected signatures"):
-        M2dp().learn(Rows(np.zeros((4, 40, 120), np.float32), LINE.stamps_ns, LINE.world_T_anchor), PLACES, Progress())
-    model = M2dp().learn(LINE, PLACES, Progress())
-    with pytest.raises(InputError, match=r"expected \(q, d\) like the database's \(4, 2\)"):
-        M2dp().localizer(model)(rows(np.zeros((1, 192))), 1)

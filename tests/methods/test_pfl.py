@@ -1,21 +1,17 @@
-"""PFL on a short made-up drive: it knows places under noise and at other headings, and goes on where it was cut."""
+"""PFL on a short made-up drive: it knows places under noise and at other headings, and moves to another drive."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from pipeline.errors import InputError
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.methods.pfl import features
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
 from pipeline.running.progress import Progress
-from tests.interrupted import PowerCut, same
+from tests.matching.made import along
 
 ROWS, HEADINGS = 24, 16
 PLACES = np.repeat(np.arange(6), 4)
@@ -27,21 +23,12 @@ PROGRESS = Progress(budget=0.25)
 """16 rows of 16 headings in batches of 16 are 16 iterations: a quarter of them in two rounds of 2."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short_rounds() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(features, "LEAST_ITERATIONS", 2)
-        yield
-
-
 def rows(seed: int = 1) -> Rows:
     """A place a row, 2 m apart: four pictures turned by quarters, each standing for four headings; noise in every image."""
     blobs = gaussian_filter(np.random.default_rng(0).normal(size=(ROWS, 64, 64)), (0, 4, 4))
     quarters = np.stack([np.rot90(blobs > 0.05, -turns, (1, 2)) for turns in range(4)], axis=1).repeat(4, axis=1)
     flipped = np.random.default_rng(seed).random(quarters.shape) < 0.02
-    poses = np.tile(np.eye(4), (ROWS, 1, 1))
-    poses[:, 0, 3] = 2.0 * np.arange(ROWS)
-    return Rows((255 * (quarters ^ flipped)).astype(np.uint8), 10**9 * np.arange(ROWS), poses)
+    return along((255 * (quarters ^ flipped)).astype(np.uint8), 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -66,13 +53,10 @@ def test_a_turned_robot_is_known_and_told(model: Model, quarters: int, told: tup
     assert np.isin(ranking.heading_deg, told).mean() > 0.9
 
 
-def test_a_code_takes_a_kilobyte_and_a_place_has_eight(model: Model) -> None:
+def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_curves(model: Model) -> None:
     assert model["codes"].shape == (ROWS, 8, 512)
     assert model["codes"].dtype == np.float16
     assert model["codes"][0, 0].nbytes == 1024
-
-
-def test_the_model_holds_its_pictures_and_all_curves(model: Model) -> None:
     names = {name.partition("/")[2] for name in model if name.startswith("curves/")}
     assert names == {
         "joint_discriminator", "joint_generator", "image_discriminator", "image_generator", "image_cycle", "code_cycle",
@@ -86,6 +70,8 @@ def test_the_model_holds_its_pictures_and_all_curves(model: Model) -> None:
     assert np.array_equal(SMALL.reconstructed(model, model["pictures/seen"]), model["pictures/reconstructed"])
     assert len(Evidence.of(model).right) > 0
     assert len(Rejection().thresholds(model, ("cost", "ratio"))) == 2
+    encode, images = SMALL.encoder(model), rows().images[:5, 0]
+    np.testing.assert_allclose(encode(images), np.concatenate([encode(image[None]) for image in images]), atol=1e-4)
 
 
 def test_the_networks_do_not_see_held_out_rows() -> None:
@@ -100,31 +86,11 @@ def test_the_networks_do_not_see_held_out_rows() -> None:
     assert not np.array_equal(model["codes"][held], other["codes"][held])
 
 
-def test_the_same_seed_gives_the_same_bytes(model: Model) -> None:
-    assert same(SMALL.learn(rows(), PLACES, PROGRESS), model)
-    assert not same(replace(SMALL, seed=1).learn(rows(), PLACES, PROGRESS), model)
-
-
-def test_an_interrupted_training_goes_on_to_the_same_bytes(tmp_path: Path, model: Model) -> None:
-    assert len(model["curves/image_cycle"]) == 2
-    with pytest.raises(KeyboardInterrupt):
-        SMALL.learn(rows(), PLACES, PowerCut(budget=0.25, checkpoint=tmp_path / "half"))
-    assert (tmp_path / "half").is_file()
-    assert same(SMALL.learn(rows(), PLACES, Progress(budget=0.25, checkpoint=tmp_path / "half")), model)
-
-
-def test_a_code_does_not_depend_on_what_is_encoded_with_it(model: Model) -> None:
-    encode, images = SMALL.encoder(model), rows().images[:5, 0]
-    np.testing.assert_allclose(encode(images), np.concatenate([encode(image[None]) for image in images]), atol=1e-4)
-
-
 def test_views_of_other_number_types_and_none_at_all_are_answered(model: Model) -> None:
     rank = SMALL.localizer(model)
-    floats = replace(rows(2), images=rows(2).images.astype(np.float32))
+    floats = along(rows(2).images.astype(np.float32), 2.0)
     assert np.array_equal(rank(floats, 2).costs, rank(rows(2), 2).costs)
-    few = rows(2)
-    assert rank(Rows(few.images[:0], few.stamps_ns[:0], few.world_T_anchor[:0]), 2).places.shape == (0, 2)
-    assert rank(Rows(few.images[:1], few.stamps_ns[:1], few.world_T_anchor[:1]), 2).places.shape == (1, 2)
+    assert [rank(rows(2).some(slice(n)), 2).places.shape for n in (0, 1)] == [(0, 2), (1, 2)]
 
 
 def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
@@ -151,9 +117,3 @@ def test_more_budget_is_more_iterations() -> None:
 
     # 2, 4 and 8 iterations, in at most four rounds of at least 2.
     assert (rounds(0.125), rounds(0.25), rounds(0.5)) == (1, 2, 4)
-
-
-@pytest.mark.parametrize("shape", [(4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64)])
-def test_views_that_are_no_birdviews_are_refused(model: Model, shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="bird-views"):
-        SMALL.localizer(model)(replace(rows(), images=np.zeros(shape, np.uint8)), 1)

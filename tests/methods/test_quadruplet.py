@@ -22,23 +22,17 @@ def by_distance(best: float, apart: tuple[float, float], apart_star: tuple[float
     return torch.stack([*made, star])
 
 
-def test_the_loss_is_the_authors() -> None:
+def test_the_loss_is_the_authors_a_mean_over_queries_and_counts_who_is_right() -> None:
     # Best positive .1; negatives .3 and 1 from the query, .25 and .9 from n*: max(0, .5 + .1 − .3) + max(0, .2 + .1 − .25) = .35.
     tuples = by_distance(0.1, (0.3, 1.0), (0.25, 0.9))[None]
     loss, right = lazy_quadruplet(tuples, 2, 0.5, 0.2)
     assert float(loss) == pytest.approx(0.35, abs=1e-6)
     assert int(right) == 1
-
-
-def test_the_loss_is_a_mean_over_queries_and_counts_who_is_right() -> None:
     good, bad = by_distance(0.1, (0.3, 1.0), (0.25, 0.9)), by_distance(0.4, (0.3, 1.0), (0.25, 0.9))
     loss, right = lazy_quadruplet(torch.stack([good, bad]), 2, 0.5, 0.2)
     # The second: .5 + .4 − .3 = .6 and .2 + .4 − .25 = .35, so .95; (.35 + .95) / 2 = .65. Its positive is not the nearest.
     assert float(loss) == pytest.approx(0.65, abs=1e-6)
     assert int(right) == 1
-
-
-def test_nothing_is_lost_where_all_margins_hold() -> None:
     assert float(lazy_quadruplet(by_distance(0.0, (0.6, 1.0), (0.5, 0.9))[None], 2, 0.5, 0.2)[0]) == 0
 
 

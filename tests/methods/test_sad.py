@@ -1,27 +1,22 @@
 """SAD as a method: the sequence of normalised bird-views that differs least, all seen as the robot was heading."""
 
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
 from pipeline.matching.patches import differences, normalised
-from pipeline.matching.ranking import Rows
+from pipeline.matching.ranking import Localizer
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sad import Sad
 from pipeline.readers.kitti import read_velodyne
 from pipeline.running.progress import Progress
+from tests.interrupted import same
+from tests.matching.made import along as rows
 
 N = 240
-
-
-def rows(headings: np.ndarray, step_m: float = 1.0) -> Rows:
-    """One bird-view every `step_m` along x."""
-    poses = np.tile(np.eye(4), (len(headings), 1, 1))
-    poses[:, 0, 3] = step_m * np.arange(len(headings))
-    return Rows(headings, np.arange(len(headings)), poses)
 
 
 def street(rng: np.random.Generator) -> np.ndarray:
@@ -40,6 +35,11 @@ def another_day(headings: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 STREET = street(np.random.default_rng(0))
 PLACES = np.arange(N) // 20
+
+
+def asked(images: np.ndarray, places: np.ndarray = PLACES, **settings: Any) -> Localizer:
+    method = Sad(**settings)
+    return method.localizer(method.learn(rows(images), places, Progress()))
 
 
 def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
@@ -61,22 +61,20 @@ def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
     assert (new.novelty[:, 0] >= threshold).mean() > 0.9
 
 
-def test_a_view_turned_by_half_a_circle_is_another_image() -> None:
-    method = Sad()
-    localize = method.localizer(method.learn(rows(STREET), PLACES, Progress()))
+def test_a_view_turned_by_half_a_circle_is_another_image_and_one_alone_is_answered_by_its_own_differences() -> None:
+    localize = asked(STREET)
     turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
     assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
     assert turned.novelty[:, 0].min() > localize(rows(STREET[50:150]), 1).novelty[:, 0].max()
+    ranking = asked(STREET, contrast_rows=40)(rows(STREET[[100]]), 3)
+    assert ranking.xy_m[0, 0, 0] == 100
+    assert np.isfinite(ranking.novelty).all()
 
 
 def test_only_the_first_heading_is_looked_at() -> None:
-    method = Sad()
     blind = STREET.copy()
     blind[:, 1:] = 0
-    one, other = (method.learn(rows(images), PLACES, Progress()) for images in (STREET, blind))
-    assert one.keys() == other.keys()
-    for name in one:
-        np.testing.assert_array_equal(one[name], other[name])
+    assert same(*(Sad().learn(rows(images), PLACES, Progress()) for images in (STREET, blind)))
 
 
 def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
@@ -98,18 +96,10 @@ def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
     assert (method.localizer(moved)(rows(elsewhere[20:90]), 1).places[:, 0] == np.arange(20, 90)).all()
 
 
-def test_a_view_asked_alone_is_answered_by_its_own_differences() -> None:
-    method = Sad(contrast_rows=40)
-    ranking = method.localizer(method.learn(rows(STREET), PLACES, Progress()))(rows(STREET[[100]]), 3)
-    assert ranking.xy_m[0, 0, 0] == 100
-    assert np.isfinite(ranking.novelty).all()
-
-
 def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> None:
     images = STREET[:80].copy()
     images[:, 0] = np.maximum(images[:, 0], images[:, 0, ::-1])
-    method = Sad(both_ways=True)
-    localize = method.localizer(method.learn(rows(images), np.arange(80), Progress()))
+    localize = asked(images, np.arange(80), both_ways=True)
     assert (localize(rows(images[60:20:-1]), 1).places[:, 0] == np.arange(60, 20, -1)).mean() > 0.9
 
 
@@ -121,16 +111,12 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
         x, y, z = scan[:, :3].T.astype(float)
         there = (np.abs(x) < 15) & (np.abs(y) < 15) & (z > -1.4) & (z < 3)
         image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = 255
-    method = Sad(contrast_rows=30)
-    localize = method.localizer(method.learn(rows(images[::2]), np.arange(8), Progress()))
-    drive = localize(rows(images[1::2]), 1).places[:, 0]
+    drive = asked(images[::2], np.arange(8), contrast_rows=30)(rows(images[1::2]), 1).places[:, 0]
     assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
     alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)
     assert (np.abs(alone - (np.arange(8) + 0.5)) < 2).mean() > 0.7
 
 
-def test_views_that_are_no_bird_views_are_refused() -> None:
-    with pytest.raises(InputError, match=r"\(240, 64, 64\): expected bird-views"):
-        Sad().learn(replace(rows(STREET), images=STREET[:, 0]), PLACES, Progress())
+def test_views_without_a_place_are_refused() -> None:
     with pytest.raises(InputError, match="known place"):
         Sad().learn(rows(STREET), PLACES - 1, Progress())

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
-from pipeline.frames import pose
 from pipeline.matching.database import Database
-from pipeline.matching.ranking import Ranking, Rows
+from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
+from pipeline.matching.shift_method import ring_keys
 from pipeline.matching.shifts import Spectra
-from pipeline.methods.scan_context import ScanContext50, ring_keys
+from pipeline.methods.scan_context import ScanContext50
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.readers.kitti import read_poses, read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
+from tests.matching.made import along
 
 FIFTY, ALL = ScanContext50(), ScanContextAll()
 BOTH = pytest.mark.parametrize("method", [FIFTY, ALL], ids=["fifty", "all"])
@@ -27,26 +27,25 @@ PLACES, EACH = 24, 4
 TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 
-def poses(n: int, yaw_deg: float = 0.0) -> NDArray[np.float64]:
-    """Poses 2 m apart along x."""
-    return pose(np.stack([2.0 * np.arange(n), np.zeros(n), np.zeros(n)], axis=1), np.tile([0, 0, np.deg2rad(yaw_deg)], (n, 1)))
-
-
 def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
     """PLACES sparse scenes seen EACH times, 2 m apart, with noise and a tenth of the bins lost, columns rolled by `turn`."""
     rng, here = np.random.default_rng(0), np.random.default_rng(seed)
     scenes = rng.uniform(1, 12, (PLACES, 10, 24)) * (rng.random((PLACES, 10, 24)) < rng.uniform(0.1, 0.5, (PLACES, 10, 1)))
     images = np.repeat(scenes, EACH, axis=0)
     images = (images + here.normal(scale=noise_m, size=images.shape)) * (images > 0) * (here.random(images.shape) < 0.9)
-    return Rows(np.roll(images, turn, axis=2).astype(np.float32), np.arange(len(images)), poses(len(images)))
+    return along(np.roll(images, turn, axis=2).astype(np.float32), 2.0)
+
+
+def asking(method: Both, views: Rows | None = None, places: NDArray[np.int64] = TRUTH) -> Localizer:
+    return method.localizer(method.learn(rows(1) if views is None else views, places, Progress()))
 
 
 def localized(method: Both, k: int = 5, turn: int = 0) -> Ranking:
-    return method.localizer(method.learn(rows(1), TRUTH, Progress()))(rows(2, turn), k)
+    return asking(method)(rows(2, turn), k)
 
 
 def one(images: NDArray[np.float32]) -> Rows:
-    return Rows(images[None], np.zeros(1, np.int64), poses(1))
+    return along(images[None])
 
 
 @BOTH
@@ -81,13 +80,11 @@ def test_only_the_candidates_of_the_nearest_ring_keys_are_compared():
     # Ring keys of one ring of four bins: 1, 2 and 3. The query holds 2: with one candidate it is row 1, though row 2's
     # columns, at cosine 1 wherever both are engaged, are no farther; row 0 comes next.
     heights = np.array([[[1, 0, 0, 0]], [[-1, -1, 0, 0]], [[1, 1, 1, 0]]], np.float32)
-    views = Rows(heights, np.arange(3), poses(3))
-    query = one(np.array([[2, 2, 0, 0]], np.float32))
-    narrow = replace(FIFTY, candidates=1)
-    alone = narrow.localizer(narrow.learn(views, np.arange(3), Progress()))(query, 3)
+    views, query = along(heights), one(np.array([[2, 2, 0, 0]], np.float32))
+    alone = asking(replace(FIFTY, candidates=1), views, np.arange(3))(query, 3)
     assert alone.places.tolist() == [[1]]
     assert alone.costs.tolist() == [[2]]  # opposite signs at every shift that engages anything
-    assert FIFTY.localizer(FIFTY.learn(views, np.arange(3), Progress()))(query, 3).costs.tolist() == [[0, 0, 2]]
+    assert asking(FIFTY, views, np.arange(3))(query, 3).costs.tolist() == [[0, 0, 2]]
 
 
 @BOTH
@@ -133,8 +130,8 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
         world_R_robot = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         return draw(cloud @ world_R_robot)  # p_robot = world_R_robotᵀ p_world, for rows
 
-    views = Rows(np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), np.arange(2), poses(2, learned_yaw_deg))
-    localize = method.localizer(method.learn(views, np.arange(2), Progress()))
+    views = along(np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), yaw_deg=learned_yaw_deg)
+    localize = asking(method, views, np.arange(2))
     for place, cloud in enumerate(clouds):
         ranking = localize(one(seen(cloud, learned_yaw_deg + turned_by_deg)), 1)
         assert ranking.places.tolist() == [[place]]
@@ -143,26 +140,15 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
 
 @BOTH
 def test_an_empty_view_is_as_far_from_all_as_can_be_told_and_has_no_heading(method: Both):
-    ranking = method.localizer(method.learn(rows(1), TRUTH, Progress()))(one(np.zeros((10, 24), np.float32)), 3)
+    ranking = asking(method)(one(np.zeros((10, 24), np.float32)), 3)
     assert ranking.costs.tolist() == [[1, 1, 1]]
     assert np.isnan(ranking.heading_deg).all()
 
 
 @BOTH
-def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(method: Both):
-    crowd, localize = localized(method), method.localizer(method.learn(rows(1), TRUTH, Progress()))
-    alone = localize(one(rows(2).images[30]), 5)
-    assert alone.places.tolist() == crowd.places[30:31].tolist()
-    assert alone.costs.tolist() == crowd.costs[30:31].tolist()
-    none = localize(Rows(np.empty((0, 10, 24), np.float32), np.empty(0, np.int64), np.empty((0, 4, 4))), 5)
-    assert len(none.places) == len(none.costs) == len(none.heading_deg) == 0
-
-
-@BOTH
 def test_more_queries_than_are_asked_at_once_are_answered_in_order(method: Both):
-    localize = method.localizer(method.learn(rows(1), TRUTH, Progress()))
     images = np.concatenate([rows(seed).images for seed in (2, 3, 4, 5)])
-    ranking = localize(Rows(images, np.arange(len(images)), poses(len(images))), 1)
+    ranking = asking(method)(along(images), 1)
     assert len(images) > 256
     assert (ranking.places[:, 0] == np.tile(TRUTH, 4)).mean() > 0.98
 
@@ -196,20 +182,6 @@ def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
     assert (FIFTY.learn(views, TRUTH, Progress())["held_out/seen/distance"] < model["held_out/seen/distance"]).any()
 
 
-@BOTH
-def test_the_same_views_give_the_same_bytes(method: Both):
-    first, second = (method.learn(rows(1), TRUTH, Progress()) for _ in range(2))
-    assert first.keys() == second.keys()
-    assert all(first[name].tobytes() == second[name].tobytes() for name in first)
-
-
-@BOTH
-def test_views_of_another_shape_are_refused(method: Both):
-    localize = method.localizer(method.learn(rows(1), TRUTH, Progress()))
-    with pytest.raises(InputError, match="10 rings × 24 sectors"):
-        localize(one(np.zeros((10, 25), np.float32)), 1)
-
-
 @pytest.mark.parametrize("lift_m", [1.73, 1.9])
 def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float):
     """KITTI 08, scan 1500, against 720, sixteen scans of KITTI 00 and one of NCLT: 720 comes first, 148.4° away."""
@@ -217,25 +189,21 @@ def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float
     kitti = [real / "kitti/pairs/08/000720.bin", *sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
     clouds = [read_velodyne(path) + lift for path in kitti]
     clouds.append(read_velodyne_sync(next((real / "nclt/2012-01-15/velodyne_sync").glob("*.bin"))))
-    views = Rows(np.stack([ScanContext()(cloud) for cloud in clouds]), np.arange(len(clouds)), poses(len(clouds)))
+    views = along(np.stack([ScanContext()(cloud) for cloud in clouds]))
     query = one(ScanContext()(read_velodyne(real / "kitti/pairs/08/001500.bin") + lift))
     for method in (FIFTY, replace(FIFTY, candidates=5), ALL):
-        ranking = method.localizer(method.learn(views, np.arange(len(clouds)), Progress()))(query, 3)
+        ranking = asking(method, views, np.arange(len(clouds)))(query, 3)
         assert ranking.places[0, 0] == 0
         np.testing.assert_allclose(ranking.heading_deg, [-150], atol=1e-3)
 
 
 def test_real_scans_of_one_street_are_nearest_to_their_neighbours(real: Path):
     """KITTI 00, sixteen consecutive scans about 0.9 m apart: each of the even ones, learned, answers the odd one beside it."""
-    views = np.stack(
-        [
-            ScanContext()(read_velodyne(path) + np.array([0, 0, 1.73], np.float32))
-            for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))
-        ]
-    )
+    paths, lift = sorted((real / "kitti/sequences/00/velodyne").glob("*.bin")), np.array([0, 0, 1.73], np.float32)
+    views = np.stack([ScanContext()(read_velodyne(path) + lift) for path in paths])
     world_T_scan = read_poses(real / "kitti/poses/00.txt", real / "kitti/sequences/00/calib.txt")[:16]
-    learned = ALL.learn(Rows(views[::2], np.arange(8), world_T_scan[::2]), np.arange(8), Progress())
-    ranking = ALL.localizer(learned)(Rows(views[1::2], np.arange(8), world_T_scan[1::2]), 1)
+    even, odd = (Rows(views[i::2], np.arange(8), world_T_scan[i::2]) for i in (0, 1))
+    ranking = asking(ALL, even, np.arange(8))(odd, 1)
     away_m = np.linalg.norm(ranking.xy_m[:, 0] - world_T_scan[1::2, :2, 3], axis=1)
     assert (away_m < 2.7).all()
     assert (np.abs(ranking.heading_deg) < 4).all()

@@ -1,20 +1,19 @@
 """SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import InputError
-from pipeline.frames import pose
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
-from tests.interrupted import PowerCut, same
+from tests.interrupted import same
+from tests.matching.made import along
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
 PLACES, EACH, SECTORS = 4, 10, 40
@@ -35,19 +34,10 @@ def scene(number: int) -> np.ndarray:
 
 def rows(seed: int, yaw_deg: np.ndarray = YAW_DEG, first: int = 0) -> Rows:
     """Each scene seen EACH times with noise by sensors of these yaws, a metre apart along x."""
-    world_T_anchor = pose(
-        np.stack([np.arange(len(TRUTH)), *np.zeros((2, len(TRUTH)))], 1), np.deg2rad(yaw_deg)[:, None] * [0, 0, 1]
-    )
-    rng = np.random.default_rng(seed)
-    seen = [
-        (scene(first + int(place)) + rng.normal(0, 0.1, 3)) @ turn[:3, :3]
-        for place, turn in zip(TRUTH, world_T_anchor, strict=True)
-    ]
-    return Rows(np.stack([VIEW(points) for points in seen]), np.arange(len(TRUTH)), world_T_anchor)
-
-
-def some(views: Rows, part: slice) -> Rows:
-    return Rows(views.images[part], views.stamps_ns[part], views.world_T_anchor[part])
+    path, rng = along(TRUTH, yaw_deg=yaw_deg), np.random.default_rng(seed)
+    turns = path.world_T_anchor[:, :3, :3]
+    seen = [(scene(first + place) + rng.normal(0, 0.1, 3)) @ turn for place, turn in zip(TRUTH.tolist(), turns, strict=True)]
+    return replace(path, images=np.stack([VIEW(points) for points in seen]))
 
 
 @pytest.fixture(scope="module")
@@ -117,26 +107,6 @@ def test_novelty_is_higher_for_unknown_scenes(model: Model, ranking: Ranking) ->
         assert np.median(unknown.novelty[:, column]) > np.median(ranking.novelty[:, column])
 
 
-def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(model: Model, ranking: Ranking) -> None:
-    ask, crowd = SMALL.localizer(model), rows(3)
-    alone = ask(some(crowd, slice(30, 31)), 3)
-    assert alone.places.tolist() == ranking.places[30:31].tolist()
-    np.testing.assert_allclose(alone.costs[0], ranking.costs[30], atol=1e-5)
-    np.testing.assert_allclose(alone.heading_deg, ranking.heading_deg[30:31], atol=1e-2)
-    none = ask(some(crowd, slice(0, 0)), 3)
-    assert len(none.places) == len(none.novelty) == len(none.heading_deg) == 0
-
-
-def test_an_interrupted_training_goes_on_to_the_same_bytes_and_another_seed_to_others(tmp_path: Path) -> None:
-    short = replace(SMALL, epochs=3)
-    with pytest.raises(KeyboardInterrupt):
-        short.learn(rows(2), TRUTH, PowerCut(checkpoint=tmp_path / "half"))
-    assert (tmp_path / "half").is_file()
-    whole = short.learn(rows(2), TRUTH, Progress())
-    assert same(short.learn(rows(2), TRUTH, Progress(checkpoint=tmp_path / "half")), whole)
-    assert not same(replace(short, seed=1).learn(rows(2), TRUTH, Progress()), whole)
-
-
 def test_noise_on_the_training_yaw_is_seeded() -> None:
     noisy = replace(SMALL, yaw_noise_deg=40.0, epochs=1)
     once, again = (noisy.learn(rows(2), TRUTH, Progress()) for _ in range(2))
@@ -146,13 +116,8 @@ def test_noise_on_the_training_yaw_is_seeded() -> None:
 
 def test_a_wedge_of_up_to_its_width_is_emptied_in_each_training_view() -> None:
     heights = torch.full((200, 8, SECTORS), 200, dtype=torch.uint8)
-    views = Rows(np.empty(0), np.arange(200), np.tile(np.eye(4), (200, 1, 1)))
-    plain, erased = (
-        replace(SMALL, colormap="grey", erased_deg=deg).batches(
-            heights, views, torch.zeros(200, dtype=torch.int64), torch.arange(200)
-        )[0]
-        for deg in (0.0, 90.0)
-    )
+    given = heights, along(np.empty(200)), torch.zeros(200, dtype=torch.int64), torch.arange(200)
+    plain, erased = (replace(SMALL, colormap="grey", erased_deg=deg).batches(*given)[0] for deg in (0.0, 90.0))
     whole, gaps = (torch.cat([images for images, _, _ in epoch(torch.Generator().manual_seed(0))]) for epoch in (plain, erased))
     assert (whole > 0).all()
     empty = (gaps == 0).all(dim=(1, 2))
@@ -171,12 +136,9 @@ def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     assert learned["net/features.0.weight"].shape[1] == 1
 
 
-def test_views_of_another_shape_are_refused(model: Model) -> None:
-    other = rows(3)
-    with pytest.raises(InputError, match="8 rings × 40 sectors"):
-        SMALL.localizer(model)(replace(other, images=other.images[:, :, :32]), 1)
+def test_views_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match="multiple of 8 sectors"):
-        SMALL.learn(replace(other, images=other.images[:, :, :36]), TRUTH, Progress())
+        SMALL.learn(replace(rows(3), images=rows(3).images[:, :, :36]), TRUTH, Progress())
 
 
 def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model: Model) -> None:

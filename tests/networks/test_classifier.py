@@ -1,6 +1,5 @@
 """What SCI and its ring refuse alike, and how precisely they answer."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,6 +12,7 @@ from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks.classifier import Classifier
 from pipeline.running.progress import Progress
+from tests.matching.made import along
 
 SETTINGS: dict[str, Any] = {"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3, "threads": 1}
 BOTH = pytest.mark.parametrize("method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"])
@@ -23,24 +23,14 @@ def rows() -> Rows:
     """Four scenes seen twelve times with noise, a metre apart along x."""
     rng = np.random.default_rng(0)
     images = np.repeat(rng.uniform(0, 15, (4, 8, 24)), 12, axis=0) + rng.normal(0, 0.5, (48, 8, 24))
-    poses = np.tile(np.eye(4), (48, 1, 1))
-    poses[:, 0, 3] = np.arange(48)
-    return Rows(images.astype(np.float32), np.arange(48), poses)
-
-
-def minus_one(places: np.ndarray) -> np.ndarray:
-    return np.where(np.arange(len(places)) == 5, -1, places)
-
-
-def one_less(places: np.ndarray) -> np.ndarray:
-    return places[1:]
+    return along(images.astype(np.float32))
 
 
 @BOTH
-@pytest.mark.parametrize("spoil", [minus_one, one_less])
-def test_every_training_view_needs_its_place(method: Classifier, spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+@pytest.mark.parametrize("places", [np.where(np.arange(48) == 5, -1, TRUTH), TRUTH[1:]], ids=["unknown", "too few"])
+def test_every_training_view_needs_its_place(method: Classifier, places: np.ndarray) -> None:
     with pytest.raises(InputError, match="known place"):
-        method.learn(rows(), spoil(TRUTH), Progress())
+        method.learn(rows(), places, Progress())
 
 
 @BOTH

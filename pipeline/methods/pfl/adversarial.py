@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,28 +12,23 @@ from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
 from pipeline.errors import ConfigError
+from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
 from pipeline.running.progress import Progress
+from pipeline.running.settings import positive
 
-RIGHT = "held_out_accuracy"
-"""The judge's number that says which round is best, where it gives one."""
-SETTLED = 16
-"""Batches of a round that the running statistics to localise by are taken from."""
-Health = dict[str, float]
-"""Numbers that tell how a training goes besides its losses."""
+RIGHT = "held_out_accuracy"  # the judge's number that says which round is best, where it gives one
+SETTLED = 16  # batches of a round that the running statistics to localise by are taken from
+Health = dict[str, float]  # numbers that tell how a training goes besides its losses
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
     """What held-out images (n, 1, 64, 64) show: the mean squared error of their reconstructions, the codes' variance (mean over
     the dimensions) and their mean distance from each other; the last two near 0 are a collapse."""
     codes = encoder(images).float()
-    error = mse_loss(decoder(codes).float(), images)
-    return {
-        "held_out_error": float(error),
-        "code_variance": float(codes.var(0).mean()),
-        "code_distance": float(torch.pdist(codes).mean()),
-    }
+    numbers = mse_loss(decoder(codes).float(), images), codes.var(0).mean(), torch.pdist(codes).mean()
+    return dict(zip(("held_out_error", "code_variance", "code_distance"), map(float, numbers), strict=True))
 
 
 @torch.no_grad()
@@ -54,79 +50,94 @@ def pixels(images: NDArray[np.uint8] | Tensor, where: torch.device) -> Tensor:
     return torch.as_tensor(images).to(where)[:, None].float() / 127.5 - 1
 
 
-def play(
-    game: Game,
-    images: NDArray[np.uint8],
-    judge: Callable[[Game], Health],
-    *,
-    code: int,
-    rounds: int,
-    iterations: int,
-    batch: int,
-    learning_rate: float,
-    schedule: loop.Schedule,
-    beta1: float,
-    generator_steps: int,
-    precision: Literal["auto", "bf16", "f32"],
-    seed: int,
-    progress: Progress,
-) -> dict[str, NDArray[np.float64]]:
-    """Train the game's networks on images (n, 64, 64); returns every term's mean in each round, and the judge's numbers after it.
+@dataclass(frozen=True)
+class Training(SequenceMethod):
+    """How the game is played."""
 
-    Each turn has an Adam of its own, as in the authors' code. The makers end with their weights of the round that knew the most
-    held-out places, of equals the last: no loss of such a game says which are best, and it swings to its end. Every random draw
-    of a round follows from the seed and the round's number, so a run that goes on from `progress.checkpoint` gives the weights of
-    one that was never interrupted.
-    """
-    where, turns = next(game.parameters()).device, game.turns()
-    moves = [
-        torch.optim.Adam(
-            [weight for player in turn.players for weight in player.parameters()], learning_rate, (beta1, 0.999), fused=True
-        )
-        for turn in turns
-    ]
-    optimizers = {f"adam/{turn.name}": move for turn, move in zip(turns, moves, strict=True)}
-    share = loop.SCHEDULES[schedule]
-    data, curves = torch.from_numpy(images), dict[str, list[float]]()
-    done, best = 0, _makers(game)
-    if progress.checkpoint is not None and progress.checkpoint.is_file():
-        with loop.whole(progress.checkpoint):
-            kept = loop.resume(progress.checkpoint, game, optimizers)
-            done = len(kept["curves/joint_generator"])
-        curves = {name.removeprefix("curves/"): value.tolist() for name, value in kept.items() if name.startswith("curves/")}
-        best = {name.removeprefix(loop.BEST): value for name, value in kept.items() if name.startswith(loop.BEST)}
-    for number in progress.track(range(done, rounds), rounds - done, "train"):
-        torch.manual_seed((seed << 20) + number)
-        passes = -(-iterations * batch // len(data))
-        order = torch.cat([torch.randperm(len(data)) for _ in range(passes)])[: iterations * batch].view(iterations, batch)
-        sums: dict[str, Tensor] = {}
-        game.train()
-        for step, rows in enumerate(order):
-            rate = learning_rate * share((number + step / iterations) / rounds)
-            seen, codes = pixels(data[rows], where), torch.randn(batch, code).to(where)
-            for turn in [*(t for t in turns if not t.repeated), *[t for t in turns if t.repeated] * generator_steps]:
-                with loop.autocast(where, precision):
-                    terms = turn.terms(seen, codes)
-                _move(optimizers[f"adam/{turn.name}"], rate, sum(terms.values(), torch.zeros((), device=where)))
-                for name, term in terms.items():
-                    times = iterations * (generator_steps if turn.repeated else 1)
-                    sums[name] = sums.get(name, torch.zeros((), device=where)) + term.detach() / times
-        settle(game.encoder, game.decoder, (pixels(data[rows], where) for rows in order[:SETTLED]))
-        game.eval()
-        row = {name: float(value) for name, value in sums.items()} | judge(game)
-        for name, value in row.items():
-            if not math.isfinite(value):
-                raise ConfigError(f"training diverged: {name} in round {number + 1} is {value}; lower method.learning_rate")
-            curves.setdefault(name, []).append(value)
-        if best_round(curves) == number:
-            best = _makers(game)
-        progress.note(epoch=number + 1, **row)
-        if progress.checkpoint is not None:
-            columns = {f"curves/{name}": torch.tensor(column, dtype=torch.float64) for name, column in curves.items()}
-            columns |= {f"{loop.BEST}{name}": value for name, value in best.items()}
-            loop.keep(progress.checkpoint, game, optimizers, columns)
-    game.load_state_dict(best, strict=False)
-    return {name: np.array(column) for name, column in curves.items()}
+    view: str = "birdview"
+    contrast_rows: int = 30
+    width: int = 64  # filters of the first convolution; every hidden layer scales with it. A model is used at its own width
+    code: int = 512  # numbers in a code: 1 KB as they are stored
+    epochs: int = 30
+    """Passes over all headings of the training rows. Neither the paper nor its code says how many; BiGAN's authors make 400 over
+    MNIST's 50,000 images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations."""
+    batch: int = 64
+    learning_rate: float = 0.0002
+    schedule: loop.Schedule = "constant"
+    """The authors' is constant; a short training needs the rate to fall at its end, and then `learning_rate` is the peak."""
+    beta1: float = 0.5
+    generator_steps: int = 4  # of the generators in an iteration, on the same batch; the discriminators and the cycles have one
+    precision: loop.Precision = "auto"
+    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("method", width=self.width, code=self.code, epochs=self.epochs, learning_rate=self.learning_rate)
+        positive("method", generator_steps=self.generator_steps, threads=self.threads)
+        if self.batch < 2:
+            raise ConfigError(f"method.batch={self.batch}: expected 2 or more, for the batch norms")
+        if not 0 <= self.beta1 < 1:
+            raise ConfigError(f"method.beta1={self.beta1}: expected 0 or more, and less than 1")
+
+    def play(
+        self,
+        game: Game,
+        images: NDArray[np.uint8],
+        judge: Callable[[Game], Health],
+        rounds: int,
+        iterations: int,
+        progress: Progress,
+    ) -> dict[str, NDArray[np.float64]]:
+        """Train the game's networks on images (n, 64, 64); returns every term's mean and the judge's numbers of each round.
+
+        Each turn has an Adam of its own, as in the authors' code. The makers end with their weights of the round that knew the
+        most held-out places, of equals the last: no loss of such a game says which are best, and it swings to its end. Every
+        random draw of a round follows from the seed and the round's number, so a run that goes on from `progress.checkpoint`
+        gives the weights of one that was never interrupted.
+        """
+        where, turns = next(game.parameters()).device, game.turns()
+        share, optimizers = loop.SCHEDULES[self.schedule], {}
+        for turn in turns:
+            weights = [weight for player in turn.players for weight in player.parameters()]
+            optimizers[f"adam/{turn.name}"] = torch.optim.Adam(weights, self.learning_rate, (self.beta1, 0.999), fused=True)
+        data, curves = torch.from_numpy(images), dict[str, list[float]]()
+        done, best = 0, _makers(game)
+        if kept := loop.resume(progress.checkpoint, game, optimizers):
+            curves = {name: value.tolist() for name, value in loop.taken(kept, "curves/").items()}
+            done, best = len(curves["joint_generator"]), loop.taken(kept, loop.BEST)
+        for number in progress.track(range(done, rounds), rounds - done, "train"):
+            torch.manual_seed((self.seed << 20) + number)
+            passes = torch.cat([torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))])
+            order = passes[: iterations * self.batch].view(iterations, self.batch)
+            sums: dict[str, Tensor] = {}
+            game.train()
+            for step, rows in enumerate(order):
+                rate = self.learning_rate * share((number + step / iterations) / rounds)
+                seen, codes = pixels(data[rows], where), torch.randn(self.batch, self.code).to(where)
+                for turn in [*(t for t in turns if not t.repeated), *[t for t in turns if t.repeated] * self.generator_steps]:
+                    with loop.autocast(where, self.precision):
+                        terms = turn.terms(seen, codes)
+                    _move(optimizers[f"adam/{turn.name}"], rate, sum(terms.values(), torch.zeros((), device=where)))
+                    for name, term in terms.items():
+                        times = iterations * (self.generator_steps if turn.repeated else 1)
+                        sums[name] = sums.get(name, torch.zeros((), device=where)) + term.detach() / times
+            settle(game.encoder, game.decoder, (pixels(data[rows], where) for rows in order[:SETTLED]))
+            game.eval()
+            row = {name: float(value) for name, value in sums.items()} | judge(game)
+            for name, value in row.items():
+                if not math.isfinite(value):
+                    raise ConfigError(f"training diverged: {name} in round {number + 1} is {value}; lower method.learning_rate")
+                curves.setdefault(name, []).append(value)
+            if best_round(curves) == number:
+                best = _makers(game)
+            progress.note(epoch=number + 1, **row)
+            if progress.checkpoint is not None:
+                columns = {f"curves/{name}": torch.tensor(column, dtype=torch.float64) for name, column in curves.items()}
+                columns |= {f"{loop.BEST}{name}": value for name, value in best.items()}
+                loop.keep(progress.checkpoint, game, optimizers, columns)
+        game.load_state_dict(best, strict=False)
+        return {name: np.array(column) for name, column in curves.items()}
 
 
 def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
@@ -137,8 +148,7 @@ def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> i
 
 def _makers(game: Game) -> dict[str, Tensor]:
     """The weights of encoder and decoder, as they are now."""
-    own = ("encoder.", "decoder.")
-    return {name: value.clone() for name, value in game.state_dict().items() if name.startswith(own)}
+    return {name: one.clone() for name, one in game.state_dict().items() if name.startswith(("encoder.", "decoder."))}
 
 
 def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:

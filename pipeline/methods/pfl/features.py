@@ -6,68 +6,37 @@ Yin et al., IROS 2018. A reference place has the codes of eight headings, a quer
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
 from pipeline.matching.headings import nearest_heading
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.matching.sequences import SequenceMethod
-from pipeline.methods.pfl import coding
-from pipeline.methods.pfl.adversarial import RIGHT, best_round, health, pixels, play
-from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator
+from pipeline.methods.pfl.adversarial import RIGHT, Health, Training, best_round, health, pixels
+from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
 from pipeline.methods.pfl.game import Game, Objective
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
-from pipeline.running.settings import positive
 
 ROUNDS, LEAST_ITERATIONS, MOST_ITERATIONS = 8, 10, 2000
 """Rounds of a training, and bounds on the iterations of each; after a round the networks are judged and kept."""
 REFERENCE = slice(0, None, 2)
 """Headings of a view whose codes are a reference place's: 0°, 45°, … (METHODS 5.4); a query is heading 0."""
+ENCODER, DECODER = "net/encoder.", "net/decoder."
+AT_ONCE = 256  # images encoded at a time
 HELD, PICTURES = 256, 16
 """Held-out images used at most for judging a round, and stored as pictures."""
 
 
 @dataclass(frozen=True)
-class FeatureMethod(SequenceMethod, ABC):
-    """Training, codes and matching, shared by the variants of place feature learning."""
-
-    view: str = "birdview"
-    contrast_rows: int = 30
-    width: int = 64
-    """Filters of the first convolution; every hidden layer scales with it. A model is used at its own width."""
-    code: int = 512
-    """Numbers in a code: 1 KB as they are stored."""
-    epochs: int = 30
-    """Passes over all headings of the training rows. Neither the paper nor its code says how many; BiGAN's authors make 400 over
-    MNIST's 50,000 images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations."""
-    batch: int = 64
-    learning_rate: float = 0.0002
-    schedule: loop.Schedule = "constant"
-    """The authors' is constant; a short training needs the rate to fall at its end, and then `learning_rate` is the peak."""
-    beta1: float = 0.5
-    generator_steps: int = 4
-    """Of the generators in an iteration, on the same batch; the discriminators and the cycles have one."""
-    precision: Literal["auto", "bf16", "f32"] = "auto"
-    threads: int = 2
-    """Fixed, since the order of sums follows from it and the weights from that."""
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive("method", width=self.width, code=self.code, epochs=self.epochs, learning_rate=self.learning_rate)
-        positive("method", generator_steps=self.generator_steps, threads=self.threads)
-        if self.batch < 2:
-            raise ConfigError(f"method.batch={self.batch}: expected 2 or more, for the batch norms")
-        if not 0 <= self.beta1 < 1:
-            raise ConfigError(f"method.beta1={self.beta1}: expected 0 or more, and less than 1")
+class FeatureMethod(Training, ABC):
+    """Codes and matching, shared by the variants of place feature learning."""
 
     @abstractmethod
     def terms(self) -> Objective:
@@ -75,20 +44,27 @@ class FeatureMethod(SequenceMethod, ABC):
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on all headings of the rows that are not held out; the database has all rows."""
-        images, database = _images(views), Database.learned(views, places)
-        held = self.held_out(views)
-        shown = np.flatnonzero(held if held.any() else ~held)  # a path too short for blocks is judged on its trained rows
+        images, database, held = _images(views), Database.learned(views, places), self.held_out(views)
+        shown = images[held if held.any() else ~held]  # a path too short for blocks is judged on its trained rows
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
-            game = self._game()
-            curves = self._train(game, images, views, database, progress)
-            model = {
-                **{f"net/{part}.{name}": value.cpu().contiguous().numpy() for part in ("encoder", "decoder")
-                   for name, value in getattr(game, part).state_dict().items()},
-                **{f"curves/{name}": column for name, column in curves.items()},
-                "best_epoch": np.array(best_round(curves)),
-            }  # fmt: skip
-            seen = images[shown[np.linspace(0, len(shown) - 1, min(PICTURES, len(shown))).astype(int)], 0]
+            objective = self.terms()
+            game = Game(
+                Encoder(self.width, code=self.code),
+                Decoder(self.width, code=self.code),
+                JointDiscriminator(self.width, code=self.code),
+                ImageDiscriminator(self.width, head=objective.head) if objective.image else None,
+                objective,
+            ).to(device())
+            judge = self._judge(game, images, views, database, _spread(shown.reshape(-1, SIDE, SIDE), HELD))
+            data = images[~held].reshape(-1, SIDE, SIDE)
+            total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
+            iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
+            curves = self.play(game, data, judge, round(total / iterations), iterations, progress)
+            nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
+            columns = {f"curves/{name}": column for name, column in curves.items()}
+            model = {**nets, **columns, "best_epoch": np.array(best_round(curves))}
+            seen = _spread(shown[:, 0], PICTURES)
             pictures = {"pictures/seen": seen, "pictures/reconstructed": self.reconstructed(model, seen)}
             codes = self._codes(model, images)
 
@@ -97,6 +73,23 @@ class FeatureMethod(SequenceMethod, ABC):
 
         evidence = self.evidence(database, views, difference)
         return {**model, **pictures, "codes": codes, **database.arrays(), **evidence.arrays()}
+
+    def _judge(
+        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, sample: NDArray[np.uint8]
+    ) -> Callable[[Game], Health]:
+        """How many held-out rows a round's encoder knows, and its health on some images (n, 64, 64)."""
+        codes, held_out = _batched(game.encoder), pixels(sample, device())
+
+        def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
+            reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(len(rows), -1, self.code)
+            return nearest_heading(reference, codes(images[queries, 0]))[0]
+
+        @torch.inference_mode()
+        def judge(game: Game) -> Health:
+            right = self.evidence(database, views, difference).right
+            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, held_out)}
+
+        return judge
 
     def localizer(self, model: Model) -> Localizer:
         """The reference rows whose nearest heading is nearest to the query, over a sequence of them."""
@@ -115,7 +108,7 @@ class FeatureMethod(SequenceMethod, ABC):
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
         """A function from images (n, 64, 64) to codes (n, code), each independent of the others in the batch."""
-        encode = coding.batched(coding.encoder(model, self.precision))
+        encode = _batched(self._folded(model))
 
         def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
             with loop.reproducible(self.threads):
@@ -125,9 +118,9 @@ class FeatureMethod(SequenceMethod, ABC):
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Images (n, 64, 64) decoded from the codes of images (n, 64, 64)."""
-        encoder, decoder = coding.encoder(model, self.precision), coding.decoder(model)
+        encoder, decoder = self._folded(model), _trained(Decoder, model, DECODER)
         with loop.reproducible(self.threads):
-            decoded = coding.batched(lambda images: decoder(encoder(images).float()))(images)
+            decoded = _batched(lambda images: decoder(encoder(images).float()))(images)
         return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
 
     def _codes(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.float16]:
@@ -136,53 +129,36 @@ class FeatureMethod(SequenceMethod, ABC):
         codes = self.encoder(model)(reference.reshape(-1, SIDE, SIDE))
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
 
-    def _game(self) -> Game:
-        objective = self.terms()
-        return Game(
-            Encoder(self.width, code=self.code),
-            Decoder(self.width, code=self.code),
-            JointDiscriminator(self.width, code=self.code),
-            ImageDiscriminator(self.width, head=objective.head) if objective.image else None,
-            objective,
-        ).to(device())
+    def _folded(self, model: Model) -> Encoder:
+        return folded(_trained(Encoder, model, ENCODER), loop.dtype(device(), self.precision))
 
-    def _train(
-        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, progress: Progress
-    ) -> dict[str, NDArray[np.float64]]:
-        where, held = device(), self.held_out(views)
-        data = images[~held].reshape(-1, SIDE, SIDE)
-        total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
-        iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
-        shown = images[held if held.any() else ~held].reshape(-1, SIDE, SIDE)
-        sample = pixels(shown[np.linspace(0, len(shown) - 1, min(HELD, len(shown))).astype(int)], where)
 
-        codes = coding.batched(game.encoder)
+def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: str) -> loop.Net:
+    """A model's encoder or decoder in evaluation mode: batch norms use their running statistics.
 
-        @torch.inference_mode()
-        def judge(game: Game) -> dict[str, float]:
-            def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-                reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(len(rows), -1, self.code)
-                return nearest_heading(reference, codes(images[queries, 0]))[0]
+    Width, channels and code length are the model's, whatever the method's settings are.
+    """
+    width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
+    net = kind(width, channels, len(model[f"{ENCODER}dense.bias"]))
+    net.load_state_dict(loop.tensors(model, prefix))
+    return net.eval().to(device())
 
-            right = self.evidence(database, views, difference).right
-            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, sample)}
 
-        return play(
-            game,
-            data,
-            judge,
-            code=self.code,
-            rounds=round(total / iterations),
-            iterations=iterations,
-            batch=self.batch,
-            learning_rate=self.learning_rate,
-            schedule=self.schedule,
-            beta1=self.beta1,
-            generator_steps=self.generator_steps,
-            precision=self.precision,
-            seed=self.seed,
-            progress=progress,
-        )
+def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
+    """A network's answers to images (n, 64, 64), AT_ONCE at a time."""
+
+    @torch.inference_mode()
+    def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        starts = range(0, max(len(images), 1), AT_ONCE)
+        return torch.cat([net(pixels(images[i : i + AT_ONCE], device())).float().cpu() for i in starts]).numpy()
+
+    return answer
+
+
+def _spread(images: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
+    """Some of them, evenly spread."""
+    rows = np.linspace(0, len(images) - 1, min(most, len(images))).astype(int)
+    return np.asarray(images[rows])
 
 
 def _images(views: Rows, headings: int | slice = slice(None)) -> NDArray[np.uint8]:

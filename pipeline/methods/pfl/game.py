@@ -21,8 +21,7 @@ class Objective:
     """Which terms there are, and the weight of each besides the joint discriminator's; a term of weight 0 is not computed."""
 
     loss: Literal["least_squares", "bce"] = "least_squares"
-    image: float = 0.1
-    """Of the game on images alone."""
+    image: float = 0.1  # of the game on images alone
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
     """What the image discriminator takes for fakes: images of random codes, of images' own codes, or half and half."""
     image_cycle: float = 0.1

@@ -1,6 +1,6 @@
 """PFL: place features that two discriminators and two cycles learn together, which keeps them stable (Yin et al., IROS 2018).
 
-"Synchronous adversarial feature learning for LiDAR based loop closure detection"; METHODS 5.
+"Stabilize an Unsupervised Feature Learning for LiDAR-based Place Recognition"; METHODS 5.
 """
 
 from dataclasses import dataclass

@@ -28,20 +28,15 @@ class NetVlad(nn.Module):
         self.project_norm = nn.BatchNorm1d(size, eps=EPS, momentum=momentum)
         self.gate = nn.Linear(size, size, bias=False)
         self.gate_norm = nn.BatchNorm1d(size, eps=EPS, momentum=momentum)
-        for weight, inputs in (
-            (self.assign.weight, features),
-            (self.centres, features),
-            (self.project.weight, clusters),
-            (self.gate.weight, size),
-        ):
+        layers = (self.assign.weight, self.centres, self.project.weight, self.gate.weight)
+        for weight, inputs in zip(layers, (features, features, clusters, size), strict=True):
             nn.init.normal_(weight, std=inputs**-0.5)
 
     def forward(self, features: Tensor) -> Tensor:
-        scale = 1 / torch.linalg.vector_norm(features, dim=2, keepdim=True).float().clamp_min(
-            1e-6
-        )  # cheaper than to scale the features themselves
+        lengths = torch.linalg.vector_norm(features, dim=2, keepdim=True).float()
+        scale = 1 / lengths.clamp_min(1e-6)  # cheaper than to scale the features themselves
         likeness = (self.assign(features) * scale).flatten(0, 1)
-        share = self.assign_norm(likeness).softmax(1).view(*features.shape[:2], -1)
+        share = self.assign_norm(likeness).softmax(1).unflatten(0, features.shape[:2])
         summed = (share * scale).to(features.dtype).transpose(1, 2) @ features  # (cloud, cluster, features)
         residual = summed.transpose(1, 2) - share.sum(1, keepdim=True) * self.centres
         vlad = normalize(normalize(residual.float(), dim=1).flatten(1))

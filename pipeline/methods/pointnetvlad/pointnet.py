@@ -8,8 +8,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-EPS = 1e-3
-"""Of every batch norm, as in TensorFlow."""
+EPS = 1e-3  # of every batch norm, as in TensorFlow
 
 
 def dense(*widths: int, momentum: float | None = None) -> nn.Sequential:
@@ -42,7 +41,7 @@ class TNet(nn.Module):
 
     def forward(self, points: Tensor) -> Tensor:
         clouds, number, width = points.shape
-        features = self.points(points.flatten(0, 1)).view(clouds, number, -1)
+        features = self.points(points.flatten(0, 1)).unflatten(0, (clouds, number))
         highest = features.max(1).values if self.training else features.amax(1)  # one is faster backwards, the other forwards
         base: Tensor = self.base(self.cloud(highest.relu()))  # the highest of the ReLUs is the ReLU of the highest
         return base.view(clouds, width, width)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
-from pipeline.methods.pointnetvlad.weights import NET, load
+from pipeline.methods.pointnetvlad.weights import load
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
@@ -26,10 +26,8 @@ from pipeline.running.settings import positive
 ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
 """A training has so many rounds, each of at least and at most so many steps; the authors' have 700. Between rounds the
 descriptors are computed anew, to judge the network by the held-out blocks and to find the hardest negatives."""
-WARM_UP = 0.25
-"""Share of the training with random negatives alone: the authors' first 5 of 20 epochs."""
-AT_ONCE = 16_384
-"""Points described at a time: few enough for a processor's cache."""
+WARM_UP = 0.25  # share of the training with random negatives alone: the authors' first 5 of 20 epochs
+AT_ONCE = 16_384  # points described at a time: few enough for a processor's cache
 
 
 @dataclass(frozen=True)
@@ -41,44 +39,34 @@ class PointNetVlad(DescriptorMethod):
     """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method, or tensors under its names,
     with or without net/. Of a TensorFlow checkpoint, every kernel but the centres is transposed to (outputs, inputs)."""
     epochs: int = 20
-    batch: int = 2
-    """Queries a step; each brings its positives, its negatives and one cloud more."""
+    batch: int = 2  # queries a step; each brings its positives, its negatives and one cloud more
     positives: int = 2
     negatives: int = 18
     hard_negatives: int = 10
-    positive_m: float = 10.0
-    """Clouds no further apart show the same place."""
-    negative_m: float = 50.0
-    """Clouds further apart show different ones."""
+    positive_m: float = 10.0  # clouds no further apart show the same place
+    negative_m: float = 50.0  # clouds further apart show different ones
     margin: float = 0.5
     margin_star: float = 0.2
-    train_points: int = 4096
-    """Random points of each cloud while training."""
+    train_points: int = 4096  # random points of each cloud while training
     points: int = 4096
     """Of each cloud that make its descriptor, the first ones: a cloud comes in random order. The model keeps this number."""
     turn_deg: float = 0.0
     """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an option of theirs."""
     learning_rate: float = 0.00005
-    schedule: Literal["one_cycle", "stepped", "constant"] = "one_cycle"
-    """The authors' is stepped."""
+    schedule: loop.Schedule = "one_cycle"  # the authors' is stepped
     batch_norm_momentum: float = 0.1
     """Weight of a new batch in the running statistics; the authors' .001 would not forget the first ones in a short training."""
-    precision: Literal["auto", "bf16", "f32"] = "auto"
-    threads: int = 2
-    """Fixed, since the order of sums follows from it and the weights from that."""
+    precision: loop.Precision = "auto"
+    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
     seed: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("method", batch=self.batch, positives=self.positives, negatives=self.negatives, positive_m=self.positive_m)
-        positive(
-            "method", train_points=self.train_points, points=self.points, learning_rate=self.learning_rate, threads=self.threads
-        )
-        positive("method", batch_norm_momentum=self.batch_norm_momentum)
+        counts = ("batch", "positives", "negatives", "positive_m", "train_points", "points", "learning_rate", "threads")
+        positive("method", **{name: getattr(self, name) for name in (*counts, "batch_norm_momentum")})
         if self.epochs < 0 or (self.epochs == 0 and not self.weights):
-            raise ConfigError(
-                f"method.epochs={self.epochs}: expected 1 or more, or 0 with method.weights to use them as they are"
-            )
+            said = f"method.epochs={self.epochs}"
+            raise ConfigError(f"{said}: expected 1 or more, or 0 with method.weights to use them as they are")
         if not self.positive_m < self.negative_m:
             raise ConfigError(f"method.negative_m={self.negative_m}: expected more than positive_m={self.positive_m}")
 
@@ -95,7 +83,7 @@ class PointNetVlad(DescriptorMethod):
             descriptors = self._describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
         return {
-            **{f"{NET}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()},
+            **loop.arrays(net),
             "descriptors": descriptors,
             "points": np.array(self.points),
             **database.arrays(),
@@ -105,10 +93,9 @@ class PointNetVlad(DescriptorMethod):
 
     def localizer(self, model: Model) -> Localizer:
         """The nearest training clouds by Euclidean distance between descriptors."""
-        weights = {name.removeprefix(NET): torch.from_numpy(model[name].copy()) for name in model if name.startswith(NET)}
         with torch.device("meta"):
             net = Describer()
-        net.load_state_dict(weights, assign=True)
+        net.load_state_dict(loop.tensors(model), assign=True)
         describe = self._describer(net.to(device()))
         database, descriptors, points = Database.of(model), model["descriptors"], int(model["points"])
 
@@ -160,11 +147,10 @@ class PointNetVlad(DescriptorMethod):
             best = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
             apart = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
             losses = np.clip(self.margin + best - apart, 0, self.margin + 4)
-            return float(losses.mean()), float(
-                (database.places[rows[distances.argmin(axis=1)]] == database.places[judged]).mean()
-            )
+            right = database.places[rows[distances.argmin(axis=1)]] == database.places[judged]
+            return float(losses.mean()), float(right.mean())
 
-        result = loop.fit(
+        return loop.fit(
             net,
             batches,
             judge,
@@ -178,9 +164,6 @@ class PointNetVlad(DescriptorMethod):
             step=step,
             fused=True,
         )
-        net.load_state_dict(result.weights)
-        curves = {f"curves/{name}": column for name, column in zip(loop.CURVES, result.curves.T.copy(), strict=True)}
-        return {"best_epoch": np.array(result.best_epoch), **curves}
 
     def _points(self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
         """Training's clouds (row, train_points, xyz), each turned as `turn_deg` allows."""
@@ -195,16 +178,13 @@ class PointNetVlad(DescriptorMethod):
     def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
         """A function from clouds (n, point, xyz) to descriptors (n, 256)."""
         where = next(net.parameters()).device
-        with loop.autocast(where, self.precision):
-            fast = folded(net, torch.get_autocast_dtype(where.type) if torch.is_autocast_enabled(where.type) else torch.float32)
+        fast = folded(net, loop.dtype(where, self.precision))
 
         @torch.inference_mode()
         def describe(clouds: NDArray[np.float16]) -> NDArray[np.float32]:
             at_once = max(1, AT_ONCE // clouds.shape[1])
             with loop.autocast(where, self.precision):
-                parts = [
-                    fast(torch.from_numpy(clouds[i : i + at_once]).to(where).float()) for i in range(0, len(clouds), at_once)
-                ]
+                parts = [fast(part.to(where).float()) for part in torch.split(torch.from_numpy(clouds), at_once)]
             return torch.cat(parts).cpu().numpy()
 
         return describe

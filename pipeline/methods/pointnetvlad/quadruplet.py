@@ -8,8 +8,7 @@ from torch import Tensor
 
 from pipeline.errors import InputError
 
-CANDIDATES = 4000
-"""Random negatives among which the hardest are looked for."""
+CANDIDATES = 4000  # random negatives among which the hardest are looked for
 
 
 def lazy_quadruplet(tuples: Tensor, positives: int, margin: float, margin_star: float) -> tuple[Tensor, Tensor]:
@@ -33,14 +32,12 @@ class Tuples:
     In a world so small that a row's furthest lies within 2 `negative_m`, what is beyond half of that distance is negative.
     """
 
-    xy_m: NDArray[np.float64]
-    """(n, 2)."""
+    xy_m: NDArray[np.float64]  # (n, 2)
     positive_m: float
     negative_m: float
     positives: int
     negatives: int
-    hard: int
-    """How many of the negatives are the hardest, once there are descriptors to tell."""
+    hard: int  # how many of the negatives are the hardest, once there are descriptors to tell
 
     def queries(self) -> NDArray[np.int64]:
         """The rows that have a positive and a negative; raises InputError where none has."""

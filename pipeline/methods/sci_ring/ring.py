@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
+from pipeline.networks.lenet import start, trunk
 
-POOLED = 8
-"""Three poolings by two: columns of the image to a sector of the features, and so to a heading."""
+POOLED = 8  # three poolings by two: columns of the image to a sector of the features, and so to a heading
 
 
 class RingConv(nn.Conv2d):
@@ -32,24 +32,17 @@ class Ring(nn.Module):
     sectors.
     """
 
-    pairs: Tensor
-    """(heading, sector): which of all products of a column and a slice are a heading's, in the order of the slices."""
+    pairs: Tensor  # (heading, sector): which of all products of a column and a slice are a heading's, in the order of the slices
 
     def __init__(
         self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7, momentum: float = 0.01
     ) -> None:
         super().__init__()
         if places < 1 or rings < POOLED or sectors < POOLED or sectors % POOLED:
-            raise InputError(
-                f"places={places} rings={rings} sectors={sectors}: expected a place or more, {POOLED} rings or more and a "
-                f"multiple of {POOLED} sectors"
-            )
-        self.features = nn.Sequential(
-            RingConv(channels, 64), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=momentum),
-            RingConv(64, 128), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
-            RingConv(128, 256), nn.ReLU(), nn.MaxPool2d(2),
-        )  # fmt: skip
-        self.headings, column = self.count(sectors), 256 * (rings // POOLED)
+            expected = f"a place or more, {POOLED} rings or more and a multiple of {POOLED} sectors"
+            raise InputError(f"places={places} rings={rings} sectors={sectors}: expected {expected}")
+        self.features = trunk(RingConv, channels, momentum)
+        self.headings, column = sectors // POOLED, 256 * (rings // POOLED)
         self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column))
         """FC1's slice of each sector, the rings' channels one after the other."""
         self.fc1_bias = nn.Parameter(torch.zeros(64))
@@ -57,20 +50,10 @@ class Ring(nn.Module):
         self.dropout = nn.Dropout(dropout)
         bound = (6 / (self.headings * column + 64)) ** 0.5
         nn.init.uniform_(self.fc1, -bound, bound)
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.Linear):
-                nn.init.xavier_uniform_(module.weight)
-                nn.init.zeros_(module.bias)  # type: ignore[arg-type]
-            if isinstance(module, nn.Conv2d):  # twice as fast on a CPU
-                module.weight.data = module.weight.data.contiguous(memory_format=torch.channels_last)
+        start(self)
         sector = torch.arange(self.headings)
         turned = (sector - sector[:, None]) % self.headings
         self.register_buffer("pairs", turned * self.headings + sector, persistent=False)
-
-    @staticmethod
-    def count(sectors: int) -> int:
-        """Number of headings."""
-        return sectors // POOLED
 
     def forward(self, images: Tensor) -> Tensor:
         return self.place(self.embed(images))

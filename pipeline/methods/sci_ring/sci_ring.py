@@ -11,12 +11,11 @@ from torch import Tensor, nn
 from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Rows
-from pipeline.methods.sci_ring.ring import Ring
+from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.networks import loop
 from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
-from pipeline.networks.classifier import Classifier
+from pipeline.networks.classifier import Classifier, Kinds, Prediction
 from pipeline.networks.lenet import device
-from pipeline.networks.prediction import Kinds, Prediction, TrainingEmbeddings
 
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over the first place's headings, whose circular mean is the answer: at 1 the mean leans to the
@@ -29,12 +28,11 @@ Batch = tuple[Tensor, Tensor, Tensor]
 class SciRing(Classifier):
     """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
 
-    epochs: int = 400
-    """In one each training view is shown once, turned at random: two are as long as one of two-way SCI."""
+    architecture = Ring
+    epochs: int = 400  # in one each training view is shown once, turned at random: two are as long as one of two-way SCI
     yaw_noise_deg: float = 0.0
     """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
-    erased_deg: float = 0.0
-    """A wedge of up to this width is set to 0 in each training view, as after a demolition."""
+    erased_deg: float = 0.0  # a wedge of up to this width is set to 0 in each training view, as after a demolition
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,10 +40,6 @@ class SciRing(Classifier):
             raise ConfigError(f"method.erased_deg={self.erased_deg}: expected 0 or more, and less than 360")
         if self.yaw_noise_deg < 0:
             raise ConfigError(f"method.yaw_noise_deg={self.yaw_noise_deg}: expected a number of at least 0")
-
-    def network(self, places: int, rings: int, sectors: int) -> Ring:
-        """Raises InputError where 8 does not divide the sectors."""
-        return Ring(places, rings, sectors, self.channels, self.dropout, self.batch_norm_momentum)
 
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
         """Every trained view once, shuffled, each turned by a random number of columns and with a random wedge set to 0."""
@@ -60,11 +54,8 @@ class SciRing(Classifier):
                         first, width = torch.rand(2, len(chosen), 1, 1, generator=order) * sectors
                         behind = (torch.arange(sectors) - first) % sectors
                         turned = turned * (behind >= width * (self.erased_deg / 360))
-                    yield (
-                        self.images(turned),
-                        places[chosen].to(device()),
-                        (columns[chosen] - turns).to(device()) * (Ring.count(sectors) / sectors),
-                    )
+                    headings = (columns[chosen] - turns).to(device()) / POOLED
+                    yield self.images(turned), places[chosen].to(device()), headings
 
         return epoch, -(-len(trained) // self.batch)
 
@@ -104,12 +95,12 @@ class SciRing(Classifier):
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))
 
     @torch.inference_mode()
-    def embed_training(self, net: Ring, heights: Tensor, views: Rows, trained: Tensor) -> TrainingEmbeddings:
+    def embed_training(self, net: Ring, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
         """Every view, held-out ones included, turned to face +x."""
         net.eval()
         north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
-        return TrainingEmbeddings(nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights)))
+        return nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights))
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The first answer lies at the training view most like the query, the others at their places' means."""

@@ -1,0 +1,96 @@
+"""What methods have in common: models of the same bytes, answers that do not depend on other queries, and views they refuse."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.matching.ranking import Model, Rows
+from pipeline.methods.m2dp import M2dp
+from pipeline.methods.sad import Sad
+from pipeline.running.progress import Progress
+from tests.interrupted import PowerCut, same
+from tests.matching.made import along
+from tests.methods import test_pfl as pfl
+from tests.methods import test_pointnetvlad as pointnetvlad
+from tests.methods import test_scan_context as scan_context
+from tests.methods import test_sci as sci
+from tests.methods import test_sci_ring as sci_ring
+
+SIGNATURES, IMAGES = np.random.default_rng(1).random((2, 60, 192), np.float32), np.zeros((4, 16, 64, 64), np.uint8)
+METHODS: dict[str, tuple[Any, Rows, Rows, np.ndarray]] = {
+    "sci": (sci.SMALL, sci.rows(2), sci.rows(3), sci.TRUTH),
+    "sci_ring": (replace(sci_ring.SMALL, epochs=3), sci_ring.rows(2), sci_ring.rows(3), sci_ring.TRUTH),
+    "fifty": (scan_context.FIFTY, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
+    "all": (scan_context.ALL, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
+    "m2dp": (M2dp(), along(SIGNATURES[0]), along(SIGNATURES[1]), np.arange(60)),
+    "pointnetvlad": (pointnetvlad.SMALL, pointnetvlad.rows(), pointnetvlad.rows(3), pointnetvlad.TRUTH),
+    "pfl": (pfl.SMALL, pfl.rows(), pfl.rows(2), pfl.PLACES),
+    "sad": (Sad(), along(IMAGES), along(IMAGES), np.arange(4)),
+}
+"""Each with training views, queries and the places of training."""
+SHARE = Progress(budget=0.25)
+
+
+def learned(name: str, progress: Progress = SHARE, **settings: Any) -> Model:
+    method, views, _, places = METHODS[name]
+    return replace(method, **settings).learn(views, places, progress)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_same_views_and_seed_give_the_same_bytes_and_another_seed_others(name: str) -> None:
+    model = learned(name)
+    assert same(learned(name), model)
+    assert not hasattr(METHODS[name][0], "seed") or not same(learned(name, seed=1), model)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "budget"),
+    [("sci", {}, 0.25), ("sci_ring", {}, 1), ("pfl", {}, 0.25), ("pointnetvlad", {"epochs": 2}, 1)],
+)
+def test_an_interrupted_training_goes_on_to_the_same_bytes(
+    tmp_path: Path, name: str, settings: dict[str, Any], budget: float
+) -> None:
+    # PointNetVLAD: 28 queries a time, 2 a step: three rounds of 10 steps, the second and third with hard negatives.
+    whole = learned(name, Progress(budget=budget), **settings)
+    rounds = {"sci": 4, "pfl": 2}.get(name, 3)
+    assert {len(curve) for curve_name, curve in whole.items() if curve_name.startswith("curves/")} == {rounds}
+    with pytest.raises(KeyboardInterrupt):
+        learned(name, PowerCut(budget=budget, checkpoint=tmp_path / "half"), **settings)
+    assert (tmp_path / "half").is_file()
+    assert same(learned(name, Progress(budget=budget, checkpoint=tmp_path / "half"), **settings), whole)
+
+
+@pytest.mark.parametrize("name", ["sci", "sci_ring", "fifty", "all", "m2dp", "pointnetvlad"])
+def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(name: str) -> None:
+    ask, queries = METHODS[name][0].localizer(learned(name)), METHODS[name][2]
+    crowd, none = ask(queries, 3), ask(queries.some(slice(0)), 3)
+    for row in (0, 30):
+        alone = ask(queries.some(slice(row, row + 1)), 3)
+        assert alone.places.tolist() == crowd.places[row : row + 1].tolist()
+        atol = 0 if name in ("fifty", "all", "m2dp") else 1e-5  # networks round by what is computed together
+        np.testing.assert_allclose(alone.costs[0], crowd.costs[row], rtol=0, atol=atol)
+        np.testing.assert_allclose(alone.heading_deg, crowd.heading_deg[row : row + 1], atol=1e-2)
+    assert len(none.places) == len(none.costs) == len(none.novelty) == len(none.heading_deg) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "said"),
+    [
+        ("sci", (4, 8, 12), "8 rings × 24 sectors"),
+        ("sci_ring", (4, 8, 32), "8 rings × 40 sectors"),
+        *((name, (1, 10, 25), "10 rings × 24 sectors") for name in ("fifty", "all")),
+        ("m2dp", (4, 40, 120), r"\(4, 40, 120\): expected signatures"),
+        ("m2dp", (1, 2), r"expected \(q, d\) like the database's \(60, 192\)"),
+        ("pointnetvlad", (4, 40, 120), "expected clouds"),
+        *(("pfl", shape, "expected bird-views") for shape in ((4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64))),
+        ("sad", (4, 64, 64), r"\(4, 64, 64\): expected bird-views"),
+    ],
+)
+def test_other_views_are_refused(name: str, shape: tuple[int, ...], said: str) -> None:
+    ask = METHODS[name][0].localizer(learned(name))
+    with pytest.raises(InputError, match=said):
+        ask(along(np.zeros(shape, np.float32)), 1)
