@@ -1,66 +1,35 @@
 """One number of one model over its seeds, the test sequences and the repeats: means and deviations."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
 class Found:
-    """One number of one model in one kind of case."""
+    """One number of one model in one kind of case; means are of the finite values, NaN of none."""
 
-    values: NDArray[np.float64]
-    """(seed, sequence, repeat), NaN where there is none."""
-
-    @property
-    def mean(self) -> float:
-        """Over all of them; NaN of none."""
-        return float(mean(self.by_sequence, 0))
-
-    @property
-    def by_sequence(self) -> NDArray[np.float64]:
-        """(sequence,) means over repeats, then over seeds."""
-        return mean(mean(self.values, 2), 0)
-
-    @property
-    def by_seed(self) -> NDArray[np.float64]:
-        """(seed,) means over repeats, then over sequences."""
-        return mean(mean(self.values, 2), 1)
-
-    @property
-    def by_repeat(self) -> NDArray[np.float64]:
-        """(repeat,) means over seeds, then over sequences."""
-        return mean(mean(self.values, 0), 0)
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        """Values (seed, sequence, repeat), NaN where there is none."""
+        self.values, each = values, _mean(values, 2)
+        self.by_sequence = _mean(each, 0)  # (sequence,) means over repeats, then over seeds
+        self.by_seed = _mean(each, 1)  # (seed,) means over repeats, then over sequences
+        self.by_repeat = _mean(_mean(values, 0), 0)  # (repeat,) means over seeds, then over sequences
+        self.mean = float(_mean(self.by_sequence, 0))
+        # standard deviations, NaN of fewer than two: over the sequences; over the seeds of what each has on average; over the
+        # repeats of one seed on one sequence, on average
+        self.over_sequences, self.over_seeds = deviation(self.by_sequence), deviation(self.by_seed)
+        self.over_repeats = float(_mean(np.ma.filled(np.ma.masked_invalid(values).std(axis=2, ddof=1), np.nan), None))
 
     def on(self, sequence: int) -> "Found":
         """The same on one sequence alone."""
         return Found(self.values[:, sequence : sequence + 1])
 
-    @property
-    def over_sequences(self) -> float:
-        """Standard deviation over the sequences; NaN of fewer than two."""
-        return deviation(self.by_sequence)
 
-    @property
-    def over_seeds(self) -> float:
-        """Standard deviation over the seeds of what each has on average; NaN of fewer than two."""
-        return deviation(self.by_seed)
-
-    @property
-    def over_repeats(self) -> float:
-        """Standard deviation over the repeats of one seed on one sequence, on average; NaN of fewer than two."""
-        apart = np.ma.masked_invalid(self.values).std(axis=2, ddof=1)
-        return float(np.ma.filled(np.ma.masked_invalid(np.ma.filled(apart, np.nan)).mean(), np.nan))
-
-
-def mean(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+def _mean(values: NDArray[np.float64], axis: int | None) -> NDArray[np.float64]:
     """Of the finite ones along an axis; NaN of none."""
     return np.asarray(np.ma.filled(np.ma.masked_invalid(values).mean(axis=axis), np.nan))
 
 
-def deviation(values: Sequence[float] | NDArray[np.float64]) -> float:
+def deviation(values: NDArray[np.float64]) -> float:
     """Standard deviation of the finite ones; NaN of fewer than two."""
-    there = np.asarray(values)[np.isfinite(values)]
+    there = values[np.isfinite(values)]
     return float(there.std(ddof=1)) if len(there) > 1 else np.nan

@@ -13,17 +13,15 @@ from scipy.spatial import KDTree
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.evaluation.judgement import Evaluation, Judgement
 from pipeline.frames import yaw
 from pipeline.report.alike import best_shifts, spectra
 from pipeline.report.figures.maps import OUTCOMES
-from pipeline.report.study import Result, Study, by_sequence, dates
+from pipeline.report.result import Result, by_sequence, dates
+from pipeline.report.study import Study
 from pipeline.views.scan_context import colours, quantize
 
-NONE = 0xFFFF_FFFF
-"""The training row of an answer without a position."""
-COLUMNS = 16
-"""Views beside each other in a picture."""
+NONE = 0xFFFF_FFFF  # the training row of an answer without a position
+COLUMNS = 16  # views beside each other in a picture
 
 
 def chart(study: Study) -> dict[str, Any]:
@@ -34,11 +32,21 @@ def chart(study: Study) -> dict[str, Any]:
     days, sequences = dates(study.results), []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
-        views = Views.read(study.find("views", sequence, looking)) if train else None
-        named = {"name": sequence, "label": f"{days[sequence]}, {results[0].days:+d} d"}
-        sequences.append(named | _queries(study, results[0], views, training))
+        first, views = results[0], Views.read(study.find("views", sequence, looking)) if train else None
+        looked_at = store.read(study.find("views", sequence, first.model), *schemas.LOOKED_AT)
+        sequences.append(
+            {
+                "name": sequence,
+                "label": f"{days[sequence]}, {first.days:+d} d",
+                "xy": packed(first.evaluation.xy_m, "f4"),
+                "heading": packed(np.rad2deg(yaw(looked_at.load("world_T_anchor"))), "f4"),
+                "nearest_m": packed(first.evaluation.nearest_m, "f4"),
+                **training.nearest(first.evaluation.xy_m, views),
+                "views": views.picture if views else None,
+            }
+        )
         for one in results:
-            answers[one.model][sequence] = _answers(one.evaluation, views, training) | {"heading": _headings(study, one)}
+            answers[one.model][sequence] = _answers(study, one, views, training)
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -103,41 +111,22 @@ class Training:
         return {"row": packed(rows, "u4"), "shift": packed(shifts, "u2")}
 
 
-def _queries(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
-    """What is true of the queries of a sequence, whatever the model."""
-    evaluation = result.evaluation
-    path = study.find("views", result.sequence, result.model)
-    return {
-        "xy": packed(evaluation.xy_m, "f4"),
-        "heading": packed(np.rad2deg(yaw(store.read(path, *schemas.LOOKED_AT).load("world_T_anchor"))), "f4"),
-        "nearest_m": packed(evaluation.nearest_m, "f4"),
-        **training.nearest(evaluation.xy_m, views),
-        "views": views.picture if views else None,
-    }
-
-
-def _answers(evaluation: Evaluation, views: Views | None, training: Training) -> dict[str, Any]:
-    """What one model answered to them, and the outcomes by both protocols."""
-
-    def judged(by: Judgement) -> dict[str, dict[str, str]]:
-        return {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
-
-    return {
-        "distance": judged(evaluation.distance),
-        "cells": judged(evaluation.cells),
-        "xy": packed(evaluation.answer_xy_m, "f4"),
-        "novelty": packed(evaluation.novelty[:, 0], "f4"),
-        "kind": evaluation.kinds[0],
-        "threshold": evaluation.reject_from[0],
-        **training.nearest(evaluation.answer_xy_m, views),
-    }
-
-
-def _headings(study: Study, result: Result) -> dict[str, str] | None:
-    """The headings (q,) of the first answers to the queries as driven, whose rows come first; None where the model gives none."""
+def _answers(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
+    """What one model answered, with outcomes by both protocols; headings (q,) are of queries as driven, whose rows come first."""
+    given, count = result.evaluation, len(result.evaluation.xy_m)
     try:
         heading_deg = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS).load("heading_deg")
+        first_deg = heading_deg.reshape(len(heading_deg), -1)[:count, 0]
     except ArtifactError:
-        return None
-    first_deg = heading_deg.reshape(len(heading_deg), -1)[: len(result.evaluation.xy_m), 0]
-    return packed(first_deg, "f4") if np.isfinite(first_deg).any() else None
+        first_deg = np.full(count, np.nan)
+    answers = {
+        "xy": packed(given.answer_xy_m, "f4"),
+        "novelty": packed(given.novelty[:, 0], "f4"),
+        "kind": given.kinds[0],
+        "threshold": given.reject_from[0],
+        "heading": packed(first_deg, "f4") if np.isfinite(first_deg).any() else None,
+    }
+    for protocol, by in (("distance", given.distance), ("cells", given.cells)):
+        judged = {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
+        answers[protocol] = judged
+    return answers | training.nearest(given.answer_xy_m, views)

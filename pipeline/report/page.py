@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,16 @@ from markupsafe import Markup
 
 from pipeline.report.map import chart
 from pipeline.report.render import anchor, part, template, words
+from pipeline.report.result import by_sequence
 from pipeline.report.section import Section
-from pipeline.report.study import Study, by_sequence
+from pipeline.report.study import Study
 from pipeline.running.dvc_files import DvcLock
 
 SCRIPTS = ("tables.js", "vendor/d3-zoom.min.js", "map.js")
-LISTS = ("conf/studies.yaml", "conf/lists.yaml")
-"""Parameters of every stage, but of no number."""
-SIZE = "@megabytes@"
-"""Stands in the page until its size is known."""
-POINT_PX = 1.2 * 96 / 72
-"""A figure is shown at 1.2 times its printed size where there is room."""
-UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
-"""What a data URL in double quotes may hold as it is: a page is a quarter smaller than with base64."""
+LISTS = ("conf/studies.yaml", "conf/lists.yaml")  # parameters of every stage, but of no number
+SIZE = "@megabytes@"  # stands in the page until its size is known
+POINT_PX = 1.2 * 96 / 72  # a figure is shown at 1.2 times its printed size where there is room
+UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"  # what a data URL in double quotes may hold as it is: less than with base64
 
 
 @dataclass(frozen=True)
@@ -79,21 +76,16 @@ def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[st
     """The path of each artifact that a number is from to the recipe that it was trained with, empty if it is no model."""
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
-        recipes |= {path: {} for path in _inputs(study)}
+        driven = (*study.train.split(), *by_sequence(study.results))
+        recipes |= {study.source(kind, sequence): {} for kind in ("submaps", "labels") for sequence in driven}
+        recipes |= {study.source("views", sequence, model): {} for model in study.models for sequence in driven}
+        recipes |= {study.source(kind, one.sequence, one.model): {} for one in study.results for kind in ("localize", "evaluate")}
         for model in (name for name, path in study.trained.items() if path.is_file()):
             shown = {name: value for name, value in study.recipe(model).items() if not name.startswith("_")}
             recipes[study.source("train", model=model)] = shown
     named = [path for section in sections for path in section.sources]
     named += [cell.source for one in sections for table in one.tables for row in table.rows for cell in row if cell.source]
     return recipes | {path: {} for path in named if path not in recipes}
-
-
-def _inputs(study: Study) -> Iterator[str]:
-    """What its models were trained and tested with."""
-    driven = (*study.train.split(), *by_sequence(study.results))
-    yield from (study.source(kind, sequence) for kind in ("submaps", "labels") for sequence in driven)
-    yield from (study.source("views", sequence, model) for model in study.models for sequence in driven)
-    yield from (study.source(kind, one.sequence, one.model) for one in study.results for kind in ("localize", "evaluate"))
 
 
 def _json(value: Any) -> Markup:

@@ -1,9 +1,10 @@
 """Fills the templates: words.yaml holds titles, captions and sentences, the *.j2 files the markdown report and the page."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
+from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,8 @@ from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Table, fixed, signed
 
-UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")
-"""A blank that no line breaks at."""
-BLANKS = re.compile(r"(?<=\S) {2,}")
-"""Left between two parts of a sentence; those that begin a line mean something."""
+UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank that no line breaks at
+BLANKS = re.compile(r"(?<=\S) {2,}")  # left between two parts of a sentence; those that begin a line mean something
 
 
 def part(name: str) -> str:
@@ -31,14 +30,18 @@ def template(name: str, **values: Any) -> str:
     return _environment(name.endswith(".html.j2")).get_template(name).render(**values)
 
 
+def texts(one: Section | Illustration) -> tuple[str, str, str]:
+    """Title, question and remarks of a section; of a figure its title, nothing, and how to read it."""
+    if isinstance(one, Section):
+        title, question, remarks = f"{words('sections', one.kind, **one.values)}\n\n".split("\n", 2)
+        return title, question, remarks.strip()
+    title, _, read = words("figures", one.kind, **one.values).partition("\n")
+    return title, "", " ".join(read.split())
+
+
 def title(one: Section | Illustration) -> str:
     """Of a section or a figure."""
-    return words(_group(one), one.kind, "title", **one.values)
-
-
-def remark(one: Section | Illustration, name: str) -> str:
-    """Another text of a section (`question`, `remarks`) or of a figure (`read`); empty where there is none."""
-    return words(_group(one), one.kind, name, **one.values)
+    return texts(one)[0]
 
 
 def caption(table: Table) -> str:
@@ -89,10 +92,10 @@ def anchor(*names: str) -> str:
     return "-".join(re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-") for name in names if name)
 
 
-def listing(names: Sequence[str], last: str = "and") -> str:
+def listing(names: Sequence[str]) -> str:
     """`a`, `b` and `c`."""
     quoted = [f"`{name}`" for name in names]
-    return f" {last} ".join(filter(None, (", ".join(quoted[:-1]), *quoted[-1:])))
+    return " and ".join(filter(None, (", ".join(quoted[:-1]), *quoted[-1:])))
 
 
 def percent(share: float, digits: int = 0) -> str:
@@ -100,8 +103,25 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f}".removesuffix(".0") + " %" if np.isfinite(share) else MISSING
 
 
-def _group(one: Section | Illustration) -> str:
-    return "sections" if isinstance(one, Section) else "figures"
+class _Numbers(Formatter):
+    """`{mean:3}` and `{apart:+3}` are numbers of three digits, `{share:%1}` is percent of one, `{clear:yes|no}` a choice."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if "|" in format_spec:
+            return format_spec.split("|")[0 if value else 1]
+        if format_spec[:1] == "%":
+            return percent(value, int(format_spec[1:] or 0))
+        if format_spec.lstrip("+").isdigit():
+            return fixed(value, int(format_spec), "+" if format_spec[0] == "+" else "-")
+        return str(super().format_field(value, format_spec))
+
+
+def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
+    """A pattern filled with each item, a mapping or a sequence."""
+    filled = (
+        _Numbers().vformat(pattern, (), one) if isinstance(one, Mapping) else _Numbers().format(pattern, *one) for one in items
+    )
+    return between.join(filled)
 
 
 @cache
@@ -119,15 +139,14 @@ class _Filled(Environment):
 
 @cache
 def _environment(html: bool) -> Environment:
-    env = _Filled(
-        loader=PackageLoader("pipeline.report"),
-        autoescape=html,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    env.filters |= {"fixed": fixed, "signed": signed, "listing": listing, "percent": percent}
-    env.filters |= {"prose": prose, "inline": inline, "sentence": sentence, "caption": caption, "title": title, "remark": remark}
+    whole: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True, "undefined": StrictUndefined}
+    env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
+    for own in (fixed, signed, listing, percent, each, prose, inline, sentence, caption, title, texts):
+        env.filters[own.__name__] = own
+    env.filters |= {
+        "g": "{:g}".format,
+        "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",
+        "end": lambda loop, between: "." if loop.last else between,
+    }
     env.globals |= {"anchor": anchor, "words": words}
     return env

@@ -18,8 +18,7 @@ from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 from pipeline.views.birdview import BirdView
 
-MANIFEST = "figures.json"
-"""Which figure files a study has, and whose they are: MLflow shows them beside the model and the sequence."""
+MANIFEST = "figures.json"  # which figure files a study has, and whose they are: MLflow shows them beside model and sequence
 
 
 def write(
@@ -32,14 +31,12 @@ def write(
     every, sections = [], list[Section]()
     for name, words in studies.items():
         for grid in words["grids"]:
-            study = Study(artifacts, name, words, grid, table[table["study"] == name])
-            own = folder / name / grid
+            study, own = Study(artifacts, name, words, grid, table[table["study"] == name]), folder / name / grid
             own.mkdir(parents=True)
             found = list(_sections(study, own, bands, view))
-            values = {"study": study, "sections": found, "folder": own}
-            (own / "report.md").write_text(template("report.md.j2", **values))
+            (own / "report.md").write_text(template("report.md.j2", study=study, sections=found, folder=own))
             files = [
-                {"file": one.path.name, "model": one.values.get("model", ""), "sequence": one.values.get("sequence", "")}
+                {"file": one.path.name} | {name: one.values.get(name, "") for name in ("model", "sequence")}
                 for section in found
                 for one in section.illustrations
             ]

@@ -1,64 +1,52 @@
 """One study as a report sees it: its rows of the table of results, and the artifacts whose arrays are drawn."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
-from pipeline.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
-from pipeline.report.learned import Learned
+from pipeline.report.result import Result, Values, by_model
 from pipeline.report.table import average
 from pipeline.store import Artifact
 from pipeline.studies.expansion import ModelName, models_of
 
-Numbers = Mapping[tuple[str, str], tuple[float, float, float]]
-"""Protocol and number to value, lowest and highest."""
-
 
 @dataclass(frozen=True)
-class Result:
-    """One model on one test sequence as it was driven."""
+class Learned:
+    """How a model was trained, as its file keeps it."""
 
-    model: str
-    """Such as sci or scan_context-engaged."""
-    sequence: str
-    """The test sequence, named by its date."""
-    days: int
-    """Whole days since the training sequence."""
-    evaluation: Evaluation
-    wanted_precision: float
-    """What the thresholds were chosen for, on held-out blocks of training."""
-    numbers: Numbers
+    recipe: Mapping[str, str]  # the parameters that it was trained with
+    curves: Mapping[str, NDArray[np.float64]]  # name to values (round,), a round lying between two looks at held-out blocks
+    best_round: int | None  # the one that was kept, 0-based; None where the model does not say
+    megabytes: float
 
     @property
-    def label(self) -> str:
-        """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
-        return f"{self.sequence[:10]}, {self.days:+d} d"
+    def rounds(self) -> int:
+        """How many there were; none for a method that learns nothing."""
+        return max(map(len, self.curves.values()), default=0)
 
-    def number(self, protocol: str, name: str) -> float:
-        """One number by one protocol; NaN where there is none."""
-        return self.numbers.get((protocol, name), (np.nan,))[0]
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """From the file of a model."""
+        model = store.read_model(path)
+        curves = {name.removeprefix("curves/"): model[name] for name in sorted(model) if name.startswith("curves/")}
+        kept = int(model["best_epoch"]) if "best_epoch" in model else None
+        return cls(store.read_recipe(path), curves, kept, sum(array.nbytes for array in model.values()) / 1e6)
 
-    def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
-        """Its 95 % interval, lowest and highest; None where there is none."""
-        _, low, high = self.numbers.get((protocol, name), (np.nan, np.nan, np.nan))
-        return (low, high) if low <= high else None
 
-
-def some(results: Sequence[Result]) -> Sequence[Result]:
-    """The results, of which a figure needs one at least."""
-    if not results:
-        raise InputError("a figure needs at least one result")
-    return results
+def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
+    """Rows of the table of results, by what stands in some columns."""
+    keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[name] for name in columns), strict=True)
+    return dict(zip(keys, rows[["value", "low", "high"]].itertuples(index=False, name=None), strict=True))
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
@@ -67,39 +55,15 @@ def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
     return own.assign(model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)])
 
 
-def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results of each model in the order of their days; models in the order they come."""
-    groups: dict[str, list[Result]] = {}
-    for result in results:
-        groups.setdefault(result.model, []).append(result)
-    return {model: sorted(group, key=lambda one: (one.days, one.sequence)) for model, group in groups.items()}
-
-
-def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results on each test sequence, in the order of its days; models in the order they come."""
-    groups: dict[str, list[Result]] = {}
-    for result in sorted(results, key=lambda one: (one.days, one.sequence)):
-        groups.setdefault(result.sequence, []).append(result)
-    return groups
-
-
-def dates(results: Sequence[Result]) -> dict[str, str]:
-    """Each sequence's name without its time of day, unless two were driven on one day."""
-    names = list(by_sequence(results))
-    return {name: name[:10] if len({name[:10] for name in names}) == len(names) else name for name in names}
-
-
 @dataclass(frozen=True)
 class Study:
     """A study at one of its own cell sizes."""
 
     artifacts: Path
     name: str
-    words: Mapping[str, Any]
-    """Of conf/studies.yaml."""
+    words: Mapping[str, Any]  # of conf/studies.yaml
     grid: str
-    table: pd.DataFrame
-    """All rows of the study, those of other grids too."""
+    table: pd.DataFrame  # all rows of the study, those of other grids too
 
     @property
     def train(self) -> str:
@@ -120,6 +84,11 @@ class Study:
     def rows(self) -> pd.DataFrame:
         """The rows of its own grid."""
         return self.table[self.table["grid"] == self.grid]
+
+    @cached_property
+    def driven(self) -> pd.DataFrame:
+        """Those of queries as they were driven, and models of the first seed; numbers of single kinds of novelty left out."""
+        return self.rows[(self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)]
 
     @cached_property
     def families(self) -> list[str]:
@@ -145,30 +114,27 @@ class Study:
     @cached_property
     def results(self) -> list[Result]:
         """Each of the families on each test sequence."""
-        driven = self.rows[(self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)]
-        known: dict[tuple[str, str], dict[tuple[str, str], tuple[float, float, float]]] = {}
-        columns = ("method", "variant", "sequence", "protocol", "number", "value", "low", "high")
-        for method, variant, sequence, protocol, number, *values in driven[[*columns]].itertuples(index=False):
-            known.setdefault((ModelName(method, variant).name, sequence), {})[protocol, number] = tuple(values)
-        found = []
+        found, numbers = [], {}
+        for (method, variant, sequence), group in self.driven.groupby(["method", "variant", "sequence"]):
+            numbers[ModelName(method, variant).name, sequence] = indexed(group, "protocol", "number")
         for model in self.families:
             for sequence in self.words["tests"]:
                 artifact = self.artifact("evaluate", sequence, model)
                 evaluation, wanted = Evaluation.read(artifact), float(artifact.attrs["wanted_precision"])
-                found.append(Result(model, sequence, evaluation.days, evaluation, wanted, known[model, sequence]))
-        return sorted(found, key=lambda one: (self.families.index(one.model), one.days, one.sequence))
-
-    @property
-    def best(self) -> str:
-        """The model that places most queries right by distance, on average over the test sequences."""
-        return self.ranked[0]
+                found.append(Result(model, sequence, evaluation.days, evaluation, wanted, numbers[model, sequence]))
+        return [one for group in by_model(found).values() for one in group]
 
     @cached_property
     def ranked(self) -> list[str]:
-        """The models, those that place most right first."""
+        """The models, those that place most right by distance first, on average over the test sequences."""
         groups = by_model(self.results).items()
         means = {model: average([one.number("distance", "recall_at_1") for one in group]) for model, group in groups}
         return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
+
+    @property
+    def best(self) -> str:
+        """The first of these."""
+        return self.ranked[0]
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:
@@ -208,7 +174,7 @@ class Study:
 
     def artifact(self, kind: str, sequence: str = "", model: str = "") -> Artifact:
         """The artifact itself; raises ArtifactError where it is not there."""
-        return store.read(self.find(kind, sequence, model), *(schema for schema in schemas.ALL))
+        return store.read(self.find(kind, sequence, model), *schemas.ALL)
 
     def source(self, kind: str, sequence: str = "", model: str = "") -> str:
         """Its path as dvc.lock names it."""

@@ -1,15 +1,14 @@
 """Tables of a report: each cell has a text, a number to sort by and the artifact that it is from."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from statistics import fmean, stdev
 from typing import Any
 
 import numpy as np
 
 MISSING = "–"
-WIDEST = 160
-"""Characters that a terminal shows in a line."""
+WIDEST = 160  # characters that a terminal shows in a line
 
 
 @dataclass(frozen=True)
@@ -17,14 +16,10 @@ class Cell:
     """One entry of a table."""
 
     text: str
-    key: float | None = None
-    """What the column is sorted by; None for a word or a missing number."""
-    small: str = ""
-    """An interval or a deviation beside the number, such as `[.76, .83]` or `± .025`."""
-    mark: str = ""
-    """`+` or `−`: clearly better or worse than the reference."""
-    source: str = ""
-    """Path of the artifact that the number is from."""
+    key: float | None = None  # what the column is sorted by; None for a word or a missing number
+    small: str = ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
+    mark: str = ""  # `+` or `−`: clearly better or worse than the reference
+    source: str = ""  # path of the artifact that the number is from
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -34,67 +29,53 @@ class Cell:
 class Table:
     """A header and rows of cells; the first `words` columns are words, flush left, the others numbers, flush right."""
 
-    kind: str
-    """Its key in templates/words.yaml, which holds its caption."""
-    header: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    kind: str  # its key in templates/words.yaml, which holds its caption
+    header: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
     words: int = 1
-    values: Mapping[str, object] = field(default_factory=dict)
-    """What its caption is filled with."""
-    mean: bool = False
-    """The last row holds the means of the others and stays below them."""
+    values: Mapping[str, object] = field(default_factory=dict)  # what its caption is filled with
+    mean: bool = False  # the last row holds the means of the others and stays below them
 
     def markdown(self) -> str:
         """A GitHub table, padded so that it can be read as it stands."""
-        rule = [":" + "-" * (w - 1) if i < self.words else "-" * (w - 1) + ":" for i, w in enumerate(self._widths(least=3))]
-        header, *rows = self._padded(least=3)
-        return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows)) + "\n"
+        header, *rows = self._padded(range(len(self.header)), least=3)
+        rule = [f":{'-' * (len(c) - 1)}" if i < self.words else f"{'-' * (len(c) - 1)}:" for i, c in enumerate(header)]
+        return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, rule, *rows))
 
     def text(self) -> str:
-        """The same for a terminal: two blanks between columns; a table that is too wide goes on below."""
-        return "\n".join(part._text() for part in self._folded())
-
-    def _text(self) -> str:
-        header, *rows = self._padded(least=1)
-        rule = ["─" * width for width in self._widths(least=1)]
-        return "\n".join("  ".join(cells).rstrip() for cells in (header, rule, *rows)) + "\n"
-
-    def _folded(self) -> Iterator["Table"]:
-        """Tables of some of the columns each, as many as fit beside the words."""
-        widths = [width + 2 for width in self._widths(least=1)]
-        parts: list[list[int]] = [[]]
+        """The same for a terminal: two blanks between columns; a table that is too wide goes on below, beside its words."""
+        widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
+        parts, texts, room = [list(range(self.words))], [], WIDEST + 2 - sum(widths[: self.words])
         for column in range(self.words, len(widths)):
-            if parts[-1] and sum(widths[: self.words]) + sum(widths[c] for c in [*parts[-1], column]) > WIDEST + 2:
-                parts.append([])
+            if len(parts[-1]) > self.words and sum(widths[c] for c in [*parts[-1][self.words :], column]) > room:
+                parts.append(list(range(self.words)))
             parts[-1].append(column)
         for part in parts:
-            chosen = [*range(self.words), *part]
-            rows = tuple(tuple(row[c] for c in chosen) for row in self.rows)
-            yield replace(self, header=tuple(self.header[c] for c in chosen), rows=rows)
+            header, *rows = self._padded(part, least=1)
+            rule = ["─" * len(cell) for cell in header]
+            texts.append("".join("  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows)))
+        return "\n".join(texts)
 
-    def _padded(self, least: int) -> list[list[str]]:
-        widths = self._widths(least)
-        lines = [list(self.header), *([str(cell) for cell in row] for row in self.rows)]
-        return [
-            [c.ljust(w) if i < self.words else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))]
-            for line in lines
-        ]
-
-    def _widths(self, least: int) -> list[int]:
-        columns = zip(self.header, *([str(cell) for cell in row] for row in self.rows), strict=True)
-        return [max(least, *map(len, column)) for column in columns]
+    def _padded(self, columns: Iterable[int], least: int) -> list[list[str]]:
+        """The header and the rows, in some of the columns."""
+        lines, padded = [list(self.header), *([str(cell) for cell in row] for row in self.rows)], []
+        for i in columns:
+            width = max(least, *(len(line[i]) for line in lines))
+            padded.append([line[i].ljust(width) if i < self.words else line[i].rjust(width) for line in lines])
+        return [list(line) for line in zip(*padded, strict=True)]
 
 
-def word(text: object, source: str = "") -> Cell:
-    """A cell of words."""
-    return Cell(str(text), source=source)
+def table(kind: str, header: Iterable[str], rows: Iterable[Iterable[object]], /, words: int = 1, **values: object) -> Table:
+    """A table in whose rows all but cells is words."""
+    cells = tuple(tuple(one if isinstance(one, Cell) else Cell(str(one)) for one in row) for row in rows)
+    return Table(kind, tuple(header), cells, words, values=values)
 
 
 def number(value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = "", source: str = "") -> Cell:
     """A number and its interval; a dash for NaN."""
-    if not np.isfinite(value):
-        return Cell(MISSING)
-    return Cell(fixed(value, digits), float(value), bracket(interval, digits), mark, source)
+    return (
+        Cell(fixed(value, digits), float(value), bracket(interval, digits), mark, source) if np.isfinite(value) else Cell(MISSING)
+    )
 
 
 def count(value: float, source: str = "") -> Cell:
@@ -102,22 +83,19 @@ def count(value: float, source: str = "") -> Cell:
     return number(value, 0, source=source)
 
 
-def difference(value: float, digits: int, interval: tuple[float, float] | None = None, source: str = "") -> Cell:
+def difference(value: float, digits: int, interval: tuple[float, float] = (np.nan, np.nan)) -> Cell:
     """A difference with its sign: `+0.031 [−0.010, +0.080]`."""
-    if not np.isfinite(value):
-        return Cell(MISSING)
-    there = interval is not None and np.isfinite(interval[0])
-    small = f"[{signed(interval[0], digits)}, {signed(interval[1], digits)}]" if interval is not None and there else ""
-    return Cell(signed(value, digits), float(value), small, source=source)
+    low, high = (signed(one, digits) for one in interval)
+    small = f"[{low}, {high}]" if np.isfinite(interval[0]) else ""
+    return Cell(signed(value, digits), float(value), small) if np.isfinite(value) else Cell(MISSING)
 
 
-def spread(values: Sequence[float], digits: int, source: str = "") -> Cell:
+def spread(values: Iterable[float], digits: int) -> Cell:
     """Mean and standard deviation of the finite numbers: `0.772 ± .025`; the number alone if there is one."""
     finite = [float(value) for value in values if np.isfinite(value)]
     if not finite:
         return Cell(MISSING)
-    small = f"± {short(stdev(finite), digits)}" if len(finite) > 1 else ""
-    return Cell(fixed(fmean(finite), digits), fmean(finite), small, source=source)
+    return Cell(fixed(fmean(finite), digits), fmean(finite), f"± {short(stdev(finite), digits)}" if len(finite) > 1 else "")
 
 
 def average(values: Any) -> float:
@@ -126,14 +104,14 @@ def average(values: Any) -> float:
     return float(there.mean()) if len(there) else np.nan
 
 
-def fixed(value: float, digits: int) -> str:
+def fixed(value: float, digits: int, sign: str = "-") -> str:
     """A number with so many digits after the point and a true minus sign; a dash for NaN."""
-    return MISSING if not np.isfinite(value) else f"{value:z.{digits}f}".replace("-", "−")
+    return f"{value:{sign}z.{digits}f}".replace("-", "−") if np.isfinite(value) else MISSING
 
 
 def signed(value: float, digits: int) -> str:
     """A difference with its sign: `+0.031`, `−0.120`."""
-    return MISSING if not np.isfinite(value) else f"{value:+z.{digits}f}".replace("-", "−")
+    return fixed(value, digits, "+")
 
 
 def short(value: float, digits: int) -> str:

@@ -17,8 +17,7 @@ from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 def text(artifacts: Path, studies: Mapping[str, Any]) -> str:
     """Of all studies; raises ArtifactError where there are no results or no report yet."""
-    table = results.read(artifacts, list(studies))
-    blocks = []
+    table, blocks = results.read(artifacts, list(studies)), []
     for name, own in studies.items():
         for grid in own["grids"]:
             study, report = Study(artifacts, name, own, grid, table[table["study"] == name]), artifacts / "report" / name / grid
@@ -33,16 +32,12 @@ def _blocks(study: Study) -> Iterator[str]:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol in PROTOCOLS:
-            for number in tables.MAIN:
-                yield _wrapped(caption(one := tables.main(study, protocol, number)))
-                yield one.text()
-        yield tables.means(study).text()
-        yield _wrapped(words("terminal")) + "\n"
+            for one in (tables.main(study, protocol, number) for number in tables.MAIN):
+                yield from (_wrapped(caption(one)), one.text())
+        yield from (tables.means(study).text(), _wrapped(words("terminal")) + "\n")
     if on_bird_views(study.words["methods"]):
         yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
-        yield from (
-            one.text() for one in (viewpoint_tables.over(study, seeds=False), viewpoint_tables.over(study, seeds=True)) if one
-        )
+        yield from (one.text() for one in viewpoint_tables.over(study))
 
 
 def _wrapped(line: str) -> str:

@@ -4,42 +4,43 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.viewpoints import NUMBERS
-from pipeline.report.study import Study
-from pipeline.report.table import Cell, Table, count, spread, word
+from pipeline.report.study import Study, indexed
+from pipeline.report.table import Table, count, spread, table
 
 HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")
 
 
-def over(study: Study, seeds: bool) -> Table | None:
-    """Paper 2's numbers: over the headings, a row a sequence and method; or over seeds, None where there is one."""
-    own = study.rows[study.rows["change"] == "viewpoint"]
-    about = study.rows[study.rows["change"] == "viewpoint of all"].set_index(["method", "sequence", "number"])["value"]
-    rows = []
-    for (sequence, method), group in own.groupby(["sequence", "method"], sort=False):
-        if seeds and group["seed"].nunique() < 2:
-            continue
-        by = "seed" if seeds else "level"
-        wide = {name: group[group["number"] == name].groupby(by)["value"].mean() for name in NUMBERS}
-        cells = [spread(list(wide[name]), 3) for name in NUMBERS]
-        if seeds:
-            rows.append((word(sequence), word(method), *cells, count(group["seed"].nunique())))
-            continue
-        queries, cost = (about[(method, sequence, name)] for name in ("queries", "bytes_per_place"))
-        queries, cost = (one.iloc[0] if isinstance(one, pd.Series) else one for one in (queries, cost))
-        there = f"{int(np.isfinite(wide['roc_auc']).sum())} of {len(wide['roc_auc'])}"
-        rows.append((word(sequence), word(method), *cells, Cell(there), count(queries), count(cost)))
-    last = ("seeds",) if seeds else ("headings with ROC-AUC", "queries", "bytes a place")
-    header = ("sequence", "method", *HEADINGS, *last)
-    return Table(f"viewpoints_over_{'seeds' if seeds else 'headings'}", header, tuple(rows), words=2) if rows else None
+def over(study: Study) -> list[Table]:
+    """A row a sequence and method: means over the headings, and of several seeds over these; without rows, no table."""
+    about = indexed(study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number")
+    of_headings, of_seeds = [], []
+    for key, wide in _numbers(study).items():
+        headings, seeds = (wide.groupby(by).mean() for by in ("level", "seed"))
+        there = f"{int(np.isfinite(headings['roc_auc']).sum())} of {len(headings)}"
+        queries, cost = (count(about[(*key, name)][0]) for name in ("queries", "bytes_per_place"))
+        of_headings.append((*key, *(spread(headings[name], 3) for name in NUMBERS), there, queries, cost))
+        if len(seeds) > 1:
+            of_seeds.append((*key, *(spread(seeds[name], 3) for name in NUMBERS), count(len(seeds))))
+    header = ("sequence", "method", *HEADINGS)
+    last = ("headings with ROC-AUC", "queries", "bytes a place")
+    found = (
+        table("viewpoints_over_headings", (*header, *last), of_headings, words=2),
+        table("viewpoints_over_seeds", (*header, "seeds"), of_seeds, words=2),
+    )
+    return [one for one in found if one.rows]
 
 
 def every_heading(study: Study, name: str) -> Table:
     """One of paper 2's numbers, a column a heading; means over seeds."""
-    own = study.rows[(study.rows["change"] == "viewpoint") & (study.rows["number"] == name)]
-    degrees = sorted(own["level"].unique())
-    rows = [
-        (word(sequence), word(method), *(spread(list(group.loc[group["level"] == deg, "value"]), 3) for deg in degrees))
-        for (sequence, method), group in own.groupby(["sequence", "method"], sort=False)
-    ]
-    values = {"title": HEADINGS[NUMBERS.index(name)]}
-    return Table("every_heading", ("sequence", "method", *(f"{deg:g}°" for deg in degrees)), tuple(rows), words=2, values=values)
+    found = {key: wide.groupby("level")[name] for key, wide in _numbers(study).items()}
+    degrees = sorted({deg for groups in found.values() for deg in groups.groups})
+    rows = [(*key, *(spread(groups.get_group(deg), 3) for deg in degrees)) for key, groups in found.items()]
+    header = ("sequence", "method", *(f"{deg:g}°" for deg in degrees))
+    return table("every_heading", header, rows, words=2, title=HEADINGS[NUMBERS.index(name)])
+
+
+def _numbers(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
+    """Sequence and method to its numbers, a column each, at every seed and heading (`level`)."""
+    own = study.rows[study.rows["change"] == "viewpoint"]
+    groups = own.groupby(["sequence", "method"], sort=False)
+    return {key: group.pivot(index=["seed", "level"], columns="number", values="value") for key, group in groups}

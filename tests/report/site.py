@@ -12,7 +12,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration, Section
-from pipeline.report.table import MISSING, Cell, Table, number, word
+from pipeline.report.table import MISSING, Cell, Table, number
 
 TRAIN, TESTS = ("2012-01-15", "2012-01-22"), {"2012-02-04": 20, "2012-03-17": 62}
 LOOKS = {"m2dp": schemas.SIGNATURES, "sci": schemas.VIEWS}
@@ -25,25 +25,19 @@ SVG = '<svg width="72pt" height="36pt" xmlns="http://www.w3.org/2000/svg"><path 
 EVIL = 'a </script><script>window.evil = 1</script> & "b"'
 WORDS: dict[str, Any] = {
     "findings": {"answer": "`sci` is right for {{ share }}", "plain": "{{ text }}"},
-    "sections": {"turned": {"title": "Turned <headings>", "question": "Does it *matter*?"}, "setup": {"title": "In {{ study }}"}},
-    "figures": {"how": {"title": "How turned", "read": "Read it so."}},
+    "sections": {"turned": "Turned <headings>\nDoes it *matter*?", "setup": "In {{ study }}"},
+    "figures": {"how": "How turned\nRead it so."},
     "tables": {"auc": "AUC by `case`", "auroc": "AUROC by `case`"},
 }
 
 
 def evaluation() -> SimpleNamespace:
     """By distance within 12 m; by cells the fourth answer is wrong as well, as it lies in the next cell."""
-    seen, nan, novelty = np.arange(7) < 5, np.full(7, np.nan), np.array([[0.1, 0.3, 0.2, 0.3, 0.05, 0.4, 0.9]]).T
+    seen, novelty = np.arange(7) < 5, np.array([[0.1, 0.3, 0.2, 0.3, 0.05, 0.4, 0.9]]).T
     distance = SimpleNamespace(outcome=np.array([0, 0, 2, 0, 0, 2, 3]), true_rank=np.array([0, 0, -1, 0, 0, -1, -1]), seen=seen)
     cells = SimpleNamespace(outcome=np.array([0, 1, 2, 2, 0, 2, 3]), true_rank=np.array([0, 0, -1, 1, 0, -1, -1]), seen=seen)
-    given = SimpleNamespace(distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,))
-    given.xy_m, given.answer_xy_m, given.nearest_m, given.heading_error_deg = (
-        XY_M,
-        ANSWERS_XY_M.copy(),
-        np.where(seen, 1.0, 100.0),
-        nan,
-    )
-    return given
+    shown = {"xy_m": XY_M, "answer_xy_m": ANSWERS_XY_M.copy(), "nearest_m": np.where(seen, 1.0, 100.0)}
+    return SimpleNamespace(distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,), **shown)
 
 
 def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
@@ -84,13 +78,13 @@ def sections(root: Path) -> list[Section]:
         number(10.9, 2),
         number(1, 1),
     )
-    rows = tuple((word(name), cell) for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True))
+    rows = tuple((Cell(name), cell) for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True))
     tables = tuple(Table(kind, ("method", "AUC"), rows, mean=True) for kind in ("auc", "auroc"))
-    says = Finding("plain", {"text": EVIL})
+    says = Finding("plain", text=EVIL)
     figures = (Illustration("how", root / "turned.svg", findings=(says,)), Illustration("how", root / "lost.svg"))
     own = {"sources": ("artifacts/turned.zarr",), "parameters": {"seed": 0, "trained with": {"sci": [1, 2]}}}
     return [
-        Section("campus-10m-answer", "answer", "answer", findings=(Finding("answer", {"share": "80 %"}),)),
+        Section("campus-10m-answer", "answer", "answer", findings=(Finding("answer", share="80 %"),)),
         Section("campus-10m-setup", "setup", "setup", {"study": EVIL}),
         Section("campus-10m-turned", "turned", "studies", findings=(says, says), illustrations=figures, tables=tables, **own),
     ]

@@ -98,7 +98,7 @@ def judged(path: Path, model: str, sequence: str, days: int) -> None:
     put(path, schemas.EVALUATIONS, columns([*found.values()]), **attrs(found), **own)
 
 
-def put(path: Path, schema: schemas.Schema, arrays: dict[str, Any], **own: Any) -> None:
+def put(path: Path, schema: store.Schema, arrays: dict[str, Any], **own: Any) -> None:
     with store.write(path, schema, **own) as draft:
         for name, array in arrays.items():
             draft.put(name, array)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind, label
+from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind
 from pipeline.report.found import Found
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
@@ -34,7 +34,7 @@ def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> Non
     assert COMPARED.ways() == {2: "sci", 4: "sci-4way"}
     assert compared({("sci", Kind()): [[[0.5]]]}, {}).ways() == {}
     kinds = (Kind(), TURNED, Kind("demolition", 60.0), Kind("construction", 1.0), Kind("construction", 2.0, True))
-    assert [label(one) for one in kinds] == ["as driven", "turned", "60° removed", "1 wall", "2 walls, shadow"]
+    assert [one.label for one in kinds] == ["as driven", "turned", "60° removed", "1 wall", "2 walls and shadow"]
 
 
 def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_as_driven() -> None:

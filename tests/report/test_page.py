@@ -75,10 +75,9 @@ addEventListener("load", () => {
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the artifacts lie; the words are the page's own and some for the study."""
-    texts = (Path(render.__file__).with_name("templates") / name for name in ("words.yaml", "page.words.yaml"))
-    page = next(found for text in texts if text.is_file() and (found := yaml.safe_load(text.read_text())).get("page"))
+    page = yaml.safe_load(render.part("words.yaml"))["page"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render, "_words", lambda: {"page": page["page"], **WORDS})
+        patch.setattr(render, "_words", lambda: {"page": page, **WORDS})
         yield tmp_path_factory.mktemp("page") / "artifacts"
 
 
@@ -108,10 +107,8 @@ def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, p
     assert f'data-key="0.81"><a href="#{place}">{cell}</a>' in page
     assert '<a href="#campus-10m-turned-source"><span class="number"><span>10.90' in page  # no artifact of its own
     assert re.search(r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
-    assert all(
-        part in page
-        for part in ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "1,000 resamples", "<dt>trained with</dt><dd>sci 1, 2</dd>")
-    )
+    shown = ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "1,000 resamples", "<dt>trained with</dt><dd>sci 1, 2</dd>")
+    assert all(part in page for part in shown)
     assert not any(part in page for part in ("_target_", "conf/lists.yaml"))
 
 
@@ -189,16 +186,9 @@ def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
 def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tmp_path: Path) -> None:
     copy, words = tmp_path / "page.html", page.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{WORK}</body>")
     copy.write_text(words, encoding="utf-8")
-    flags = (
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-sync",
-    )
-    own = (f"--user-data-dir={tmp_path / 'profile'}", "--window-size=390,844", "--virtual-time-budget=5000", "--dump-dom")
-    asked = [str(BROWSER), *flags, *own, copy.as_uri()]
+    flags = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+    own = (f"--user-data-dir={tmp_path / 'profile'}", "--disable-sync", "--window-size=390,844", "--virtual-time-budget=5000")
+    asked = [str(BROWSER), *flags, *own, "--dump-dom", copy.as_uri()]
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
     seen = json.loads(unescape(shown.partition("<title>")[2].partition("</title>")[0]))
     assert seen.pop("red") > 10  # a right answer at the same spot does not cover the wrong one

@@ -25,8 +25,8 @@ SECTIONS = [
 def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the report, beside the other artifacts."""
     folder = tmp_path_factory.mktemp("written") / "report"
-    told = report.write(folder, study.artifacts, {"campus": WORDS}, study.table, BANDS, lambda name: pytest.fail(name))
-    assert re.fullmatch(r"12 sections and 30 figures of 1 study; page\.html has \d\.\d MB", told)
+    line = report.write(folder, study.artifacts, {"campus": WORDS}, study.table, BANDS, lambda name: pytest.fail(name))
+    assert re.fullmatch(r"12 sections and 30 figures of 1 study; page\.html has \d\.\d MB", line)
     return folder
 
 
@@ -47,11 +47,8 @@ def test_every_figure_is_there_and_listed(written: Path) -> None:
     listed = {one["file"]: one for one in json.loads((folder / report.MANIFEST).read_text())}
     shown = re.findall(r"!\[[^]]*\]\(([^)]*)\)", (folder / "report.md").read_text())
     assert set(shown) == set(listed) == {path.name for path in folder.glob("*.svg")}
-    assert listed["outcomes_sci_2012-02-04.svg"] == {
-        "file": "outcomes_sci_2012-02-04.svg",
-        "model": "sci",
-        "sequence": "2012-02-04",
-    }
+    name = "outcomes_sci_2012-02-04.svg"
+    assert listed[name] == {"file": name, "model": "sci", "sequence": "2012-02-04"}
 
 
 def test_the_page_shows_the_best_models_figures_alone_and_every_chapter(written: Path) -> None:

@@ -16,7 +16,7 @@ TREES = [ast.parse(path.read_text()) for path in REPORT.rglob("*.py")]
 NODES = [node for tree in TREES for node in ast.walk(tree)]
 MADE = {
     "tables": {"main_recall_at_1", "main_auc_top1", "viewpoints_over_seeds", "viewpoints_over_headings"},
-    "sections": {"demolition", "construction"},
+    "sections": {"turned", "demolition", "construction"},
 }
 """Kinds that are put together of several words, or named by an alteration."""
 
@@ -31,8 +31,8 @@ def kinds(group: str) -> set[str]:
     """Those that the code names, as the argument of what makes one."""
     makers = {
         "findings": ("Finding",),
-        "tables": ("Table",),
-        "figures": ("Illustration", "saved"),
+        "tables": ("table",),
+        "figures": ("Illustration", "illustrate", "saved"),
         "sections": ("Section", "_section"),
     }
     calls = [n for n in NODES if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id in makers[group]]

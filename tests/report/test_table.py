@@ -3,21 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.report.table import (
-    MISSING,
-    WIDEST,
-    Cell,
-    Table,
-    bracket,
-    count,
-    difference,
-    fixed,
-    number,
-    short,
-    signed,
-    spread,
-    word,
-)
+from pipeline.report.table import MISSING, WIDEST, Cell, Table, bracket, count, difference, fixed, number, short, signed, spread
+from pipeline.report.table import table as of_rows
 
 
 @pytest.mark.parametrize(
@@ -45,24 +32,21 @@ def test_numbers_have_a_true_minus_and_a_dash_where_there_is_none() -> None:
     assert str(number(-0.5, 3, (-0.6, -0.4), "−")) == "−0.500 [−.60, −.40] −"
     assert str(difference(-0.12, 3, (-0.2, 0.01))) == "−0.120 [−0.200, +0.010]"
     assert str(difference(0.1, 3, (np.nan, np.nan))) == "+0.100"
-    assert [str(one) for one in (number(np.nan, 3), difference(np.nan, 3), spread([np.nan], 3), count(7.0))] == [MISSING] * 3 + [
-        "7"
-    ]
+    assert {str(one) for one in (number(np.nan, 3), difference(np.nan, 3), spread([np.nan], 3))} == {MISSING}
+    assert str(count(7.0)) == "7"
     assert str(spread([0.7, 0.8, np.nan, 0.9], 3)) == "0.800 ± .100"
     assert str(spread([0.7], 3)) == "0.700"
 
 
 def test_a_column_is_sorted_by_numbers_and_not_by_their_text() -> None:
-    cells = (number(0.31249, 3), difference(-2.0, 1), spread([1.0, 3.0], 1), count(12), word("sci"), number(np.nan, 3))
+    cells = (number(0.31249, 3), difference(-2.0, 1), spread([1.0, 3.0], 1), count(12), Cell("sci"), number(np.nan, 3))
     assert [cell.key for cell in cells] == [0.31249, -2.0, 2.0, 12.0, None, None]
 
 
-def table(columns: int = 2, words: int = 1) -> Table:
-    rows = tuple(
-        (word(name), *(number(value + i, 3, (0, 1)) for i in range(columns - 1)))
-        for name, value in (("sci", 0.5), ("m2dp", 0.25))
-    )
-    return Table("auc", ("model", *(f"AUC {i}" for i in range(columns - 1))), rows, words)
+def table(columns: int = 2) -> Table:
+    start = {"sci": 0.5, "m2dp": 0.25}
+    rows = [(name, *(number(value + i, 3, (0, 1)) for i in range(columns - 1))) for name, value in start.items()]
+    return of_rows("auc", ("model", *(f"AUC {i}" for i in range(columns - 1))), rows)
 
 
 def test_markdown_can_be_read_as_it_stands() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS
-from pipeline.report.figures.panels import name_rows
+from pipeline.report.figures.panels import name_rows, points
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.table import signed
 
@@ -37,43 +37,41 @@ class AgeingLine:
 
 
 @styled
-def lines(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
+def lines(rows: Sequence[AgeingLine]) -> Figure:
     """A row a model, a column a number: points with 95 % intervals, the line with its own, the slope bold where it is clear."""
-    models, titles, found = _grid(rows)
+    models, columns = _grid(rows)
     shades = tints(model for model in models if model != ORACLE)
-    fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), simulated, f"Change per {PER_DAYS} days, of each model")
-    axes = fig.subplots(len(shades), len(titles), squeeze=False, sharex=True, sharey="col")
-    for column, title in zip(axes.T, titles, strict=True):
+    fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
+    axes = fig.subplots(len(shades), len(columns), squeeze=False, sharex=True, sharey="col")
+    for column, (title, found) in zip(axes.T, columns.items(), strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
-        column[0].set_ylim(*((-4.0, 104.0) if any(row.rises for row in rows if row.title == title) else (0.0, 1.04)))
-        for axis, model in zip(column, shades, strict=True):
-            if oracle := found.get((ORACLE, title)):
+        column[0].set_ylim(*((-4.0, 104.0) if any(row.rises for row in found.values()) else (0.0, 1.04)))
+        for axis, (model, tint) in zip(column, shades.items(), strict=True):
+            if oracle := found.get(ORACLE):
                 axis.plot(oracle.days, oracle.fitted[:, 0], color="0.7", lw=0.8, zorder=2)
-            if row := found.get((model, title)):
-                _panel(axis, row, shades[model])
+            if row := found.get(model):
+                _panel(axis, row, tint)
             axis.grid(axis="y")
-    for row_axes, (model, tint) in zip(axes, shades.items(), strict=True):
-        row_axes[0].set_ylabel(folded(model), color=tint, size=7.5)
+    for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
+        axis.set_ylabel(folded(model), color=tint, size=7.5)
     axes[0, 0].set_xlim(0, 1.04 * max([1.0, *(float(day) for row in rows for day in row.days)]))
     fig.supxlabel("days since training; dots: test sequences; grey: the oracle; shade: 95 % interval of the line", size=8)
     return fig
 
 
 @styled
-def slopes(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
+def slopes(rows: Sequence[AgeingLine]) -> Figure:
     """A panel a number, a row a model: the slope with its interval, filled where that does not contain 0."""
-    models, titles, found = _grid(rows)
+    models, columns = _grid(rows)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
-    fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), simulated, f"Change per {PER_DAYS} days since training")
-    axes = fig.subplots(1, len(titles), squeeze=False, sharey=True)[0]
-    for axis, title in zip(axes, titles, strict=True):
-        shown = {y: found[model, title] for y, model in enumerate(models) if (model, title) in found}
-        for y, row in shown.items():
-            value, low, high = row.slope
-            axis.hlines(y, low, high, color=shades[row.model], lw=1.1, alpha=0.8, zorder=2)
-            fill = shades[row.model] if row.clear else "white"
-            axis.plot(value, y, "o", ms=4, color=shades[row.model], mfc=fill, mew=0.9, zorder=3)
-        far = ROOM * max((abs(row.slope[0]) for row in shown.values() if np.isfinite(row.slope[0])), default=0.0) or 1.0
+    fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
+    axes = fig.subplots(1, len(columns), squeeze=False, sharey=True)[0]
+    for axis, (title, found) in zip(axes, columns.items(), strict=True):
+        for model, row in found.items():
+            y, tint, (value, low, high) = models.index(model), shades[model], row.slope
+            axis.hlines(y, low, high, color=tint, lw=1.1, alpha=0.8, zorder=2)
+            axis.plot(value, y, "o", ms=4, color=tint, mfc=tint if row.clear else "white", mew=0.9, zorder=3)
+        far = ROOM * float(np.nanmax([0.0, *(abs(row.slope[0]) for row in found.values())])) or 1.0
         axis.set_xlim(-far, far)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)
@@ -82,18 +80,19 @@ def slopes(rows: Sequence[AgeingLine], simulated: bool) -> Figure:
     return fig
 
 
-def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], list[str], dict[tuple[str, str], AgeingLine]]:
-    """Models, titles, and the rows by both."""
+def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], dict[str, dict[str, AgeingLine]]]:
+    """Models, and the rows by title and model."""
     if all(row.model == ORACLE for row in rows):
         raise InputError("a figure of ageing needs at least one model")
-    found = {(row.model, row.title): row for row in rows}
-    return list(dict.fromkeys(row.model for row in rows)), list(dict.fromkeys(row.title for row in rows)), found
+    columns: dict[str, dict[str, AgeingLine]] = {}
+    for row in rows:
+        columns.setdefault(row.title, {})[row.model] = row
+    return list(dict.fromkeys(row.model for row in rows)), columns
 
 
 def _panel(axis: Axes, row: AgeingLine, tint: str) -> None:
     """Points with their intervals, the line with its own, and the slope away from them."""
-    axis.vlines(row.days, row.values[:, 1], row.values[:, 2], color=tint, lw=0.8, alpha=0.7, zorder=3)
-    axis.plot(row.days, row.values[:, 0], "o", ms=3.2, color=tint, mec="white", mew=0.4, zorder=4, clip_on=False)
+    points(axis, row.days, row.values, tint)
     value, low, high = row.fitted.T
     axis.fill_between(row.days, low, high, color=tint, alpha=0.15, lw=0, zorder=1)
     axis.plot(row.days, value, color=tint, lw=1.0, zorder=2)

@@ -21,12 +21,12 @@ ROBOT = "#D55E00"
 
 @styled
 def bird_view(
-    points_m: NDArray[np.floating], octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, simulated: bool
+    points_m: NDArray[np.floating], octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView
 ) -> Figure:
     """The newest scan (n, 3), vehicle frame; its map's highest leaves in the view's band, and nodes; the image of heading 0."""
     octree, heights = octree_map.octree, Normalize(0.0, view.high_m)
     half_m = octree.edge_m / 2
-    fig = figure(WIDTH_IN, 2.7, simulated, "From a scan to its bird-view")
+    fig = figure(WIDTH_IN, 2.7, "From a scan to its bird-view")
     scan, leaves, nodes, image = axes = fig.subplots(1, 4)
     near = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
     near = near[:: -(-len(near) // POINTS) or 1]

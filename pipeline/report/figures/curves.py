@@ -1,4 +1,4 @@
-"""The papers' curves: precision over recall, recall among the first n places, and the training of a model."""
+"""The papers' curves: numbers over the year, precision over recall, recall among the first n places, and a model's training."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,9 +8,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.figures.panels import balanced, in_corner, name_ends, panels, precision_axes, share_limits
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, figure, handles, look, styled
-from pipeline.report.study import Result, by_model, by_sequence, some
+from pipeline.report.comparison import AUC, FAR, RECALL
+from pipeline.report.figures.panels import balanced, in_corner, name_ends, oracle_line, panels, precision_axes, share_limits
+from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
+from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -20,12 +21,42 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 
 
 @styled
-def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) -> Figure:
+def year(results: Sequence[Result], train: str) -> Figure:
+    """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the oracle's recall@1 in grey."""
+    groups, looks, measures = by_model(results), look(by_model(results)), (AUC, RECALL, FAR)
+    fig = figure(WIDTH_IN, 6.2, f"The year after training on {train[:10]}")
+    axes = fig.subplots(len(measures), 1, sharex=True)
+    for axis, measure in zip(axes, measures, strict=True):
+        lines, protocol = [], measure.protocol
+        for model, group in groups.items():
+            (tint, dash), days = looks[model], [one.days for one in group]
+            values = np.array([one.number(protocol, measure.name) for one in group])
+            bounds = np.array([one.interval(protocol, measure.name) or (np.nan, np.nan) for one in group]).T
+            axis.fill_between(days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1)
+            if len(days) == 1:  # a band has no width there
+                axis.vlines(days, *bounds, color=tint, lw=0.9, alpha=0.6)
+            axis.plot(days, values, color=tint, ls=dash, marker="o", ms=4, mec="white", mew=0.6, zorder=3)
+            lines.append((model, tint, np.stack([days, values], axis=1)))
+        first = [group[0] for group in by_sequence(results).values()]
+        oracle = [one.number(protocol, "oracle") for one in first]
+        lines.append(oracle_line(axis, [one.days for one in first], oracle, "oracle recall@1"))
+        axis.set_ylabel(measure.title)
+        axis.set_ylim(*share_limits(axis.dataLim.intervaly))
+        axis.grid(axis="y")
+        name_ends(axis, lines, gap=0.088)
+    shown = {result.days: result.sequence[:10] for result in results}  # two sequences of one day share a label
+    axes[-1].set_xticks(list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor")
+    axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
+    return fig
+
+
+@styled
+def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve with its area, a dot at its own threshold."""
-    groups, looks = by_sequence(some(results)), look(by_model(results))
+    groups, looks = by_sequence(results), look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
-    width_in = WIDTH_IN if columns > 1 else 3.5
-    fig = figure(width_in, 0.85 + (1.5 if columns > 3 else 2.0) * rows, simulated, f"Precision over recall, by {protocol}")
+    width_in, height_in = WIDTH_IN if columns > 1 else 3.5, 0.85 + (1.5 if columns > 3 else 2.0) * rows
+    fig = figure(width_in, height_in, f"Precision over recall, by {protocol}")
     for axis, group in zip(panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True):
         for line, result in enumerate(reversed(group)):
             (tint, dash), (precision, recall) = looks[result.model], result.evaluation.exact_curve(protocol)
@@ -40,24 +71,23 @@ def precision_recall(results: Sequence[Result], protocol: str, simulated: bool) 
 
 
 @styled
-def recall_at(results: Sequence[Result], simulated: bool) -> Figure:
+def recall_at(results: Sequence[Result]) -> Figure:
     """Recall among the first n places, without rejection: each model's mean over the test sequences, and each sequence faint."""
-    groups, looks = by_model(some(results)), look(by_model(results))
-    fig = figure(WIDTH_IN, 2.6, simulated, "Recall among the first n places")
+    groups, looks = by_model(results), look(by_model(results))
+    fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
     every = [result.evaluation.protocol(protocol).recall_at for protocol in PROTOCOLS for result in results]
     axes[0].set_ylim(*share_limits(*every))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
-        means = []
+        means, n = [], np.arange(1, len(every[0]) + 1)
         for model, group in groups.items():
             curves = np.stack([result.evaluation.protocol(protocol).recall_at for result in group])  # (sequence, n)
             curves, (tint, dash) = curves[np.isfinite(curves).all(axis=1)], looks[model]
             if len(curves):
-                n, mean = np.arange(1, curves.shape[1] + 1), curves.mean(axis=0)
                 axis.plot(n, curves.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
-                axis.plot(n, mean, color=tint, ls=dash, lw=1.6, zorder=3)
-                means.append((model, tint, np.stack([n, mean], axis=1)))
-        axis.set(xlim=(1, 1.05 * len(every[0])), xlabel="n", title=f"by {protocol}", xticks=(1, 5, 10, 15, 20, 25))
+                axis.plot(n, curves.mean(axis=0), color=tint, ls=dash, lw=1.6, zorder=3)
+                means.append((model, tint, np.stack([n, curves.mean(axis=0)], axis=1)))
+        axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=(1, 5, 10, 15, 20, 25))
         axis.grid(axis="y")
         name_ends(axis, means, gap=0.08)
     axes[0].set_ylabel("recall@n of the seen queries")
@@ -65,13 +95,13 @@ def recall_at(results: Sequence[Result], simulated: bool) -> Figure:
 
 
 @styled
-def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str, simulated: bool) -> Figure:
+def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
     """The training of a model: a panel for each curve (round,), on training and on held-out blocks; `best`, from 0, was kept."""
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
     heading = f"{model}: " + (f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}")
     rows, columns = balanced(len(names), 3)
-    fig = figure(WIDTH_IN, 0.4 + (2.0 if rows == 1 else 1.5) * rows, simulated, heading)
+    fig = figure(WIDTH_IN, 0.4 + (2.0 if rows == 1 else 1.5) * rows, heading)
     for axis, name in zip(panels(fig, len(names), columns, shared=False), names, strict=True):
         for key, tint, label in ((name, "0.6", "training"), (HELD_OUT + name, colour(model), "held out")):
             if key in curves:
@@ -80,7 +110,7 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
             last = axis.lines[-1]
             dot = best + 1, np.asarray(last.get_ydata())[best]
             axis.plot(*dot, "o", ms=4, color=last.get_color(), mec="white", mew=0.6, clip_on=False, zorder=4)
-            axis.axvline(best + 1, color=QUIET, lw=0.7, ls=DASHED, zorder=1)
+            axis.axvline(best + 1, **MARK)
         axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))
         axis.set_ylim(0, 1 if name.endswith(SHARE_ENDINGS) else None)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))

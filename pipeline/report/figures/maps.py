@@ -11,27 +11,25 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.report.figures.panels import balanced, panels
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
-from pipeline.report.study import Result, by_model, by_sequence, some
+from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
 
-OUTCOMES = (  # name, colour, marker; blues are right and warm colours wrong, light ones seen and dark ones mostly unseen
-    ("hit", "#6BB6E8", "o"),
-    ("miss", "#EFA31D", "^"),
-    ("false alarm", "#B2182B", "X"),
-    ("correct rejection", "#1B3C73", "s"),
+# in the order of the codes of `Judgement.outcome`; blues are right, warm colours wrong, light ones seen, dark ones mostly unseen
+OUTCOMES = (
+    *(("hit", "#6BB6E8", "o"), ("miss", "#EFA31D", "^")),
+    *(("false alarm", "#B2182B", "X"), ("correct rejection", "#1B3C73", "s")),
 )
-"""In the order of the codes of `Judgement.outcome`; by cells every query is judged."""
 BOTTOM_UP = (0, 3, 1, 2)  # codes in the order they are drawn: right ones first, so that wrong ones lie above them
 
 
 @styled
-def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
+def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
     box = _box([result], train_xy_m)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
-    fig = figure(width_in, height_in + 0.6, simulated, f"{result.model} on {result.label}, by cells")
+    fig = figure(width_in, height_in + 0.6, f"{result.model} on {result.label}, by cells")
     axis = fig.subplots()
     _map(axis, result, train_xy_m, box, size=6.0)
     _scale_bar(axis, box)
@@ -40,13 +38,13 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64], simulated: bool
 
 
 @styled
-def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64], simulated: bool) -> Figure:
+def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figure:
     """All maps on one scale, a row a model where there are several; counts below each map, in the legend's order."""
-    box, models = _box(some(results), train_xy_m), by_model(results)
+    box, models = _box(results, train_xy_m), by_model(results)
     slope, several = float(np.divide(*(box[1] - box[0])[::-1])), len(models) > 1
     rows, columns = (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
     panel_in, title_in = WIDTH_IN / max(columns, 4 if several else 3), 0.24 if several else 0.42
-    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, simulated, "Outcomes by cells")
+    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, "Outcomes by cells")
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):

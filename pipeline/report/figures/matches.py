@@ -1,4 +1,7 @@
-"""Fig. 7 of the SCI paper: queries beside the training images that they were matched with, right and wrong."""
+"""Fig. 7 of the SCI paper: queries beside the training images that they were matched with.
+
+Right ones are chosen over the year; wrong ones are those of least novelty.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,14 +11,92 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
-from pipeline.report.figures.examples import Example, degrees
+from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Evaluation
+from pipeline.report.alike import best_shift
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
-from pipeline.report.study import some
+from pipeline.report.result import Result, of_one_model
 from pipeline.views.scan_context import colorize
 
-WRONG = "#B2182B"
+Which = Callable[[Evaluation], NDArray[np.bool_]]
+RIGHT = 3  # sequences with a right example
+# kinds of wrong answers, how many examples to show of each, and which queries (q,) they are
+WRONG: tuple[tuple[str, int, Which], ...] = (
+    ("next cell", 1, lambda e: (e.cells.outcome == FALSE_ALARM) & e.cells.seen & (e.distance.outcome == HIT)),
+    ("misplaced", 4, lambda e: e.distance.seen & (e.distance.true_rank != 0) & (e.cells.true_rank != 0)),
+    ("unseen", 2, lambda e: (e.distance.outcome == FALSE_ALARM) & e.distance.unseen),
+)
+APART_M = 40.0  # least distance between examples of one kind, so that they are no neighbours
+TURNED_DEG = 90.0
+RED = "#B2182B"
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A query to show."""
+
+    result: Result
+    query: int
+    verdict: str  # "right" or a kind of wrong answer
+
+    @property
+    def xy_m(self) -> NDArray[np.float64]:
+        """Position of the query (2,)."""
+        return np.asarray(self.result.evaluation.xy_m[self.query])
+
+    @property
+    def novelty(self) -> float:
+        """The one in use."""
+        return float(self.result.evaluation.novelty[self.query, 0])
+
+    def caption(self) -> str:
+        """Verdict, sequence, novelty, error and heading, in four lines."""
+        e, i = self.result.evaluation, self.query
+        accepted = "accepted" if self.novelty < e.reject_from[0] else "rejected"
+        numbers = f"novelty {self.novelty:.3f}, {e.error_m[i]:.{int(e.error_m[i] < 9.95)}f} m off"
+        return f"{self.verdict}, {accepted}\n{self.result.label}\n{numbers}\nheading {degrees(e.turn_deg[i])} to training"
+
+    def apart(self, others: Sequence["Example"]) -> bool:
+        """At least APART_M from all others."""
+        return all(np.linalg.norm(self.xy_m - other.xy_m) >= APART_M for other in others)
+
+
+def choose(results: Sequence[Result]) -> list[Example]:
+    """Examples of one model: right ones over the year, one of them turned, and the wrong ones of least novelty by kind."""
+    group = of_one_model(results)
+    chosen = _right(group)
+    for verdict, number, which in WRONG:
+        found: list[Example] = []
+        for example in _surest(group, verdict, which):
+            if len(found) < number and example.apart(found):
+                found.append(example)
+        chosen += found
+    return chosen
+
+
+def _right(group: Sequence[Result]) -> list[Example]:
+    """The hit of median novelty in sequences spread over the year; then the surest one that drove another way than training."""
+    every = (_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group)
+    hits = [ordered for ordered in every if ordered]
+    chosen: list[Example] = []
+    for n in np.unique(np.linspace(0, len(hits) - 1, RIGHT).round().astype(int)) if hits else ():
+        middle = len(hits[n]) // 2
+        outwards = sorted(range(len(hits[n])), key=lambda i: abs(i - middle))
+        chosen.append(next((hits[n][i] for i in outwards if hits[n][i].apart(chosen)), hits[n][middle]))
+    turned = _surest(group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG))
+    shown = {(example.result.sequence, example.query) for example in chosen}
+    return chosen + [example for example in turned if (example.result.sequence, example.query) not in shown][:1]
+
+
+def _surest(group: Sequence[Result], verdict: str, which: Which) -> list[Example]:
+    """The queries of some kind in all sequences, least novel first."""
+    found = [Example(result, int(i), verdict) for result in group for i in np.flatnonzero(which(result.evaluation))]
+    return sorted(found, key=lambda example: example.novelty)
+
+
+def degrees(angle_deg: float) -> str:
+    """An angle with its sign: `+4°`, `−177°`."""
+    return f"{round(angle_deg):+d}°".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -37,21 +118,18 @@ class Training:
 
 
 @styled
-def matches(
-    examples: Sequence[Example], training: Training, images: Callable[[str], Any], simulated: bool, own: bool = True
-) -> Figure:
+def matches(examples: Sequence[Example], training: Training, images: Callable[[str], Any], own: bool = True) -> Figure:
     """A row an example: the query's image, the answered place's, and for a wrong answer the training image nearest to the query.
 
     `images` gives a test sequence's images (submap, ring, sector), `own` says that they are the model's own views. Training
     images are rolled to the heading at which they look most like the query, as the network's own training copies are.
     """
-    model = some([example.result for example in examples])[0].model
-    heading = f"{model}: queries and the training images they were matched with" + ("" if own else ", as Scan Contexts")
-    fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), simulated, heading)
+    heading = "queries and the training images they were matched with" + ("" if own else ", as Scan Contexts")
+    fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), f"{examples[0].result.model}: {heading}")
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
     for (text, left, middle, right), example in zip(axes, examples, strict=True):
         evaluation, i, wrong = example.result.evaluation, example.query, example.verdict != "right"
-        query, tint = np.asarray(images(example.result.sequence)[i]), WRONG if wrong else "0.1"
+        query, tint = np.asarray(images(example.result.sequence)[i]), RED if wrong else "0.1"
         text.set_axis_off()
         text.text(0.0, 0.5, example.caption(), transform=text.transAxes, va="center", size=7, color=tint, linespacing=1.3)
         _show(left, query)
@@ -74,8 +152,7 @@ def matches(
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
     """A query, or an image rolled towards it: heights (ring, sector) in the project's jet, the nearest ring at the bottom."""
-    image = query if image is None else image
-    shift = 0 if image is query else best_shift(query, image)
+    shift, image = (0, query) if image is None else (best_shift(query, image), image)
     axis.imshow(colorize(np.roll(image, shift, axis=1)), origin="lower", aspect="auto", interpolation="nearest")
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
@@ -86,13 +163,3 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
 def _note(axis: Axes, x: float, text: str) -> None:
     """In the lower left or right corner of an image."""
     axis.text(x, 0.06, text, transform=axis.transAxes, color="white", size=6.5, ha="right" if x > 0.5 else "left")
-
-
-def best_shift(query: NDArray[np.float32], image: NDArray[np.float32]) -> int:
-    """By how many columns to roll an image (ring, sector) so that it correlates best with the query, both slightly blurred."""
-    spectra = []
-    for heights in (query, image):
-        blurred = uniform_filter(np.clip(heights, 0.0, 15.0).astype(np.float64), 3, mode=("nearest", "wrap"))
-        spectra.append(np.fft.rfft(blurred - blurred.mean(), axis=1))
-    correlation = np.fft.irfft((spectra[0] * spectra[1].conj()).sum(axis=0), image.shape[1])
-    return int(correlation.round(6).argmax())

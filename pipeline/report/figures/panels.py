@@ -8,12 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.report.figures.style import VEIL, folded, look
+from pipeline.report.figures.style import QUIET, VEIL, folded, look
 from pipeline.report.found import Found
 
 LINE_IN = 0.125  # height of a line of text
-Line = tuple[str, str, NDArray[np.float64]]
-"""Name, colour and points (n, 2)."""
+Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
@@ -38,9 +37,10 @@ def panels(fig: Figure, number: int, columns: int, shared: bool = True, x: str =
 
 def precision_axes(axis: Axes, title: str) -> None:
     """Scales of a small panel of precision over recall."""
+    ticks: Any = {"ticks": (0.0, 0.5, 1.0), "labels": ("0", ".5", "1")}
     axis.set(xlim=(0, 1), ylim=(0, 1.02))
-    axis.set_xticks((0.0, 0.5, 1.0), ("0", ".5", "1"))
-    axis.set_yticks((0.0, 0.5, 1.0), ("0", ".5", "1"))
+    axis.set_xticks(**ticks)
+    axis.set_yticks(**ticks)
     axis.set_title(title, pad=5)
 
 
@@ -59,6 +59,14 @@ def share_limits(*values: Any) -> tuple[float, float]:
     return low - 0.02 * (high - low), high + 0.03 * (high - low)
 
 
+def points(axis: Axes, x: Any, values: NDArray[np.float64], tint: str, marker: str = "o", alpha: float = 1.0, **own: Any) -> None:
+    """Markers of values (n, 3) with their intervals as bars."""
+    value, low, high = values.T
+    axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
+    look: Any = {"ls": "", "marker": marker, "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
+    axis.plot(x, value, color=tint, alpha=alpha, **(look | own))
+
+
 def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
     """A line a model through its means, each slightly beside the others, bars are deviations over the test sequences."""
     looks, lines = look(found), []
@@ -74,6 +82,13 @@ def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
 def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
     """Means and deviations over the test sequences (2, k)."""
     return np.array([[one.mean for one in found], [one.over_sequences for one in found]])
+
+
+def oracle_line(axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle") -> Line:
+    """The oracle's recall@1 (n,), in grey."""
+    line = np.stack([x, shares], axis=1).astype(np.float64)
+    axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
+    return name, QUIET, line
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:

@@ -1,25 +1,29 @@
-"""Fig. 10 of the SCI paper and similar ones: dots that show each model's numbers beside each other, as driven and altered."""
+"""Fig. 9 to 11 of the SCI paper: each model's numbers as driven and altered, over levels of change, N-way training and cells."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.report.comparison import AUC, AUROC, FAR, OFF, RECALL, Comparison, Kind, Measure, label
-from pipeline.report.figures.panels import means_of, name_rows, share_limits
-from pipeline.report.figures.style import DASHED, QUIET, WIDTH_IN, below, dot, figure, styled, tints
+from pipeline.report.comparison import AUC, AUROC, FAR, FAR_AUC, KEPT, OFF, RECALL, Comparison, Kind, Measure
+from pipeline.report.figures.panels import LINE_IN, Line, means_of, model_lines, name_ends, name_rows, oracle_line, share_limits
+from pipeline.report.figures.style import DASHES, MARK, WIDTH_IN, below, dot, figure, look, styled, tints
+from pipeline.report.found import Found
+from pipeline.studies.colours import colour, method_of
 
 MARKERS = "osD^vP"
+MEASURES = (AUC, KEPT, FAR)
 
 
 @styled
-def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, simulated: bool, heading: str) -> Figure:
+def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, heading: str) -> Figure:
     """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars: deviations over sequences."""
     models, kinds = comparison.ordered(by, AUC), comparison.kinds
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
-    fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), simulated, heading)
+    fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), heading)
     axes = fig.subplots(1, len(measures), squeeze=False, sharey=True)[0]
     for axis, measure in zip(axes, measures, strict=True):
         found = [means_of([comparison.found(model, kind, measure) for model in models]) for kind in kinds]
@@ -28,29 +32,109 @@ def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, simulate
                 _row(axis, models, values, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
         if len(kinds) == 2 and not measure.relative:
             axis.hlines(range(len(models)), found[0][0], found[1][0], color="0.75", lw=1.0, zorder=1)
-        _scale(axis, measure)
+        _scale_x(axis, measure)
     name_rows(axes[0], tints(models))
-    below(fig, [dot(label(kind), marker=MARKERS[i % len(MARKERS)], full=i > 0) for i, kind in enumerate(kinds)])
+    below(fig, [dot(kind.label, marker=MARKERS[i % len(MARKERS)], full=i > 0) for i, kind in enumerate(kinds)])
     return fig
 
 
 @styled
-def sequences(comparison: Comparison, named: Mapping[str, str], simulated: bool, heading: str) -> Figure:
+def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) -> Figure:
     """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above; bars: over the seeds."""
     models, measures = comparison.ordered(Kind(), RECALL), (RECALL, AUC, AUROC, FAR)
-    fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), simulated, heading)
+    fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), heading)
     grid = fig.subplots(len(comparison.sequences), len(measures), squeeze=False, sharex="col", sharey=True)
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
             found = [comparison.found(model, Kind(), measure).on(i) for model in models]
             _row(axis, models, np.array([[one.mean for one in found], [one.over_seeds for one in found]]))
-            _scale(axis, measure)
+            _scale_x(axis, measure)
         row[0].set_title(named[sequence], loc="left", pad=4)
         name_rows(row[0], tints(models))
     for axis in grid[:-1].flat:
         axis.set_xlabel("")
     for column in grid.T:
         column[0].set_xlim(*share_limits(*(axis.dataLim.intervalx for axis in column)))
+    return fig
+
+
+@styled
+def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
+    """A panel a measure, a line a model, over the level of the change in `unit`; walls with shadow in a second row."""
+    models, shadows = comparison.models, sorted({kind.shadow for kind in comparison.changes})
+    panel_in = 0.5 + 0.12 * max(len(models), 8)
+    fig = figure(WIDTH_IN, 0.3 + (0.6 + panel_in) * len(shadows), heading)
+    grid = fig.subplots(len(shadows), len(MEASURES), squeeze=False, sharex=True, sharey="col")
+    for column, measure in zip(grid.T, MEASURES, strict=True):
+        ends = []
+        for axis, shadow in zip(column, shadows, strict=True):
+            changed = [kind for kind in comparison.changes if kind.shadow == shadow]
+            kinds = [Kind(), *sorted(changed, key=lambda kind: kind.level)]
+            ends.append(model_lines(axis, {m: [comparison.found(m, kind, measure) for kind in kinds] for m in models}))
+            axis.set_xticks(range(len(kinds)), [f"{kind.level:g}" for kind in kinds])
+            axis.tick_params(labelbottom=True)
+            axis.set_title(measure.title, loc="left", pad=9)
+            axis.set_xlabel(unit)
+        _scale_y(column, measure)
+        for axis, lines in zip(column, ends, strict=True):
+            name_ends(axis, lines, gap=LINE_IN / panel_in)
+    for axis, shadow in zip(grid[:, 0], shadows, strict=True):
+        if any(shadows):
+            axis.set_ylabel("what is behind is hidden" if shadow else "what is behind stays in view")
+    return fig
+
+
+@styled
+def ways(comparison: Comparison, kind: Kind, others: Sequence[str], heading: str) -> Figure:
+    """A method over N of its N-way training, as driven and altered; `others` altered, as level lines."""
+    found, looks = comparison.ways(), look(comparison.models)
+    method, at = method_of(next(iter(found.values()))), np.arange(len(found))
+    tint = colour(method)
+    fig = figure(WIDTH_IN, 2.7, heading)
+    for axis, measure in zip(fig.subplots(1, len(MEASURES)), MEASURES, strict=True):
+        ends: list[Line] = []
+        for one in (kind,) if measure.relative else (Kind(), kind):
+            dash, fill = ("-", tint) if one == kind else (DASHES[1], "white")
+            means, apart = means_of([comparison.found(model, one, measure) for model in found.values()])
+            marks: Any = {"marker": "o", "ms": 4, "mfc": fill, "mew": 0.8}
+            axis.errorbar(at, means, apart, color=tint, lw=1.3, ls=dash, elinewidth=0.6, zorder=3, **marks)
+            ends.append((f"{method} {one.label}", tint, np.stack([at, means], axis=1)))
+        for model in others:
+            level = np.array([[-0.3, at[-1]], [comparison.found(model, kind, measure).mean] * 2])
+            axis.plot(*level, color=looks[model][0], lw=1.0, ls=DASHES[2])
+            ends.append((model, looks[model][0], level.T))
+        axis.set_xticks(at, [str(n) for n in found])
+        axis.set(xlim=(-0.3, len(found) - 0.7), xlabel="N of N-way")
+        axis.set_title(measure.title, loc="left", pad=5)
+        _scale_y([axis], measure)
+        name_ends(axis, ends, gap=0.07)
+    return fig
+
+
+@styled
+def cells(
+    values: Mapping[tuple[str, str, str], Sequence[NDArray[np.float64]]],
+    sizes_m: Sequence[float],
+    oracle: Mapping[str, Sequence[float]],
+    heading: str,
+) -> Figure:
+    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's mean recall@1 by protocol.
+
+    `values` go by model, protocol and number: for each size one value a test sequence (s,).
+    """
+    models = list(dict.fromkeys(model for model, _, _ in values))
+    panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
+    fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
+    for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
+        rows = {model: values.get((model, measure.protocol, measure.name), ()) for model in models}
+        found = {model: [Found(np.reshape(one, (1, -1, 1))) for one in row] for model, row in rows.items() if len(row)}
+        ends = model_lines(axis, found)
+        if measure.name == "recall_at_1":
+            ends.append(oracle_line(axis, range(len(sizes_m)), oracle[measure.protocol]))
+        axis.set_xticks(range(len(sizes_m)), [f"{side_m:g} m" for side_m in sizes_m])
+        axis.set_title(measure.title, loc="left", pad=8)
+        _scale_y([axis], measure)
+        name_ends(axis, ends, gap=LINE_IN / panel_in)
     return fig
 
 
@@ -63,12 +147,22 @@ def _row(
         axis.plot(mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3)
 
 
-def _scale(axis: Axes, measure: Measure) -> None:
+def _scale_x(axis: Axes, measure: Measure) -> None:
     """Shares up to 1, or degrees from 0; a line where nothing is lost."""
     limits = share_limits(axis.dataLim.intervalx)
     axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is OFF else limits))
     if measure.relative:
-        axis.axvline(1.0, color=QUIET, lw=0.7, ls=DASHED, zorder=1)
+        axis.axvline(1.0, **MARK)
     axis.set_xlabel(measure.title)
     axis.grid(axis="both")
     axis.tick_params(axis="y", left=False)
+
+
+def _scale_y(axes: Iterable[Axes], measure: Measure) -> None:
+    """One scale for some panels, and a line where nothing is lost."""
+    limits = share_limits(*(axis.dataLim.intervaly for axis in axes))
+    for axis in axes:
+        axis.set_ylim(*limits)
+        axis.grid(axis="y")
+        if measure.relative:
+            axis.axhline(1.0, **MARK)

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -12,6 +13,9 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from pipeline.errors import InputError
+from pipeline.report.findings import Finding
+from pipeline.report.section import Illustration
+from pipeline.report.study import Study
 from pipeline.studies.colours import colour, method_of
 
 STYLE: Any = {
@@ -39,27 +43,26 @@ styled = matplotlib.rc_context(STYLE)
 """Decorator of functions that draw a figure."""
 WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
+LINE_IN, MARGIN_IN = 0.17, 0.04  # of the heading
 DPI = 200  # of PNG files, and of the dense points within an SVG
 SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"  # grey of labels and lines of less weight
 VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}  # behind text that curves may cross
 DASHED = (0, (4, 3))  # lines of thresholds and of marks to reach
+MARK: Any = {"color": QUIET, "lw": 0.7, "ls": DASHED, "zorder": 1}  # a line to compare with
+# of a method, then of its variants
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (2, 2)), (0, (8, 2)))
-"""Of a method, then of its variants."""
 LONG = 12  # letters of a model's name that fit beside a panel
 
 
 def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
     """Colour and dash of each model in a figure: its method's colour, darker and with another dash from variant to variant."""
-    models, variants = list(models), dict[str, list[str]]()
-    for model in sorted(models, key=lambda name: (name != method_of(name), len(name), name)):
-        variants.setdefault(method_of(model), []).append(model)
-    looks = {}
+    models, looks = list(models), {}
     for model in models:
-        kin = variants[method_of(model)]
-        red, green, blue = to_rgb(colour(model))
-        shade = 1.0 - 0.6 * kin.index(model) / max(len(kin) - 1, 1)
-        looks[model] = to_hex((shade * red, shade * green, shade * blue)).upper(), DASHES[kin.index(model) % len(DASHES)]
+        kin = sorted({one for one in models if method_of(one) == method_of(model)}, key=lambda one: ("-" in one, len(one), one))
+        place, rgb = kin.index(model), np.array(to_rgb(colour(model)))
+        shade = 1.0 - 0.6 * place / max(len(kin) - 1, 1)
+        looks[model] = to_hex((*(shade * rgb),)).upper(), DASHES[place % len(DASHES)]
     return looks
 
 
@@ -75,9 +78,8 @@ def handles(models: Iterable[str]) -> list[Line2D]:
 
 def dot(label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0) -> Line2D:
     """A legend's entry of a marker."""
-    return Line2D(
-        [], [], ls="", marker=marker, ms=4, color=tint, mfc=tint if full else "white", mew=0.8, alpha=alpha, label=label
-    )
+    shape: Any = {"marker": marker, "ms": 4, "mfc": tint if full else "white", "mew": 0.8}
+    return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **shape)
 
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
@@ -91,24 +93,23 @@ def folded(model: str) -> str:
     return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONG and cut > 0 else model
 
 
-def figure(width_in: float, height_in: float, simulated: bool, heading: str) -> Figure:
-    """An empty figure with a tight layout below its heading, and SIMULATED where the data was."""
-    lines = 2 if simulated and width_in < WIDE_IN else 1
-    engine = ConstrainedLayoutEngine(rect=(0.0, 0.0, 1.0, 1.0 - 0.17 * lines / height_in), w_pad=0.03, h_pad=0.03)
-    fig = Figure(figsize=(width_in, height_in), layout=engine)
-    left, right, top = 0.04 / width_in, 1.0 - 0.04 / width_in, 1.0 - 0.04 / height_in
-    if simulated:
-        fig.text(right, top, SIMULATED, ha="right", va="top", size=7, style="italic", color=QUIET)
-    fig.text(left, top - 0.17 * (lines - 1) / height_in, heading, ha="left", va="top", size=8, weight="bold")
+def figure(width_in: float, height_in: float, heading: str) -> Figure:
+    """An empty figure with a tight layout below its heading."""
+    fig = Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03))
+    fig.text(MARGIN_IN / width_in, 1.0, heading, ha="left", va="top", size=8, weight="bold")
     return fig
 
 
-def save(fig: Figure, path: Path) -> Path:
-    """Write a figure as .svg or .png, the same bytes each time: no date, no random ids, fonts from matplotlib itself."""
+def save(fig: Figure, path: Path, simulated: bool) -> Path:
+    """Write a figure as .svg or .png, with SIMULATED above where its data was; raises InputError for another ending.
+
+    The bytes are the same each time: no date, no random ids, fonts from matplotlib itself.
+    """
     metadata: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".png": {"Software": None}}
     if path.suffix not in metadata:
         raise InputError(f"{path.name}: a figure is saved as .svg or .png")
     with matplotlib.rc_context(STYLE):
+        _head(fig, simulated)
         FigureCanvasAgg(fig)
         fig.draw_without_rendering()
         fig.set_layout_engine("none")
@@ -117,3 +118,21 @@ def save(fig: Figure, path: Path) -> Path:
             axis.set_position((left, bottom, width, height), which="original")
         fig.savefig(path, dpi=DPI, metadata=metadata[path.suffix])
     return path
+
+
+def illustrate(
+    kind: str, figure: Figure, study: Study, folder: Path, *findings: Finding, name: str = "", **values: str
+) -> Illustration:
+    """Save a figure of a study as an SVG of its kind's or another name; `values` fill its words."""
+    return Illustration(kind, save(figure, folder / f"{name or kind}.svg", study.simulated), findings, values)
+
+
+def _head(fig: Figure, simulated: bool) -> None:
+    """Keep room for the heading, and for SIMULATED beside it, or above it in a narrow figure."""
+    width_in, height_in = fig.get_size_inches()
+    above_in = LINE_IN * (simulated and width_in < WIDE_IN)
+    top = 1.0 - MARGIN_IN / height_in
+    if simulated:
+        fig.text(1.0 - MARGIN_IN / width_in, top, SIMULATED, ha="right", va="top", size=7, style="italic", color=QUIET)
+    fig.texts[0].set_y(top - above_in / height_in)
+    cast(ConstrainedLayoutEngine, fig.get_layout_engine()).set(rect=(0.0, 0.0, 1.0, 1.0 - (LINE_IN + above_in) / height_in))

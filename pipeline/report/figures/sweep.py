@@ -26,6 +26,7 @@ class SweepJob:
     values: Mapping[str, str]  # parameter to value, such as {"grid.cell_m": "5"}
     numbers: Mapping[tuple[str, str], Sequence[float]]  # protocol and number to one value a test sequence; none of a failed job
     error: str | None  # why it failed
+    held_out_auc: float | None = None
 
     def value(self, name: str) -> str:
         """Of a parameter; of `job` its own number."""
@@ -37,24 +38,23 @@ class SweepJob:
 
 
 @styled
-def response(jobs: Sequence[SweepJob], swept: Sequence[str], simulated: bool) -> Figure:
+def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
     """Both panels over the swept parameter with most values, numeric if any is; a line for each combination of the others.
 
     Points are joined along a numeric axis only. Raises InputError where every job failed.
     """
     if not any(job.numbers for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
-    values = {name: {job.value(name) for job in jobs} for name in swept}
+    values = {name: [job.value(name) for job in jobs] for name in (*swept, "job")}
     numeric = [name for name in swept if all(map(NUMBER.fullmatch, values[name]))]
-    along = max(numeric or swept, key=lambda name: len(values[name]), default="job")
-    ordered = list(dict.fromkeys(job.value(along) for job in jobs))
-    joined = all(map(NUMBER.fullmatch, ordered))
-    ticks = {value: float(value) if joined else float(i) for i, value in enumerate(ordered)}
+    along = max(numeric or swept, key=lambda name: len(set(values[name])), default="job")
+    joined = all(map(NUMBER.fullmatch, values[along]))
+    ticks = {value: float(value) if joined else float(i) for i, value in enumerate(dict.fromkeys(values[along]))}
     lines: dict[str, list[tuple[float, SweepJob]]] = {}
     for job in sorted(jobs, key=lambda job: (ticks[job.value(along)], job.number)):
         name = ", ".join(f"{name.rpartition('.')[2]} {job.value(name)}" for name in swept if name != along)
         lines.setdefault(name or "mean of the test sequences", []).append((ticks[job.value(along)], job))
-    fig = figure(WIDTH_IN, 3.0, simulated, f"Over {along}, by both protocols")
+    fig = figure(WIDTH_IN, 3.0, f"Over {along}, by both protocols")
     for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
         _panel(axis, lines, measure, joined)
         axis.set(xlabel=along, ylabel=measure.title)
@@ -84,6 +84,5 @@ def _panel(axis: Axes, lines: Mapping[str, Sequence[tuple[float, SweepJob]]], me
                 low = axis.get_xaxis_transform()
                 axis.plot(x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low)
     best = np.array(sorted((x, np.mean(found)) for x, found in oracle.items() if found)).reshape(-1, 2)
-    dot = "." if len(best) == 1 else ""
-    axis.plot(*best.T, marker=dot, lw=0.9, color="0.6", label="oracle recall@1", zorder=1)
+    axis.plot(*best.T, marker="." if len(best) == 1 else "", lw=0.9, color="0.6", label="oracle recall@1", zorder=1)
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

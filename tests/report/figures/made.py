@@ -1,7 +1,8 @@
 """Small evaluations and comparisons, worked out by hand, that the tests of figures draw."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,7 +16,8 @@ from pipeline.evaluation.rows import of_evaluation, row, table
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
-from pipeline.report.study import Result
+from pipeline.report.figures.style import SIMULATED, save
+from pipeline.report.result import Result
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)
@@ -124,3 +126,14 @@ BUILT = compared(
 
 def words(fig: Figure) -> list[str]:
     return [text.get_text() for text in fig.findobj(Text)]
+
+
+def saved_alike(draw: Callable[[], Figure | None], folder: Path) -> Figure:
+    """A drawn figure is the same file each time, without a date, and says SIMULATED only if it is."""
+    first, again, recorded = draw(), draw(), draw()
+    assert first is not None and again is not None and recorded is not None  # noqa: PT018
+    assert save(first, folder / "a.svg", True).read_bytes() == save(again, folder / "b.svg", True).read_bytes()
+    assert "<dc:date>" not in save(recorded, folder / "a.svg", False).read_text()
+    assert SIMULATED in words(first)
+    assert SIMULATED not in words(recorded)
+    return recorded

@@ -8,9 +8,9 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.report.figures import ageing, events
 from pipeline.report.figures.ageing import AgeingLine
-from pipeline.report.figures.style import SIMULATED, save
+from pipeline.report.figures.style import save
 from pipeline.report.figures.sweep import SweepJob, response
-from tests.report.figures.made import words
+from tests.report.figures.made import saved_alike, words
 
 DAYS = np.array([0.0, 100.0, 200.0, 300.0])
 NAN = np.full((4, 3), np.nan)
@@ -30,8 +30,7 @@ ROWS = [
 
 
 def test_ageing_shows_each_sequence_and_the_slope_bold_where_it_is_clear() -> None:
-    fig = ageing.lines(ROWS, True)
-    assert SIMULATED in words(fig)
+    fig = ageing.lines(ROWS)
     assert [axis.get_title() for axis in fig.axes] == ["AUC\nby cells", "novelty\nby distance", "", ""]
     assert [axis.get_ylabel() for axis in fig.axes] == ["sci", "", "m2dp", ""]
     dots = next(one for one in fig.axes[0].lines if one.get_marker() == "o")
@@ -41,7 +40,7 @@ def test_ageing_shows_each_sequence_and_the_slope_bold_where_it_is_clear() -> No
 
 
 def test_slopes_are_filled_where_they_are_clear() -> None:
-    fig = ageing.slopes(ROWS, False)
+    fig = ageing.slopes(ROWS)
     assert [tick.get_text() for tick in fig.axes[0].get_yticklabels()] == ["sci", "m2dp", "oracle"]
     fills = {float(one.get_xdata()[0]): one.get_markerfacecolor() for one in fig.axes[0].lines if one.get_marker() == "o"}
     assert (fills[-0.14], fills[-0.005]) == ("#0072B2", "white")
@@ -53,12 +52,9 @@ def test_ageing_of_nothing_shows_no_nan(draw, tmp_path: Path) -> None:
         AgeingLine("sci", "AUC, by cells", False, days, NAN[: len(days)], NAN[: len(days)], NAN[0]) for days in (DAYS, DAYS[:0])
     ]
     for rows in (nothing[:1], nothing[1:]):
-        assert not [text for text in words(draw(rows, False)) if "nan" in text.lower()]
-        assert (
-            save(draw(rows, False), tmp_path / "a.svg").read_bytes() == save(draw(rows, False), tmp_path / "b.svg").read_bytes()
-        )
+        assert not [text for text in words(saved_alike(lambda rows=rows: draw(rows), tmp_path)) if "nan" in text.lower()]
     with pytest.raises(InputError, match="at least one model"):
-        draw([], False)
+        draw([])
 
 
 def test_bands_of_few_queries_are_pale(tmp_path: Path) -> None:
@@ -68,21 +64,15 @@ def test_bands_of_few_queries_are_pale(tmp_path: Path) -> None:
         for seen, near in ((29, (0.2, 0.1, 0.3)), (50, (0.7, 0.6, 0.8)))
     )
     given = {("sci", by, shown): few if shown else many for by in ("cells", "distance") for shown in (True, False)}
-    figures = [events.by_distance(given, ["0–25 m", "over 25 m"], 30, True) for _ in range(2)]
-    shades = {float(np.asarray(one.get_ydata())[0]): one.get_alpha() for one in figures[0].axes[0].lines}
+    fig = saved_alike(lambda: events.by_distance(given, ["0–25 m", "over 25 m"], 30), tmp_path)
+    shades = {float(np.asarray(one.get_ydata())[0]): one.get_alpha() for one in fig.axes[0].lines}
     assert (shades[0.2], shades[0.7], shades[0.9]) == (0.3, 1.0, 1.0)
-    assert {SIMULATED, "recall@1, by cells", "exact AUC, by distance", "0–25", ">25", "29", "550"} <= set(words(figures[0]))
-    first, again = (save(fig, tmp_path / f"{i}.svg").read_bytes() for i, fig in enumerate(figures))
-    assert first == again
+    assert {"recall@1, by cells", "exact AUC, by distance", "0–25", ">25", "29", "550"} <= set(words(fig))
 
 
 def job(number: int, cell: str, n_way: str, auc: float, error: str | None = None) -> SweepJob:
-    found = (
-        {}
-        if error
-        else {("cells", "auc_top1"): (auc, auc - 0.2, np.nan), ("distance", "recall_at_1"): (0.5,), ("cells", "oracle"): (0.9,)}
-    )
-    return SweepJob(number, {"grid.cell_m": cell, "method.n_way": n_way}, found, error)
+    found = {("cells", "auc_top1"): (auc, auc - 0.2, np.nan), ("distance", "recall_at_1"): (0.5,), ("cells", "oracle"): (0.9,)}
+    return SweepJob(number, {"grid.cell_m": cell, "method.n_way": n_way}, {} if error else found, error)
 
 
 BROKEN = job(3, "10", "7", 0.0, "n_way=7: must divide 120")
@@ -90,7 +80,7 @@ BROKEN = job(3, "10", "7", 0.0, "n_way=7: must divide 120")
 
 def test_a_sweep_joins_means_over_the_first_numeric_parameter_with_most_values(tmp_path: Path) -> None:
     jobs = [BROKEN, job(0, "5", "1", 0.7), job(1, "5", "2", 0.8), job(2, "10", "1", 0.9), job(4, "20", "2", 0.9)]
-    fig = response(jobs, ("grid.cell_m", "method.n_way"), True)
+    fig = response(jobs, ("grid.cell_m", "method.n_way"))
     axis = fig.axes[0]
     assert axis.get_xticks().tolist() == [10, 5, 20]
     labels = [text.get_text() for text in fig.legends[0].get_texts()]
@@ -99,15 +89,15 @@ def test_a_sweep_joins_means_over_the_first_numeric_parameter_with_most_values(t
     assert one.get_xydata() == pytest.approx(np.array([[5, 0.6], [10, 0.8]]))
     assert two.get_xydata() == pytest.approx(np.array([[5, 0.7], [20, 0.8]]))
     assert [list(line.get_xdata()) for line in axis.lines if line.get_marker() == "x"] == [[10]]  # the job that failed
-    save(fig, tmp_path / "a.svg")  # a warning of the layout would be an error
+    save(fig, tmp_path / "a.svg", True)  # a warning of the layout would be an error
 
 
 def test_words_are_not_joined_a_sweep_of_one_job_has_a_figure_and_one_in_which_all_failed_has_none() -> None:
     jobs = [
         SweepJob(i, {"method.colormap": name}, {("cells", "auc_top1"): (0.5,)}, None) for i, name in enumerate(("jet", "grey"))
     ]
-    (line, *_) = response(jobs, ("method.colormap",), False).axes[0].lines
+    (line, *_) = response(jobs, ("method.colormap",)).axes[0].lines
     assert (line.get_linestyle(), list(line.get_xdata())) == ("None", [0, 1])
-    assert response(jobs[:1], (), False).axes[0].get_xlabel() == "job"
+    assert response(jobs[:1], ()).axes[0].get_xlabel() == "job"
     with pytest.raises(InputError, match="nothing to draw"):
-        response([BROKEN], ("grid.cell_m",), False)
+        response([BROKEN], ("grid.cell_m",))

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from pipeline.report.figures import curves, novelty, rejection, reliability
+from pipeline.report.figures import curves, rejection
 from pipeline.report.figures.style import colour
-from pipeline.report.figures.year import year
 from tests.report.figures.made import BOTH, ONE, bounded, words
 
 
 def test_curves_have_a_panel_a_sequence_each_exact_area_one_legend_and_a_dot_at_the_models_threshold() -> None:
-    fig = curves.precision_recall(BOTH, "cells", False)
+    fig = curves.precision_recall(BOTH, "cells")
     assert [axis.get_title() for axis in fig.axes] == ["2012-02-04, +20 d", "2012-03-17, +62 d"]
     assert "0.731" in words(fig)
     assert [text.get_text() for text in fig.legends[0].get_texts()] == ["sci", "m2dp"]
@@ -34,7 +33,7 @@ def test_the_exact_curve_passes_every_novelty_and_by_distance_a_misplaced_query_
 
 
 def test_recall_among_the_first_n_is_the_mean_over_faint_sequences() -> None:
-    fig = curves.recall_at(BOTH, False)
+    fig = curves.recall_at(BOTH)
     assert [axis.get_title() for axis in fig.axes] == ["by cells", "by distance"]
     thick = [line for line in fig.axes[0].lines if line.get_linewidth() > 1]
     assert len(thick) == 2
@@ -43,18 +42,18 @@ def test_recall_among_the_first_n_is_the_mean_over_faint_sequences() -> None:
 
 def test_the_history_has_a_panel_a_curve_and_marks_the_round_that_was_kept() -> None:
     losses = {"loss": np.array([3.0, 2.0, 2.5]), "held_out_recall": np.array([0.1, 0.4, 0.5])}
-    fig = curves.history(losses, 1, "sci", False)
+    fig = curves.history(losses, 1, "sci")
     assert "sci: kept after round 2 of 3" in words(fig)  # round 1, counted from 0, is the second
     assert [axis.get_ylabel() for axis in fig.axes] == ["loss", "recall"]
     assert fig.axes[1].get_ylim() == (0, 1)
     assert [line.get_xydata().tolist() for line in fig.axes[1].lines if line.get_marker() == "o"] == [[[2, 0.4]]]
-    unknown = curves.history(losses, None, "sci", False)
+    unknown = curves.history(losses, None, "sci")
     assert "sci: 3 rounds" in words(unknown)
     assert [line.get_marker() for line in unknown.axes[0].lines] == [""]
 
 
 def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_and_names_the_oracle() -> None:
-    fig = year([bounded(one, low, 0.9) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15", False)
+    fig = curves.year([bounded(one, low, 0.9) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15")
     assert [axis.get_ylabel() for axis in fig.axes] == ["AUC top-1 by cells", "recall@1 by cells", "recall@1 by distance"]
     assert fig.axes[-1].get_xticks().tolist() == [20, 62]
     assert {"2012-02-04", "2012-03-17", "sci", "oracle recall@1"} <= set(words(fig))
@@ -64,7 +63,7 @@ def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_a
 
 
 def test_histograms_stack_right_and_misplaced_to_an_area_of_one() -> None:
-    fig = novelty.histograms(ONE, "cells", False)
+    fig = rejection.histograms(ONE, "cells")
     right, both, unseen = fig.axes[0].patches
     width = np.diff(right.get_data().edges)[0]
     areas = [step.get_data().values.sum() * width for step in (right, both, unseen)]
@@ -74,7 +73,7 @@ def test_histograms_stack_right_and_misplaced_to_an_area_of_one() -> None:
 
 
 def test_rejection_shows_each_kind_beside_the_other_and_the_wanted_precision() -> None:
-    fig = rejection.rejection(ONE, False)
+    fig = rejection.rejection(ONE)
     assert [text.get_text() for text in fig.legends[0].get_texts()] == ["entropy (in use)", "energy", "wanted precision 0.9"]
     entropy, energy, wanted = fig.axes[0].lines
     assert entropy.get_ydata().tolist() == pytest.approx([2 / 5, 2 / 5])
@@ -82,17 +81,17 @@ def test_rejection_shows_each_kind_beside_the_other_and_the_wanted_precision() -
     assert (entropy.get_xdata() < energy.get_xdata()).all()
     assert wanted.get_ydata()[0] == 0.9
     single = [replace(one, evaluation=replace(one.evaluation, kinds=("distance",))) for one in ONE]
-    assert rejection.rejection(single, False).legends[0].get_texts()[0].get_text() == "distance"
+    assert rejection.rejection(single).legends[0].get_texts()[0].get_text() == "distance"
 
 
 def test_reliability_pools_the_seen_queries_of_all_sequences() -> None:
-    (name, bins, error), (other, scaled, _) = reliability.confidences(ONE)
+    (name, bins, error), (other, scaled, _) = rejection.confidences(ONE)
     assert (name, other) == ("raw: 1 − cost", "temperature-scaled")
     assert bins.count.sum() == scaled.count.sum() == 10
     # Raw confidences .95 .25 .85 .75 .95, of which the first, second and last are right: |.95−1|·2 + .75 + .85 + .75 over 5.
     assert error == pytest.approx((0.1 + 0.75 + 0.85 + 0.75) / 5)
-    fig = reliability.diagram(ONE, False)
+    fig = rejection.diagram(ONE)
     assert fig is not None
     assert f"ECE {error:.3f}" in words(fig)
     without = replace(ONE[0].evaluation, confidence=np.full(7, np.nan, np.float32))
-    assert reliability.confidences([replace(ONE[0], evaluation=without)]) == []
+    assert rejection.confidences([replace(ONE[0], evaluation=without)]) == []

@@ -13,7 +13,7 @@ from tests.report.figures.made import BOTH, ONE, TRAIN_XY_M, words
 
 
 def test_a_map_counts_and_shows_each_outcome_where_the_query_was_and_its_scale_bar_is_as_long_as_it_says() -> None:
-    fig = maps.outcome_map(ONE[0], TRAIN_XY_M, False)
+    fig = maps.outcome_map(ONE[0], TRAIN_XY_M)
     legend = [text.get_text() for text in fig.legends[0].get_texts()]
     assert legend == ["hit 2", "miss 1", "false alarm 3", "correct rejection 1", "training path"]
     shown = [scatter.get_offsets().tolist() for scatter in fig.axes[0].collections]
@@ -32,7 +32,7 @@ def test_a_wrong_answer_lies_above_a_right_one_at_the_same_place(wrong: int, rig
     e = ONE[0].evaluation
     outcome = np.array([wrong, right] if wrong_first else [right, wrong], np.int8)
     same = replace(e, xy_m=np.full((2, 2), 50.0), cells=replace(e.cells, outcome=outcome))
-    fig = maps.outcome_map(replace(ONE[0], evaluation=same), TRAIN_XY_M, False)
+    fig = maps.outcome_map(replace(ONE[0], evaluation=same), TRAIN_XY_M)
     fig.set_dpi(400)
     canvas = FigureCanvasAgg(fig)
     canvas.draw()
@@ -42,7 +42,7 @@ def test_a_wrong_answer_lies_above_a_right_one_at_the_same_place(wrong: int, rig
 
 
 def test_several_models_have_a_row_of_maps_each() -> None:
-    fig = maps.montage(BOTH[::-1], TRAIN_XY_M, False)
+    fig = maps.montage(BOTH[::-1], TRAIN_XY_M)
     named = [(axis.get_title(), [text.get_text() for text in axis.texts if text.get_rotation() == 90]) for axis in fig.axes]
     assert named == [("2012-02-04, +20 d", ["m2dp"]), ("2012-03-17, +62 d", []), ("", ["sci"]), ("", [])]
     assert [axis.get_subplotspec().rowspan.start for axis in fig.axes] == [0, 0, 1, 1]

@@ -4,11 +4,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT
-from pipeline.report.figures.examples import APART_M, Example, choose, degrees
-from pipeline.report.figures.matches import Training, best_shift, matches
+from pipeline.report.figures.matches import APART_M, Example, Training, choose, degrees, matches
 from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 
@@ -72,17 +70,11 @@ def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_t
     assert training.nearest(np.array([20.0, 50.0])) == 10  # at 10 · 100/49 = 20.4 m
 
 
-@pytest.mark.parametrize("shift", [0, 1, 60, 119])
-def test_a_rolled_image_is_rolled_back(shift: int) -> None:
-    query = np.random.default_rng(2).uniform(0, 10, (40, 120)).astype(np.float32)
-    assert best_shift(query, np.roll(query, -shift, axis=1)) == shift
-
-
 def test_each_row_shows_the_query_the_answer_and_for_a_wrong_one_the_truth() -> None:
     heights = np.zeros((50, 40, 120), np.float32)
     heights[:, 0, 0] = np.arange(50)  # one pixel differs between the submaps
     examples = choose(ONE[:1])
-    fig = matches(examples, Training(heights, TRAIN_PLACES, TRAIN_XY_M), lambda _: heights, simulated=False)
+    fig = matches(examples, Training(heights, TRAIN_PLACES, TRAIN_XY_M), lambda _: heights)
     rows = np.array(fig.axes).reshape(len(examples), 4)
     assert [[len(axis.images) for axis in row[1:]] for row in rows] == [[1, 1, 0]] * 2 + [[1, 1, 1]] * 3
     assert "100 m away" in [text.get_text() for text in rows[-1, 3].texts]

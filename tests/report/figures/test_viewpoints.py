@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.mapping.octree import Octree
-from pipeline.report.figures import birdview, learning, viewpoints
-from pipeline.report.figures.style import SIMULATED, colour, save
+from pipeline.report.figures import birdview, viewpoints
+from pipeline.report.figures.style import colour
 from pipeline.views.birdview import BirdView
-from tests.report.figures.made import words
+from tests.report.figures.made import saved_alike, words
 
 RIGHT, HALF, WRONG = np.ones(4, bool), np.array([1, 0, 1, 0], bool), np.zeros(4, bool)
 NO_PICTURES = np.zeros((0, 4, 4), np.uint8)
@@ -55,17 +55,17 @@ def wall() -> np.ndarray:
     return np.concatenate([upright, ground])
 
 
-def bird_view(simulated: bool) -> Figure:
+def bird_view() -> Figure:
     octree_map = VIEW.octree.grow()
     octree_map.insert(wall(), pose(3.0, 1.0, 0.3))
-    return birdview.bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), VIEW, simulated)
+    return birdview.bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), VIEW)
 
 
-FIGURES: list[Callable[[bool], Figure | None]] = [
-    lambda simulated: viewpoints.precision_recall(GROUP, "a", simulated),
-    lambda simulated: viewpoints.indices(INDICES, (90.0, 270.0), 10.0, simulated),
-    lambda simulated: learning.reconstructions({"pfl": (SEEN, SEEN)}, simulated),
-    lambda simulated: learning.collapse(CURVES, simulated),
+FIGURES: list[Callable[[], Figure | None]] = [
+    lambda: viewpoints.precision_recall(GROUP, "a"),
+    lambda: viewpoints.indices(INDICES, (90.0, 270.0), 10.0),
+    lambda: viewpoints.reconstructions({"pfl": (SEEN, SEEN)}),
+    lambda: viewpoints.collapse(CURVES),
     bird_view,
 ]
 
@@ -76,13 +76,11 @@ def lines(axis: Axes, model: str) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("draw", FIGURES)
 def test_a_figure_of_simulated_data_says_so_and_is_the_same_file_each_time(draw, tmp_path: Path) -> None:
-    assert SIMULATED in words(draw(True))
-    assert SIMULATED not in words(draw(False))
-    assert save(draw(True), tmp_path / "a.svg").read_bytes() == save(draw(True), tmp_path / "b.svg").read_bytes()
+    saved_alike(draw, tmp_path)
 
 
 def test_curves_have_a_panel_a_heading_a_line_a_seed_and_the_accuracy_in_words() -> None:
-    first, second = viewpoints.precision_recall(GROUP, "a", False).axes
+    first, second = viewpoints.precision_recall(GROUP, "a").axes
     assert (first.get_title(), second.get_title()) == ("90°", "270°")  # two headings: half way between 0° and 180°
     assert lines(second, "sad")[0] == pytest.approx(np.array([[0, 1], [0.5, 1], [0.5, 0.5], [1, 2 / 3], [1, 0.5]]))
     assert len(lines(second, "pfl")) == 2
@@ -93,13 +91,13 @@ def test_curves_have_a_panel_a_heading_a_line_a_seed_and_the_accuracy_in_words()
 
 
 def test_the_accuracies_of_poor_models_stand_where_no_curve_is() -> None:
-    pfl, sad = viewpoints.precision_recall({"pfl": [at(HALF)], "sad": [at(WRONG)]}, "a", False).axes[0].texts
+    pfl, sad = viewpoints.precision_recall({"pfl": [at(HALF)], "sad": [at(WRONG)]}, "a").axes[0].texts
     assert (pfl.get_text(), sad.get_text(), pfl.get_ha()) == ("0.500", "0.000", "right")
     assert sad.xyann < pfl.xyann
 
 
 def test_each_index_is_the_mean_over_sequences_and_seeds_and_a_missing_one_a_gap() -> None:
-    roc, _, accuracy, _ = viewpoints.indices(INDICES, (90.0, 270.0), 10.0, False).axes
+    roc, _, accuracy, _ = viewpoints.indices(INDICES, (90.0, 270.0), 10.0).axes
     assert (roc.get_title(), accuracy.get_title()) == ("ROC-AUC, the paper's index", "accuracy within 10 m")
     (pfl,), (sad,) = lines(accuracy, "pfl"), lines(accuracy, "sad")
     assert pfl[:, 1] == pytest.approx([0.6, 0.9])
@@ -107,12 +105,12 @@ def test_each_index_is_the_mean_over_sequences_and_seeds_and_a_missing_one_a_gap
     assert pfl[0, 0] < sad[0, 0]  # side by side
     assert [text.get_text() for text in roc.get_xticklabels()] == ["90°", "270°"]
     nothing = {key: np.full((1, 2), np.nan) for key in INDICES}
-    assert np.isnan(lines(viewpoints.indices(nothing, (90.0, 270.0), 10.0, False).axes[0], "pfl")[0][:, 1]).all()
+    assert np.isnan(lines(viewpoints.indices(nothing, (90.0, 270.0), 10.0).axes[0], "pfl")[0][:, 1]).all()
 
 
 def test_reconstructions_stand_below_what_was_seen_at_every_other_heading_with_their_error() -> None:
     pictures = {"pfl": (SEEN, SEEN), "afl": (SEEN, np.full_like(SEEN, 255))}
-    axes = np.reshape(learning.reconstructions(pictures, False).axes, (3, 8))
+    axes = np.reshape(viewpoints.reconstructions(pictures).axes, (3, 8))
     assert [axis.get_title() for axis in axes[0]] == ["0°", "45°", "90°", "135°", "180°", "225°", "270°", "315°"]
     assert [axis.images[0].get_array()[0, 0] for axis in axes[0]] == list(range(0, 16, 2))
     assert [line[0].get_ylabel() for line in axes] == ["seen", "pfl", "afl"]
@@ -120,22 +118,16 @@ def test_reconstructions_stand_below_what_was_seen_at_every_other_heading_with_t
     # All white of black but for one of sixteen pixels, 0 to 14 of 255: (255/127.5)² = 4, and ((255 − 14)/127.5)²/16 + 4·15/16.
     assert (axes[2, 0].get_xlabel(), axes[2, 7].get_xlabel()) == ("4.000", f"{(241 / 127.5) ** 2 / 16 + 3.75:.3f}")
     others = {"pfl": (SEEN[:3], SEEN[:3]), "afl": (SEEN[3:6], SEEN[3:6]), "sad": (SEEN[3:6], SEEN[3:6])}
-    assert [axis.get_ylabel() for axis in learning.reconstructions(others, False).axes[::3]] == [
-        "seen",
-        "pfl",
-        "seen",
-        "afl",
-        "sad",
-    ]
+    assert [axis.get_ylabel() for axis in viewpoints.reconstructions(others).axes[::3]] == ["seen", "pfl", "seen", "afl", "sad"]
 
 
 def test_collapse_is_shown_by_a_line_a_seed_of_the_models_that_have_the_curves() -> None:
-    fig = learning.collapse(CURVES, False)
+    fig = viewpoints.collapse(CURVES)
     assert fig is not None
     assert [line[:, 1].tolist() for line in lines(fig.axes[0], "pfl")] == [[0.4, 0.1], pytest.approx([1.2, 0.3])]
     assert lines(fig.axes[1], "pfl")[0].tolist() == [[1, 8.0], [2, 2.0]]
     assert "sad" not in words(fig)
-    assert learning.collapse({"sad": [{}]}, False) is None
+    assert viewpoints.collapse({"sad": [{}]}) is None
 
 
 @pytest.mark.parametrize("place", [pose(0, 0, 0), pose(40.2, -3.1, 2.0)])

@@ -1,0 +1,67 @@
+"""One model on one test sequence, and how such results are grouped."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import InputError
+from pipeline.evaluation.judgement import Evaluation
+
+Values = tuple[float, float, float]  # a number and its 95 % interval, lowest and highest; NaN where there is none
+NONE: Values = (np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One model on one test sequence as it was driven."""
+
+    model: str  # such as sci or scan_context-engaged
+    sequence: str  # the test sequence, named by its date
+    days: int  # whole days since the training sequence
+    evaluation: Evaluation
+    wanted_precision: float  # what the thresholds were chosen for, on held-out blocks of training
+    numbers: Mapping[tuple[str, str], Values]  # by protocol and number
+
+    @property
+    def label(self) -> str:
+        """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
+        return f"{self.sequence[:10]}, {self.days:+d} d"
+
+    def number(self, protocol: str, name: str) -> float:
+        """One number by one protocol; NaN where there is none."""
+        return self.numbers.get((protocol, name), NONE)[0]
+
+    def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
+        """Its 95 % interval, lowest and highest; None where there is none."""
+        _, low, high = self.numbers.get((protocol, name), NONE)
+        return (low, high) if low <= high else None
+
+
+def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results of each model in the order of their days, models in the order they come; raises InputError of none."""
+    ordered = _by_day(results)
+    return {model: [one for one in ordered if one.model == model] for model in dict.fromkeys(one.model for one in results)}
+
+
+def of_one_model(results: Sequence[Result]) -> list[Result]:
+    """The results of the first model in the order of their days; raises InputError of none."""
+    return next(iter(by_model(results).values()))
+
+
+def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """The results on each test sequence in the order of its days, models in the order they come; raises InputError of none."""
+    ordered = _by_day(results)
+    return {name: [one for one in ordered if one.sequence == name] for name in dict.fromkeys(one.sequence for one in ordered)}
+
+
+def _by_day(results: Sequence[Result]) -> list[Result]:
+    if not results:
+        raise InputError("a figure needs at least one result")
+    return sorted(results, key=lambda one: (one.days, one.sequence))
+
+
+def dates(results: Sequence[Result]) -> dict[str, str]:
+    """Each sequence's name without its time of day, unless two were driven on one day."""
+    names = list(by_sequence(results))
+    return {name: name[:10] if len({name[:10] for name in names}) == len(names) else name for name in names}
