@@ -126,14 +126,8 @@ def test_a_kill_at_any_moment_is_repaired_by_the_next_run(built, tmp_path):
     clone = Clone(tmp_path)
     clone.run("yearloc", "use", "campus", "world=tiny", "tests=2012-06-15", "methods=sci")
     for sign in ("artifacts/logs/campus/.2012-06-15.*.scratch", ".checkpoints/*.safetensors"):
-        running = subprocess.Popen(
-            [str(BIN / "dvc"), "repro"],
-            cwd=tmp_path,
-            env=clone.env,
-            start_new_session=True,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        running = subprocess.Popen([str(BIN / "dvc"), "repro"], cwd=tmp_path, env=clone.env, start_new_session=True, **silent)
         deadline = time.monotonic() + 120
         while not list(tmp_path.glob(sign)):
             assert running.poll() is None, f"the chain ended before {sign} appeared"

@@ -1,6 +1,7 @@
 """The `yearloc` command: one line for a person's mistake, and files that are put right."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,30 +11,28 @@ from pipeline.cli import main
 from pipeline.evaluation.rows import COLUMNS, row, table
 
 ROOT = Path(__file__).parents[1]
+SAD = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
 
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the project's conf/, to call the command in."""
-    for path in (ROOT / "conf").rglob("*.yaml"):
-        copy = tmp_path / path.relative_to(ROOT)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        copy.write_text(path.read_text())
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def studies(project: Path) -> dict[str, dict[str, object]]:
-    return yaml.safe_load((project / "conf/studies.yaml").read_text())["studies"]
+def studies(project: Path, kind: str = "studies") -> dict[str, dict[str, object]]:
+    return yaml.safe_load((project / f"conf/{kind}.yaml").read_text())[kind]
 
 
-def lists(project: Path) -> dict[str, dict[str, dict[str, str]]]:
-    return yaml.safe_load((project / "conf/lists.yaml").read_text())["lists"]
+def lists(project: Path) -> dict[str, dict[str, object]]:
+    return studies(project, "lists")
 
 
-def by_hand(project: Path, old: str, new: str) -> None:
-    """Edit the first such word of the studies."""
-    path = project / "conf/studies.yaml"
+def by_hand(project: Path, old: str, new: str, file: str = "studies") -> None:
+    """Edit the first such word of a file."""
+    path = project / f"conf/{file}.yaml"
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
 
@@ -64,10 +63,9 @@ def test_use_campus_writes_the_list_of_each_world(project):
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):
     main(["use", "campus", "world=demo"])
     by_hand(project, "    - '2013-04-05'\n", "    - '2013-04-05'\n    - '2013-02-23'\n")
-    main(["use", "campus", "world=demo", "--keep"])
-    assert "2013-02-23" in study(project)["tests"]
-    main(["use", "campus", "world=tiny", "--keep"])
-    assert "2013-02-23" not in study(project)["tests"]
+    for world, kept in (("demo", True), ("tiny", False)):
+        main(["use", "campus", f"world={world}", "--keep"])
+        assert ("2013-02-23" in study(project)["tests"]) == kept
 
 
 def test_a_study_written_by_hand_may_leave_out_what_follows(project):
@@ -98,10 +96,9 @@ def test_studies_stand_side_by_side(project, capsys):
     assert list(studies(project)) == ["campus", "town"]
     assert "town: trained on 2014-07-14-14-49-50" in capsys.readouterr().out
     nclt(project / "data", "2012-01-15", "2012-02-04")
-    main(["use", "nclt", f"root={project / 'data'}", "--add"])
-    assert list(studies(project)) == ["campus", "town", "nclt"]
-    main(["use", "nclt", f"root={project / 'data'}"])
-    assert list(studies(project)) == ["nclt"]
+    for flags, there in ((["--add"], ["campus", "town", "nclt"]), ([], ["nclt"])):
+        main(["use", "nclt", f"root={project / 'data'}", *flags])
+        assert list(studies(project)) == there
 
 
 def nclt(root: Path, *dates: str) -> None:
@@ -116,35 +113,33 @@ def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys
     (root / "2012-03-17/velodyne_sync").mkdir(parents=True)
     main(["use", "nclt", f"root={root}"])
     said = capsys.readouterr().out
-    assert study(project)["tests"] == ["2012-02-04", "2012-08-20"]
-    assert study(project)["root"] == str(root)
+    assert (study(project)["tests"], study(project)["root"]) == (["2012-02-04", "2012-08-20"], str(root))
     assert "2012-03-17: lacks groundtruth_2012-03-17.csv" in said
     assert "2013-04-05: not below" in said
 
 
+def kitti(root: Path, *logs: str) -> None:
+    (root / "poses").mkdir(parents=True)
+    for log in logs:
+        (root / f"sequences/{log}/velodyne").mkdir(parents=True)
+        for path in (f"sequences/{log}/calib.txt", f"sequences/{log}/times.txt", f"poses/{log}.txt"):
+            (root / path).touch()
+
+
 def test_use_kitti_splits_one_log(project):
-    root = project / "kitti"
-    for path in ("sequences/07/velodyne", "poses"):
-        (root / path).mkdir(parents=True)
-    for path in ("sequences/07/calib.txt", "sequences/07/times.txt", "poses/07.txt"):
-        (root / path).touch()
-    main(["use", "kitti", f"root={root}"])
+    kitti(project / "kitti", "07")
+    main(["use", "kitti", f"root={project / 'kitti'}"])
     assert (study(project)["train"], study(project)["tests"]) == ("07-a", ["07-b"])
 
 
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
-    root = project / "kitti"
-    for log in ("00", "02", "08"):
-        for path in (f"sequences/{log}/velodyne", "poses"):
-            (root / path).mkdir(parents=True, exist_ok=True)
-        for path in (f"sequences/{log}/calib.txt", f"sequences/{log}/times.txt", f"poses/{log}.txt"):
-            (root / path).touch()
-    main(["use", "kitti", f"root={root}", "question=viewpoints"])
+    kitti(project / "kitti", "00", "02", "08")
+    words = ["use", "kitti", f"root={project / 'kitti'}", "question=viewpoints"]
+    main(words)
     assert (study(project)["train"], study(project)["tests"]) == ("02 08", ["00"])
-    sad = {"name": "sad", "view": "birdview", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
-    assert sad in study(project)["methods"]
+    assert SAD | {"view": "birdview"} in study(project)["methods"]
     assert "05: not below" in capsys.readouterr().out
-    main(["use", "kitti", f"root={root}", "question=viewpoints", "train=00", "tests=02,08"])
+    main([*words, "train=00", "tests=02,08"])
     assert (study(project)["train"], study(project)["tests"]) == ("00", ["02", "08"])
 
 
@@ -154,47 +149,49 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     found = lists(project)
     assert list(found["viewpoints"]) == ["campus-10m", "suburb-10m"]
     assert list(found["published"]) == ["campus"]
-    assert [name for name in found["models"] if "seed" in name] == [
-        f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)
-    ]
-    sad = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
-    assert studies(project)["campus"]["methods"][-1] == sad
+    seeds = [f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)]
+    assert [name for name in found["models"] if "seed" in name] == seeds
+    assert studies(project)["campus"]["methods"][-1] == SAD
 
 
 @pytest.mark.parametrize(
-    ("arguments", "part"),
+    ("words", "part"),
     [
-        (["use", "suburb", "question=viewpoints", "methods=pfl,sci"], "only methods that look at bird-views"),
-        (["use", "campus", "question=viewpoints"], "question=viewpoints: of campus expected year"),
-        (["use", "suburb", "question=train"], "expected year or robustness or viewpoints"),
-        (["use", "campus", "seeds=0"], "expected a number from 1 to 100"),
+        ("use suburb question=viewpoints methods=pfl,sci", "only methods that look at bird-views"),
+        ("use campus question=viewpoints", "question=viewpoints: of campus expected year"),
+        ("use suburb question=train", "expected year or robustness or viewpoints"),
+        ("use campus seeds=0", "expected a number from 1 to 100"),
         (
-            ["use", "campus", "question=robustness", "methods=sci", "variants=engaged"],
+            "use campus question=robustness methods=sci variants=engaged",
             "variants=engaged: expected some of 1way, 24way, 4way, 8way",
         ),
-        (["use", "campus", "question=robustness", "cells=10m"], "cells=10m: expected some of 20m, 5m"),
-        (["use", "campus", "variants=4way"], "variants=4way: expected some of engaged"),
-        (["use", "suburb", "question=viewpoints", "variants=4way"], "variants=4way: this question and these methods have none"),
-        (["use", "campus", "altered=rain"], "altered=rain: expected some of glance"),
-        (
-            ["use", "campus", "question=robustness", "variants=5way"],
-            "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged",
-        ),
-        (["use", "moon"], "expected one of bag, campus"),
-        (["use", "nclt"], "root=FOLDER"),
-        (["use", "nclt", "root=/nowhere"], "no such folder"),
-        (["use", "campus", "world=huge"], "tiny, demo, year"),
-        (["use", "campus", "root=/data"], "no option root"),
-        (["use", "campus", "tiny"], "no data set tiny"),
-        (["use", "root=/data"], "of which data set?"),
-        (["use", "campus", "tests=2011-01-01"], "conf/world/campus_demo.yaml drives 2012-01-15"),
-        (["use", "campus", "budget=rich"], "tiny, demo or full"),
-        (["inspect", "nothing.bin"], "nothing.bin"),
-        (["results"], "dvc repro"),
+        ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 5m"),
+        ("use campus variants=4way", "variants=4way: expected some of engaged"),
+        ("use suburb question=viewpoints variants=4way", "variants=4way: this question and these methods have none"),
+        ("use campus altered=rain", "altered=rain: expected some of glance"),
+        ("use campus question=robustness variants=5way", "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged"),
+        ("use moon", "expected one of bag, campus"),
+        ("use nclt", "root=FOLDER"),
+        ("use nclt root=/nowhere", "no such folder"),
+        ("use campus world=huge", "tiny, demo, year"),
+        ("use campus root=/data", "no option root"),
+        ("use campus tiny", "no data set tiny"),
+        ("use root=/data", "of which data set?"),
+        ("use campus tests=2011-01-01", "conf/world/campus_demo.yaml drives 2012-01-15"),
+        ("use campus budget=rich", "tiny, demo or full"),
+        ("inspect nothing.bin", "nothing.bin"),
+        ("results", "dvc repro"),
+        ("fetch kitti", "expected one of nclt"),
+        ("fetch nclt", "for example, 2012-01-15"),
+        ("fetch nclt 2012-01-15 base=http://127.0.0.1:9/", "cannot be reached"),
+        ("inspect monday --save robot.yaml", "conf/dataset/NAME.yaml"),  # `use` would not find it
+        ("inspect monday --save conf/dataset/robot.yml", "conf/dataset/NAME.yaml"),
+        ("inspect monday --save /nowhere/robot.yaml", "conf/dataset/NAME.yaml"),
+        ("inspect monday --save conf/dataset/nclt.yaml", "there already"),
     ],
 )
-def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, arguments, part):
-    assert part in refused(capsys, *arguments)
+def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, words, part):
+    assert part in refused(capsys, *words.split())
 
 
 def test_a_broken_list_of_studies_is_written_anew(project, capsys):
@@ -211,17 +208,17 @@ def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(pr
 
 
 def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys):
+    root, use = project / "own", ("use", "folder", f"root={project / 'own'}")
     for day in ("mon", "tue"):
-        (project / "own" / day / "scans").mkdir(parents=True)
-        (project / "own" / day / "scans/1.0.npy").touch()
-    assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, "use", "folder", f"root={project / 'own'}")
-    (project / "own/mon/poses.txt").touch()
-    said = refused(capsys, "use", "folder", f"root={project / 'own'}", "train=mon")
-    assert "one more is needed; tue: lacks poses.txt" in said
-    (project / "own/tue/poses.txt").touch()
-    assert "is the training sequence" in refused(capsys, "use", "folder", f"root={project / 'own'}", "train=mon", "tests=mon")
-    (project / "own/tue").rename(project / "own/tue 2")
-    assert "rename it" in refused(capsys, "use", "folder", f"root={project / 'own'}")
+        (root / day / "scans").mkdir(parents=True)
+        (root / day / "scans/1.0.npy").touch()
+    assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
+    (root / "mon/poses.txt").touch()
+    assert "one more is needed; tue: lacks poses.txt" in refused(capsys, *use, "train=mon")
+    (root / "tue/poses.txt").touch()
+    assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
+    (root / "tue").rename(root / "tue 2")
+    assert "rename it" in refused(capsys, *use)
 
 
 @pytest.mark.parametrize(
@@ -233,8 +230,7 @@ def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys)
     ],
 )
 def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said):
-    path = project / "conf/dataset/folder.yaml"
-    path.write_text(path.read_text().replace(old, new))
+    by_hand(project, old, new, "dataset/folder")
     assert said in refused(capsys, "use", "folder", f"root={project}")
 
 
@@ -256,19 +252,6 @@ def test_a_study_by_hand_names_what_there_is(project, capsys, old, new, said):
     assert said in refused(capsys, "use")
 
 
-def test_a_proposal_is_saved_where_use_finds_it_and_over_nothing(project, capsys):
-    for place in ("robot.yaml", "conf/dataset/robot.yml", "/nowhere/robot.yaml"):
-        assert "conf/dataset/NAME.yaml" in refused(capsys, "inspect", "monday", "--save", place)
-    assert "there already" in refused(capsys, "inspect", "monday", "--save", "conf/dataset/nclt.yaml")
-
-
-def test_fetch_says_what_it_could_bring(project, capsys):
-    assert "expected one of nclt" in refused(capsys, "fetch", "kitti")
-    assert "for example, 2012-01-15" in refused(capsys, "fetch", "nclt")
-    said = refused(capsys, "fetch", "nclt", "2012-01-15", "base=http://127.0.0.1:9/")
-    assert "cannot be reached" in said.splitlines()[-1]
-
-
 RESULTS = [
     row("auc_top1", "cells", 0.5, 0.25, 0.75) | {"method": "sci", "sequence": "may", "days": 20.0},
     row("auc_top1", "cells", 0.125) | {"method": "m2dp", "sequence": "may", "days": 20.0},
@@ -282,8 +265,7 @@ def test_results_are_printed_for_other_programs(project, capsys):
     capsys.readouterr()
     main(["results", "--csv", "--where", "method=sci,sad", "protocol=cells"])
     header, line = capsys.readouterr().out.splitlines()
-    assert header == ",".join(COLUMNS)
-    assert line.endswith(",sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75")
+    assert (header, line) == (",".join(COLUMNS), "campus,campus,False,10m,sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75")
     main(["results", "--json"])
     first, second = json.loads(capsys.readouterr().out)
     assert (first["value"], second["low"], second["case"]) == (0.5, None, "")

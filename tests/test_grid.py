@@ -1,8 +1,10 @@
 """The grid of places: the authors' check values (METHODS 2.2, there 1-based), ties, borders."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import InputError
@@ -11,27 +13,24 @@ from pipeline.grid import Grid, around
 NCLT = Grid(10.0, (-350.0, 130.0), (-730.0, 120.0))
 
 
-@pytest.mark.parametrize(("cell_m", "shape"), [(10.0, (48, 85)), (5.0, (96, 170)), (20.0, (24, 43))])
-def test_cells_are_counted_to_the_nearest_whole_number(cell_m: float, shape: tuple[int, int]) -> None:
+def test_cells_are_counted_to_the_nearest_whole_number_and_there_is_at_least_one() -> None:
     # 480 / 20 = 24 and 850 / 20 = 42.5, a half that is rounded up.
-    assert Grid(cell_m, NCLT.x_m, NCLT.y_m).shape == shape
-
-
-def test_a_box_smaller_than_a_cell_is_one_cell() -> None:
+    shapes = [Grid(cell_m, NCLT.x_m, NCLT.y_m).shape for cell_m in (10.0, 5.0, 20.0)]
+    assert shapes == [(48, 85), (96, 170), (24, 43)]
     assert Grid(100.0, (0.0, 1.0), (0.0, 2.0)).shape == (1, 1)
 
 
-@pytest.mark.parametrize(("cell", "centre"), [(0, (-345, -725)), (1, (-345, -715)), (85, (-335, -725)), (4079, (125, 115))])
-def test_cells_run_along_y_first(cell: int, centre: tuple[float, float]) -> None:
-    np.testing.assert_allclose(NCLT.centre(np.array([cell])), [centre])
-    assert NCLT.cell(np.array([centre]))[0] == cell
+def test_cells_run_along_y_first() -> None:
+    cells, centres = np.array([0, 1, 85, 4079]), np.array([(-345, -725), (-345, -715), (-335, -725), (125, 115)], float)
+    np.testing.assert_allclose(NCLT.centre(cells), centres)
+    assert NCLT.cell(centres).tolist() == cells.tolist()
 
 
-@pytest.mark.parametrize(
-    ("xy", "cell"), [((0.1, 0.1), 3048), ((0, 0), 2962), ((-349, -729), 0), ((-9999, 0.1), 73), ((-338, -718), 86)]
-)
-def test_positions_fall_into_the_authors_cells(xy: tuple[float, float], cell: int) -> None:
-    assert NCLT.cell(np.array([xy]))[0] == cell
+def test_positions_fall_into_the_authors_cells_and_those_outside_into_the_border() -> None:
+    inside = {(0.1, 0.1): 3048, (0, 0): 2962, (-349, -729): 0, (-9999, 0.1): 73, (-338, -718): 86}
+    outside = {(1e6, 1e6): 4079, (-1e6, -1e6): 0, (1e6, -1e6): 47 * 85, (1e30, 1e30): 4079, (-1e30, 1e30): 84}
+    cells = inside | outside
+    assert NCLT.cell(np.array([*cells], float)).tolist() == [*cells.values()]
 
 
 @pytest.mark.parametrize("grid", [NCLT, Grid(5.0, NCLT.x_m, NCLT.y_m), Grid(0.1, (0.0, 7.0), (-1.0, 1.0))])
@@ -60,50 +59,30 @@ def test_no_other_centre_is_nearer(positions: list[tuple[float, float]], cell_m:
     np.testing.assert_allclose(own, nearest, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("xy", "cell"), [((1e6, 1e6), 4079), ((-1e6, -1e6), 0), ((1e6, -1e6), 47 * 85), ((1e30, 1e30), 4079), ((-1e30, 1e30), 84)]
-)
-def test_positions_outside_belong_to_the_border(xy: tuple[float, float], cell: int) -> None:
-    assert NCLT.cell(np.array([xy]))[0] == cell
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_position_that_is_no_number_is_refused(bad: float) -> None:
     with pytest.raises(InputError, match="not finite"):
         NCLT.cell(np.array([[0.0, 0.0], [0.0, bad]]))
 
 
-@pytest.mark.parametrize(
-    ("cell_m", "x_m", "y_m", "named"),
-    [
-        (10.0, (1.0, 1.0), (0.0, 1.0), "x_m"),
-        (10.0, (0.0, 1.0), (1.0, 0.0), "y_m"),
-        (0.0, (0.0, 1.0), (0.0, 1.0), "cell_m"),
-        (float("nan"), (0.0, 1.0), (0.0, 1.0), "cell_m"),
-    ],
-)
-def test_a_grid_without_extent_is_refused(cell_m: float, x_m: tuple[float, float], y_m: tuple[float, float], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        Grid(cell_m, x_m, y_m)
+@pytest.mark.parametrize("wrong", [{"x_m": (1.0, 1.0)}, {"y_m": (1.0, 0.0)}, {"cell_m": 0.0}, {"cell_m": np.nan}])
+def test_a_grid_without_extent_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        Grid(**{"cell_m": 10.0, "x_m": (0.0, 1.0), "y_m": (0.0, 1.0), **wrong})
 
 
 EIGHTHS = st.integers(-4_000, 4_000).map(lambda eighths: eighths / 8)  # metres, exact in binary
 
 
+# x = 10 m lies on the border of two 10 m cells, and belongs to the lower: the empty one must be below that.
+@example([(0.0, 0.0)], 10.0)
+@example([(10.0, 5.0), (20.0, 5.0)], 10.0)
+@example([(-20.0, 3.0), (-10.0, -7.0)], 10.0)
 @given(st.lists(st.tuples(EIGHTHS, EIGHTHS), min_size=1, max_size=8), st.sampled_from([1.0, 5.0, 10.0, 12.5]))
 @settings(max_examples=50, deadline=None)
 def test_a_grid_around_positions_leaves_its_border_empty(positions: list[tuple[float, float]], cell_m: float) -> None:
     xy = np.array(positions)
-    assert_border_empty(around(xy, cell_m), xy)
-
-
-@pytest.mark.parametrize("xy", [[(0.0, 0.0)], [(10.0, 5.0), (20.0, 5.0)], [(-20.0, 3.0), (-10.0, -7.0)]])
-def test_a_grid_around_positions_on_whole_cells_leaves_its_border_empty(xy: list[tuple[float, float]]) -> None:
-    # x = 10 m lies on the border of two 10 m cells, and belongs to the lower: the empty one must be below that.
-    assert_border_empty(around(np.array(xy), 10.0), np.array(xy))
-
-
-def assert_border_empty(grid: Grid, xy: np.ndarray) -> None:
+    grid = around(xy, cell_m)
     columns, rows = grid.shape
     column, row = np.divmod(grid.cell(xy), rows)
     assert ((column > 0) & (column < columns - 1) & (row > 0) & (row < rows - 1)).all()

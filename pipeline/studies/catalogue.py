@@ -1,8 +1,9 @@
-"""What each method is, told from its yaml and its module's first paragraph; nothing of a method is imported."""
+"""What each method is, from its yaml and its module's first paragraph; nothing of a method is imported."""
 
 import ast
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,22 +13,16 @@ from pipeline.errors import ConfigError
 
 PROJECT = Path(__file__).parents[2]
 BRACKET = r" \(([^()]*)\)"
-NOTES = "METHODS"
-"""What a module cites besides its paper is no source."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """One method."""
 
-    name: str
-    """Its file's and its yaml's."""
-    what: str
-    """The paragraph that its module begins with."""
-    view: str
-    """What it looks at: a file in conf/view."""
-    source: str
-    """The paper, in that paragraph's brackets; empty for none."""
+    name: str  # its file's and its yaml's
+    what: str  # the paragraph that its module begins with
+    view: str  # what it looks at: a file in conf/view
+    source: str  # the paper, in that paragraph's brackets beside sections of docs/METHODS.md; empty for none
 
 
 def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
@@ -35,16 +30,16 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
     found = []
     for path in sorted((conf / "method").glob("*.yaml")):
         settings = yaml.safe_load(path.read_text())
-        found.append(Entry(path.stem, *_described(str(settings["_target_"]), settings["view"])))
+        what, source = _described(str(settings["_target_"]))
+        found.append(Entry(path.stem, what, settings["view"], source))
     return found
 
 
 def what(target: str) -> str:
     """What the method of a class such as pipeline.methods.sci.Sci is; empty where its module is not there."""
-    try:
-        return _described(target, "")[0]
-    except ConfigError:
-        return ""
+    with suppress(ConfigError):
+        return _described(target)[0]
+    return ""
 
 
 def table(found: Iterable[Entry]) -> str:
@@ -54,7 +49,8 @@ def table(found: Iterable[Entry]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
 
 
-def _described(target: str, view: str) -> tuple[str, str, str]:
+def _described(target: str) -> tuple[str, str]:
+    """What a method is, and its source."""
     path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
@@ -62,4 +58,4 @@ def _described(target: str, view: str) -> tuple[str, str, str]:
     if not told:
         raise ConfigError(f"{path}: expected a docstring whose first paragraph says what the method is")
     cited = [one.strip() for bracket in re.findall(BRACKET, told) for one in bracket.split(";")]
-    return re.sub(BRACKET, "", told), view, "; ".join(one for one in cited if not one.startswith(NOTES))
+    return re.sub(BRACKET, "", told), "; ".join(one for one in cited if not one.startswith("METHODS"))

@@ -13,8 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
-SAFE_NAME = re.compile(r"\w[\w.+-]*")
-"""Of a sequence: it becomes part of stage names and paths."""
+SAFE_NAME = re.compile(r"\w[\w.+-]*")  # of a sequence: it becomes part of stage names and paths
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,9 @@ def simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[
         driven = [f"{log}-b" for log in driven]
     if unknown := [test for test in tests if test not in driven]:
         raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
-    places = {
-        "world": f"{name}_{world}",
-        "source": "world",
-        "heeds": "simulated",
-        "root": f"artifacts/logs/{name}",
-        "train": study["train"] if isinstance(study["train"], str) else study["train"][world],
-        "tests": tests,
-        "budget": world if world in ("tiny", "demo") else "full",
-    }
-    return Proposal(places, [])
+    drive = {"world": f"{name}_{world}", "source": "world", "heeds": "simulated", "root": f"artifacts/logs/{name}"}
+    train = study["train"] if isinstance(study["train"], str) else study["train"][world]
+    return Proposal({**drive, "train": train, "tests": tests, "budget": world if world in ("tiny", "demo") else "full"}, [])
 
 
 def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:
@@ -76,34 +68,27 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
         log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
         train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
-    train = options.get("train", train or (whole or [""])[0]).replace(",", " ")
-    if len(train.split()) > 1:
-        notes += [f"{sequence}: not below {root}, not trained on" for sequence in train.split() if sequence not in whole]
-        train = " ".join(sequence for sequence in train.split() if sequence in whole)
-    tests = options["tests"].split(",") if "tests" in options else tests or [sequence for sequence in whole if sequence != train]
+    trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
+    if len(trained) > 1:
+        notes += [f"{sequence}: not below {root}, not trained on" for sequence in trained if sequence not in whole]
+        trained = [sequence for sequence in trained if sequence in whole]
+    train = " ".join(trained)
+    tests = options["tests"].split(",") if "tests" in options else tests or [name for name in whole if name not in trained]
     why = "".join(f"; {note}" for note in notes)
-    if not train or not set(train.split()) <= set(whole):
+    if not trained or not set(trained) <= set(whole):
         known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
         raise ConfigError(f"the training sequence {train} cannot be read below {root}: {known}{why}")
     if tests == [train]:
         raise ConfigError(f"tests={train}: is the training sequence; give others")
     absent = [sequence for sequence in tests if sequence not in whole]
     notes += [f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking]
-    tests = [test for test in tests if test in whole and test not in train.split()]
+    tests = [test for test in tests if test in whole and test not in trained]
     if not tests:
         others = ", ".join(sequence for sequence in whole if sequence != train)
         known = f"give tests=, some of {others}" if others else "one more is needed"
         raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
-    places = {
-        "world": "recorded",
-        "source": "readers",
-        "heeds": "reader",
-        "root": str(root),
-        "train": train,
-        "tests": tests,
-        "budget": "full",
-    }
-    return Proposal(places, notes)
+    drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
+    return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)
 
 
 def parsed(path: Path) -> Any:

@@ -9,6 +9,7 @@ between. DVC can look up no name within another, so all that a stage needs is li
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 from pipeline.errors import ConfigError
@@ -58,48 +59,44 @@ def expand(studies: Mapping[str, Study]) -> Lists:
     lists: Lists = {name: {} for name in LISTS}
     for dataset, study in studies.items():
         _views(lists, dataset, study)
-        for grid in grids(study):
-            for method in study["methods"]:
-                for model in models_of(method):
-                    if grid in study["grids"] or model == ModelName(method["name"]):
-                        _model(lists, dataset, study, grid, method, model)
+        for grid, method in product(grids(study), study["methods"]):
+            for model in models_of(method):
+                if grid in study["grids"] or model == ModelName(method["name"]):
+                    _model(lists, dataset, study, grid, method, model)
         _measurements(lists, dataset, study)
-    year, turned = bool(lists["rankings"]), bool(lists["viewpoints"])
     lists["report"]["all"] = {
-        "evaluated": "artifacts/evaluate" if year else INSTEAD["evaluated"],
-        "viewed": "artifacts/viewpoints" if turned else INSTEAD["viewed"],
-        "timed": "artifacts/latency" if year else INSTEAD["changed"],
+        "evaluated": "artifacts/evaluate" if lists["rankings"] else INSTEAD["evaluated"],
+        "viewed": "artifacts/viewpoints" if lists["viewpoints"] else INSTEAD["viewed"],
+        "timed": "artifacts/latency" if lists["rankings"] else INSTEAD["changed"],
     }
     return lists
 
 
 def _views(lists: Lists, dataset: str, study: Study) -> None:
     """What is computed before anything is learned: logs, scans, submaps, views, labels."""
-    year = asks_about_the_year(study)
     sequences = [*study["train"].split(), *study["tests"], *study.get("stress", {})]
-    drive = {name: study[name] for name in DRIVE}
+    drive, every = {name: study[name] for name in DRIVE}, " ".join(sequences)
     for sequence in sequences:
         lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **drive}
-    lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": " ".join(sequences)}
+    lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": every}
     for method in study["methods"]:
-        view = {"dataset": dataset, "view": method["view"]}
-        lists[method.get("stage", "views")][f"{dataset}-{method['view']}"] = view | {"sequences": " ".join(sequences)}
+        name, view = f"{dataset}-{method['view']}", {"dataset": dataset, "view": method["view"]}
+        lists[method.get("stage", "views")][name] = view | {"sequences": every}
         for alteration, some in study.get("altered", {}).items():
-            entry = view | {"alteration": alteration, "sequences": " ".join(some)}
-            lists["altered"][f"{dataset}-{method['view']}-{alteration}"] = entry
+            lists["altered"][f"{name}-{alteration}"] = view | {"alteration": alteration, "sequences": " ".join(some)}
+    labelled = every if asks_about_the_year(study) else study["train"]
     for grid in grids(study):
-        labelled = sequences if year else study["train"].split()
-        entry = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": " ".join(labelled)}
+        entry = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": labelled}
         lists["labels"][f"{dataset}-{grid}"] = entry
 
 
 def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName) -> None:
     """Training a model, and what it answers."""
-    recipe = " ".join(word for word in (f"method={model.method}", overrides(method, model)) if word)
-    entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name, "recipe": recipe}
-    entry |= {"code": method["code"], "view": method["view"], "train": study["train"]}
-    trained = study["train"].split()
-    learned = {"budget": study["budget"], "of": f"/{study['train']}.zarr" if len(trained) == 1 else ""}
+    seed = f"method.seed={model.seed}" if model.seed else ""
+    words = (f"method={model.method}", method.get("variants", {}).get(model.variant, ""), seed)
+    entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name}
+    entry |= {"recipe": " ".join(filter(None, words)), "code": method["code"], "view": method["view"], "train": study["train"]}
+    learned = {"budget": study["budget"], "of": "" if " " in study["train"] else f"/{study['train']}.zarr"}
     lists["models"][f"{dataset}-{grid}-{model.name}"] = entry | learned
     if not asks_about_the_year(study):
         return
@@ -115,12 +112,9 @@ def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     """What is measured besides, and what it is gathered into."""
     year, robust = asks_about_the_year(study), study.get("question") == "robustness"
     bird_views = bool(on_bird_views(study["methods"]))
-    for grid in study["grids"]:
-        entry = {"grid": grid, "dataset": dataset}
-        if year:
-            lists["latency"][f"{dataset}-{grid}"] = entry
-        if bird_views:
-            lists["viewpoints"][f"{dataset}-{grid}"] = entry
+    own = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
+    lists["latency"] |= own if year else {}
+    lists["viewpoints"] |= own if bird_views else {}
     if robust:
         drive = {name: study[name] for name in DRIVE}
         lists["events"][dataset] = {"dataset": dataset, **drive, "train": study["train"], "sequences": " ".join(study["tests"])}
@@ -148,12 +142,6 @@ def models_of(method: Mapping[str, Any]) -> list[ModelName]:
     """The models of a method of a study: its own, then its variants, each with every seed."""
     seeds = range(method.get("seeds", 1))
     return [ModelName(method["name"], variant, seed) for variant in ("", *method.get("variants", {})) for seed in seeds]
-
-
-def overrides(method: Mapping[str, Any], model: ModelName) -> str:
-    """What the command that trains a model adds: the words of its variant, and its seed."""
-    seed = f"method.seed={model.seed}" if model.seed else ""
-    return " ".join(word for word in (method.get("variants", {}).get(model.variant, ""), seed) if word)
 
 
 def on_bird_views(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

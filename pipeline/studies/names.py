@@ -8,7 +8,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
-from pipeline.studies.expansion import QUESTIONS, expand, on_bird_views
+from pipeline.studies.expansion import QUESTIONS, expand, grids, on_bird_views
 
 STUDIES = """\
 # The studies: the one list of names. Write it by hand, or let `yearloc use campus town` write it; then `yearloc use` generates
@@ -39,19 +39,24 @@ def complete(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> dict[str, 
     """
     found = {}
     for dataset, study in studies.items():
-        lacks = [key for key in NEEDED if key not in study]
-        if lacks:
+        if lacks := [key for key in NEEDED if key not in study]:
             raise ConfigError(f"conf/studies.yaml: {dataset} has no {lacks[0]}; `yearloc use {dataset}` writes the study anew")
-        methods = [_completed(conf, method) for method in study["methods"]]
+        given = [{"name": method} if isinstance(method, str) else dict(method) for method in study["methods"]]
+        methods = [entry(conf, one["name"], one.get("view", _view(conf, one["name"]))) | one for one in given]
         found[dataset] = {"question": QUESTIONS[0], **study, "methods": methods}
-    _check(conf, found)
+        named = [("dataset", dataset), *((group, study[group]) for group in ("world", "submap", "budget"))]
+        named += [("grid", grid) for grid in grids(study)] + [("alteration", name) for name in study.get("altered", {})]
+        for group, name in (*named, *(("view", method["view"]) for method in methods)):
+            _file(conf, group, name, f"conf/studies.yaml: {dataset} names the {group} {name}; expected one of")
     return found
 
 
-def _completed(conf: Path, method: str | Mapping[str, Any]) -> dict[str, Any]:
-    """A method as `entry` makes it, from its name alone or from what a study says of it."""
-    said = {"name": method} if isinstance(method, str) else dict(method)
-    return entry(conf, said["name"], said.get("view", _view(conf, said["name"]))) | said
+def _file(conf: Path, group: str, name: str, refusal: str) -> Path:
+    """A file of conf/; where it is not there, raises ConfigError with `refusal` and the names that are."""
+    path = conf / group / f"{name}.yaml"
+    if not path.is_file():
+        raise ConfigError(f"{refusal} {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}")
+    return path
 
 
 def _dumped(content: Mapping[str, Any]) -> str:
@@ -71,19 +76,14 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
-    path = conf / "dataset" / f"{name}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
-        raise ConfigError(f"no data set {name}: expected one of {known}")
-    dataset = parsed(path)
-    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells"} | (
-        {"world"} if dataset["simulated"] else {"root", "log", "train"}
-    )
+    dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells"}
+    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     study = dataset["study"]
     question = options.get("question", "year")
-    if question not in (asked := [word for word in QUESTIONS if word in ("year", "robustness") or word in study]):
+    if question not in (asked := [word for word in QUESTIONS if word != "viewpoints" or word in study]):
         raise ConfigError(f"question={question}: of {name} expected {' or '.join(asked)}")
     if question == "viewpoints":
         study = {**study, "parts": False}
@@ -94,8 +94,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
     views, instead = {method: _view(conf, method) for method in wanted}, study.get("views", {})
-    seeds, variants = _seeds(options, study), _variants(options, study, wanted)
-    methods = [entry(conf, method, instead.get(view, view), seeds, variants.get(method)) for method, view in views.items()]
+    seeds = options.get("seeds", str(study.get("seeds", 1)))
+    if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
+        raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
+    variants = _variants(options, study, wanted)
+    methods = [entry(conf, method, instead.get(view, view), int(seeds), variants.get(method)) for method, view in views.items()]
     if question == "viewpoints" and len(on_bird_views(methods)) < len(methods):
         raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
     budget = options.get("budget", places["budget"])
@@ -104,8 +107,8 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     words = {"question": question, "submap": study["submap"], "grids": study["grids"], "budget": budget, "methods": methods}
     alterable = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
     altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
-    grids = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in study["grids"]]
-    cells = _some(options, "cells", grids) if "cells" in options else study.get("cells")
+    others = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in study["grids"]]
+    cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
     besides = {"altered": altered, "cells": cells, "stress": stress}
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
@@ -115,14 +118,6 @@ def spread(tests: list[str], number: int) -> list[str]:
     if number >= len(tests):
         return list(tests)
     return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
-
-
-def _seeds(options: Mapping[str, str], study: Mapping[str, Any]) -> int:
-    """How many models of each method that draws at random."""
-    seeds = options.get("seeds", str(study.get("seeds", 1)))
-    if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
-        raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
-    return int(seeds)
 
 
 def _variants(options: Mapping[str, str], study: Mapping[str, Any], methods: list[str]) -> dict[str, dict[str, str]]:
@@ -148,40 +143,12 @@ def entry(conf: Path, method: str, view: str, seeds: int = 1, variants: Mapping[
     drawn = {"stage": "birdviews"} if path.is_file() and "octree" in parsed(path) else {}
     settings = parsed(conf / "method" / f"{method}.yaml")
     trained = {"seeds": seeds} if seeds > 1 and "seed" in settings else {}
-    return {
-        "name": method,
-        "view": view,
-        "code": code(settings["_target_"]),
-        **drawn,
-        **trained,
-        **({"variants": dict(variants)} if variants else {}),
-    }
-
-
-def code(target: str) -> str:
-    """The file of a method, or its folder where its networks live beside it, such as pipeline/methods/pfl."""
-    parts = target.split(".")[:-1]
-    return "/".join(parts[:3]) + (".py" if len(parts) == 3 else "")
+    module = settings["_target_"].split(".")[:-1]
+    code = "/".join(module[:3]) + (".py" if len(module) == 3 else "")  # a folder where its networks live beside it
+    named = {"name": method, "view": view, "code": code}
+    return {**named, **drawn, **trained, **({"variants": dict(variants)} if variants else {})}
 
 
 def _view(conf: Path, method: str) -> str:
     """What a method looks at."""
-    path = conf / "method" / f"{method}.yaml"
-    if not path.is_file():
-        raise ConfigError(
-            f"methods={method}: expected some of {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}"
-        )
-    return str(parsed(path)["view"])
-
-
-def _check(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> None:
-    """Raise ConfigError for a study that names a file which conf/ has not."""
-    for dataset, study in studies.items():
-        named = [("dataset", dataset), *((group, study[group]) for group in ("world", "submap", "budget"))]
-        named += [("grid", grid) for grid in (*study["grids"], *study.get("cells", ()))]
-        named += [("alteration", name) for name in study.get("altered", {})]
-        named += [(group, method[key]) for method in study["methods"] for group, key in (("method", "name"), ("view", "view"))]
-        for group, name in named:
-            if not (conf / group / f"{name}.yaml").is_file():
-                known = ", ".join(sorted(path.stem for path in (conf / group).glob("*.yaml")))
-                raise ConfigError(f"conf/studies.yaml: {dataset} names the {group} {name}; expected one of {known}")
+    return str(parsed(_file(conf, "method", method, f"methods={method}: expected some of"))["view"])

@@ -23,14 +23,12 @@ class ArtifactCache:
     def get(self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]) -> tuple[Path, bool]:
         """The entry's folder, which holds the files `names`, and whether `build` was called to write them."""
         folder = self.root / kind / key
-        if self._finished(folder, names):
-            return folder, False
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.with_suffix(".lock")):
-            if self._finished(folder, names):
-                return folder, False
-            build(folder)
-        return folder, True
+            unfinished = not all((folder / name).exists() for name in names)
+            if unfinished:
+                build(folder)
+        return folder, unfinished
 
     def gather(self, parts: Mapping[str, str]) -> Path:
         """A folder of symbolic links: name to path."""
@@ -40,6 +38,3 @@ class ArtifactCache:
             with suppress(FileExistsError):
                 (folder / name).symlink_to(Path(path).absolute())
         return folder
-
-    def _finished(self, folder: Path, names: Sequence[str]) -> bool:
-        return all((folder / name).exists() for name in names)

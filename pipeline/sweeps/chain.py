@@ -4,7 +4,8 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import getitem
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,10 +20,8 @@ class Step:
 
     stage: str
     command: str
-    deps: tuple[str, ...]
-    """Files and folders of code, and artifacts."""
-    params: Mapping[str, tuple[str, ...]]
-    """Files in conf/ to the keys in them that count; none named means all."""
+    deps: tuple[str, ...]  # files and folders of code, and artifacts
+    params: Mapping[str, tuple[str, ...]]  # files in conf/ to the keys in them that count; none named means all
     outs: tuple[str, ...]
 
     @cached_property
@@ -49,14 +48,9 @@ def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step
         listed = _filled(body["foreach"], {"lists": lists}) if "foreach" in body else {"": None}
         for key, item in listed.items():
             one = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
-            params: dict[str, tuple[str, ...]] = {}
-            for entry in one.get("params", ()):
-                params |= {file: tuple(keys or ()) for file, keys in entry.items()}
-            outs = [
-                out
-                for entry in (*one.get("outs", ()), *one.get("metrics", ()))
-                for out in ([entry] if isinstance(entry, str) else entry)
-            ]
+            params = {file: tuple(keys or ()) for entry in one.get("params", ()) for file, keys in entry.items()}
+            written = (*one.get("outs", ()), *one.get("metrics", ()))
+            outs = [out for entry in written for out in ([entry] if isinstance(entry, str) else entry)]
             steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, tuple(outs)))
     return steps
 
@@ -94,9 +88,7 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _look_up(path: str, values: Mapping[str, Any]) -> Any:
-    value: Any = values
-    for key in path.split("."):
-        if not isinstance(value, Mapping) or key not in value:
-            raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/lists.yaml")
-        value = value[key]
-    return value
+    try:
+        return reduce(getitem, path.split("."), values)
+    except (KeyError, TypeError):
+        raise ConfigError(f"dvc.yaml: ${{{path}}} names nothing in conf/lists.yaml") from None

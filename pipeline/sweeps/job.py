@@ -3,7 +3,6 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,20 +12,11 @@ from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.lock import UpToDate, digest
 
 
-@dataclass(frozen=True)
-class Settings:
-    """A step's parameters in one job."""
-
-    values: Mapping[str, Any]
-    """Every parameter that the result depends on."""
-    usual: bool
-    """Whether they equal those of the files in conf/."""
-
-
 class Job:
     """Finds or builds artifacts; `from_dvc`, `from_sweeps` and `built` count them by stage.
 
-    `settings` gives a step's parameters; `run` executes it with its paths and names as {field: value}.
+    `settings` gives every parameter that a step's result depends on, and whether all equal those of the files in conf/; `run`
+    executes the step with its paths and names as {field: value}.
     """
 
     def __init__(
@@ -34,17 +24,15 @@ class Job:
         steps: Sequence[Step],
         lock: UpToDate,
         cache: ArtifactCache,
-        settings: Callable[[Step], Settings],
+        settings: Callable[[Step], tuple[Mapping[str, Any], bool]],
         run: Callable[[Step, Mapping[str, str]], None],
     ) -> None:
         self._makers = producers(steps)
+        self._inputs = {step.command: inputs(step, self._makers) for step in steps}
         self._lock, self._cache, self._settings, self._run = lock, cache, settings, run
         self._keys: dict[str, str] = {}
-        self._needed: dict[str, dict[str, Step]] = {}
         self._found: dict[str, Path] = {}
-        self.from_dvc: Counter[str] = Counter()
-        self.from_sweeps: Counter[str] = Counter()
-        self.built: Counter[str] = Counter()
+        self.from_dvc, self.from_sweeps, self.built = Counter[str](), Counter[str](), Counter[str]()
 
     def path(self, artifact: str) -> Path:
         """Where an artifact, named as dvc.yaml does, lies for this job; it is built if it must be."""
@@ -57,16 +45,16 @@ class Job:
         """Digest of a step's parameters, code, and the keys of its inputs."""
         name = step.outs[0]
         if name not in self._keys:
-            keys = {artifact: self.key(maker) for artifact, maker in self._inputs(step).items()}
+            keys = {artifact: self.key(maker) for artifact, maker in self._inputs[step.command].items()}
             given = self._given(step, keys, lambda parts: fingerprint(sorted(parts.items())))
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
-            values = json.dumps(self._settings(step).values, sort_keys=True)
-            self._keys[name] = fingerprint(step.stage, values, sorted(given.items()), sources)
+            values, _ = self._settings(step)
+            self._keys[name] = fingerprint(step.stage, json.dumps(values, sort_keys=True), sorted(given.items()), sources)
         return self._keys[name]
 
     def usual(self, step: Step) -> bool:
         """Whether neither this step nor any before it gets other parameters than those of the files in conf/."""
-        return self._settings(step).usual and all(map(self.usual, self._inputs(step).values()))
+        return self._settings(step)[1] and all(map(self.usual, self._inputs[step.command].values()))
 
     def is_built(self, step: Step) -> bool:
         """Whether DVC has this step's artifacts just as this job wants them."""
@@ -79,18 +67,13 @@ class Job:
         names = [PurePosixPath(out).name for out in step.outs]
 
         def build(folder: Path) -> None:
-            paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs(step)}
+            paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs[step.command]}
             written = {out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)}
             self._run(step, self._given(step, paths | written, lambda parts: self._cache.gather(parts).as_posix()))
 
         folder, built = self._cache.get(step.stage, self.key(step), names, build)
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
-
-    def _inputs(self, step: Step) -> dict[str, Step]:
-        if step.command not in self._needed:
-            self._needed[step.command] = inputs(step, self._makers)
-        return self._needed[step.command]
 
     def _given(self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]) -> dict[str, str]:
         """A step's fields with each path of an artifact, of a part of one or of a folder of several replaced by `stands_for`."""

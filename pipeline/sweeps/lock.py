@@ -2,15 +2,17 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cache, reduce
+from operator import getitem, itemgetter
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from pipeline.running.dvc_files import DvcLock, Yaml
-from pipeline.sweeps.chain import Step, code, inputs
+from pipeline.sweeps.chain import Step, inputs
 
 IGNORED = ("__pycache__", ".numba")
 
@@ -21,6 +23,7 @@ class UpToDate:
     def __init__(self, root: Path) -> None:
         self._root = root
         self._recipes = DvcLock.read(root / "dvc.lock").entries  # without any, a sweep builds all that it needs
+        self._recorded = {out["path"]: out.get("md5") for entry in self._recipes.values() for out in entry["outs"]}
         self._digest = cache(lambda path: digest(root / path))
         self._vouched: dict[str, bool] = {}
 
@@ -31,32 +34,29 @@ class UpToDate:
         return self._vouched[step.command]
 
     def _unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        entry = self._recipes.get(step.outs[0]) if step.outs else None
+        entry = self._recipes.get(step.outs[0])
         if entry is None or entry["cmd"] != step.command:
             return False
         recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
-        needed, sources = inputs(step, makers), {path.as_posix() for path in code(step)}
-        read = [path for path in step.deps if path not in sources]
         return (
             recorded.keys() == set(step.deps)
             and entry.get("params", {}) == {file: self._params(file, keys) for file, keys in step.params.items()}
-            and all(recorded[path] == self._digest(path) for path in sources)
-            and all(recorded[path] == (self._recorded(path) or self._digest(path)) for path in read)
-            and all(self.vouches(maker, makers) for maker in needed.values())
+            and all(recorded[path] == (self._recorded.get(path) or self._digest(path)) for path in step.deps)
+            and all(self.vouches(maker, makers) for maker in inputs(step, makers).values())
         )
 
     def intact(self, step: Step) -> bool:
         """Whether the artifacts of a step have the digests that dvc.lock recorded."""
-        return all(self._digest(out) == self._recorded(out) for out in step.outs)
-
-    def _recorded(self, path: str) -> str | None:
-        outs = self._recipes.get(path, {}).get("outs", ())
-        return next((out["md5"] for out in outs if out["path"] == path), None)
+        return all(self._digest(out) == self._recorded.get(out) for out in step.outs)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
+        """What a file says under these keys, such as `studies.town`, where they are there; all of it without any."""
         found: dict[str, Any] = yaml.load((self._root / file).read_text(), Yaml)
-        named = {key: _within(found, key.split(".")) for key in keys}
-        return {key: value[0] for key, value in named.items() if value} if keys else found
+        named: dict[str, Any] = {}
+        for key in keys:
+            with suppress(KeyError, TypeError):
+                named[key] = reduce(getitem, key.split("."), found)
+        return named if keys else found
 
 
 def digest(path: Path) -> str | None:
@@ -66,18 +66,6 @@ def digest(path: Path) -> str | None:
     if not path.is_dir():
         return None
     files = [file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)]
-    listing = sorted(({"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files), key=_relpath)
+    listing = [{"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files]
+    listing.sort(key=itemgetter("relpath"))
     return hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
-
-
-def _within(values: Any, path: Sequence[str]) -> list[Any]:
-    """The value at the end of a path of keys; none where there is no such end."""
-    for part in path:
-        if not isinstance(values, dict) or part not in values:
-            return []
-        values = values[part]
-    return [values]
-
-
-def _relpath(entry: Mapping[str, str | None]) -> str:
-    return str(entry["relpath"])

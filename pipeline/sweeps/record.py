@@ -1,6 +1,7 @@
-"""One job of a sweep as JSON: its overrides, its metrics or its error, and which artifacts it built or reused."""
+"""One job of a sweep as JSON: its overrides, its rows of results or its error, and which artifacts it built or reused."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,28 +16,29 @@ class Record:
     """One job, finished or failed; jobs may run on other machines, so each writes a file."""
 
     number: int
-    overrides: Mapping[str, str]
-    """Hydra's overrides, such as {"grid.cell_m": "5", "method": "sci"}."""
+    overrides: Mapping[str, str]  # Hydra's, such as {"grid.cell_m": "5", "method": "sci"}
     dataset: str
     simulated: bool
     method: str
-    database: str
-    """MLflow's database, written once all jobs have ended."""
-    error: str | None = None
-    """Why it failed, in one line."""
-    numbers: Mapping[str, Mapping[str, Any]] | None = None
-    """Test sequence to its metrics.json."""
-    held_out_auc: float | None = None
-    """By cells, on the held-out blocks of training."""
-    from_dvc: Mapping[str, int] = field(default_factory=dict)
-    """Stage to the artifacts that DVC had built."""
-    from_sweeps: Mapping[str, int] = field(default_factory=dict)
-    """Stage to the artifacts that other jobs had built."""
-    built: Mapping[str, int] = field(default_factory=dict)
-    """Stage to the artifacts that this job built."""
+    database: str  # MLflow's, written once all jobs have ended
+    error: str | None = None  # why it failed, in one line
+    rows: Sequence[Mapping[str, Any]] = ()
+    """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on held-out blocks of training."""
+    from_dvc: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that DVC had built
+    from_sweeps: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that other jobs had built
+    built: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that this job built
     wall_s: float = 0.0
-    cpu_s: float = 0.0
-    """Of the job's own process."""
+    cpu_s: float = 0.0  # of the job's own process
+
+    def values(self, protocol: str, number: str) -> list[float]:
+        """A number in each test sequence in which there is one; none of a failed job."""
+        wanted = [row for row in self.rows if (row["protocol"], row["number"]) == (protocol, number) and not row.get("kind")]
+        return [row["value"] for row in wanted if math.isfinite(row["value"])]
+
+    @property
+    def held_out_auc(self) -> float | None:
+        """By cells, on the held-out blocks of training; None where there is none."""
+        return next(iter(self.values("cells", "held_out_auc")), None)
 
     def write(self, folder: Path) -> None:
         """Whole or not at all."""

@@ -17,17 +17,9 @@ Runs with children are folded on a page that opens so: unfolding (`runsExpanded`
 import base64
 import json
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 KEY = "yearloc"
-TAG = f"mlflow.sharedViewState.{KEY}"
-NAME = "localisation over a year"
-"""How the page's menu of saved views calls it."""
-LIMIT = 5_000
-"""Characters that MLflow keeps of an experiment's tag."""
-KIND = "custom_model_development"
-"""Else the page asks what kind of experiment this is."""
+LIMIT = 5_000  # characters that MLflow keeps of an experiment's tag
 NOTE = (
     "Step: **days since training** (`train/`: epochs, `system/`: seconds). "
     "`cells/`: right if in the query's own cell, as the papers count; `distance/`: if near it.\n\n"
@@ -37,78 +29,31 @@ NOTE = (
 """The first line shows above the charts, the rest once unfolded."""
 SCALE = {"yMin": -0.02, "yMax": 1.02}
 """Of shares: a scale cut to the data would make a hundredth look like a season."""
-COLOUR = "mlflow.runColor"
-"""The tag that fixes a run's colour in the charts, as #rrggbb."""
+COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
 GREY = "#808080"
 """Of a run without a colour; MLflow would take one from the run's id, another one each time, and often the same for two."""
 RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0))
 """Viridis, its yellow darkened to be seen on white: the colours of children without one, from first to last."""
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A line a run and metric over the metric's steps. The page heads it with the metrics' names, and would take no title."""
-
-    metrics: tuple[str, ...]
-    share: bool = True
-    """On the scale from 0 to 1."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """Charts under one headline."""
-
-    name: str
-    charts: tuple[Chart, ...] = ()
-    unfolded: bool = False
-    columns: int = 3
-
-
-SECTIONS = (
-    Section(
-        "AUC over days since training",
-        (Chart(("cells/auc_top1",)), Chart(("distance/auc_top1",))),
-        unfolded=True,
-        columns=2,
+CHARTS = {
+    "AUC over days since training": ("cells/auc_top1", "distance/auc_top1"),
+    "Recall by distance over days": ("distance/recall_at_1", "distance/recall_at_5", "distance/recall_at_25"),
+    "Rejection of unseen places over days": ("cells/auroc", "cells/recall_at_99_precision", "cells/precision_at_threshold"),
+    "Ageing: how new the seen look over days, and change per 100 days": (
+        "ageing/novelty_percentile",
+        "ageing/cells_recall_at_1_same_heading_per_100_days",
+        "ageing/cells_auc_top1_per_100_days",
     ),
-    Section(
-        "Recall by distance over days",
-        (Chart(("distance/recall_at_1",)), Chart(("distance/recall_at_5",)), Chart(("distance/recall_at_25",))),
-        unfolded=True,
-    ),
-    Section(
-        "Rejection of unseen places over days",
-        (Chart(("cells/auroc",)), Chart(("cells/recall_at_99_precision",)), Chart(("cells/precision_at_threshold",))),
-        unfolded=True,
-    ),
-    Section(
-        "Ageing: how new the seen look over days, and change per 100 days",
-        tuple(
-            Chart((f"ageing/{name}",), share=False)
-            for name in ("novelty_percentile", "cells_recall_at_1_same_heading_per_100_days", "cells_auc_top1_per_100_days")
-        ),
-        unfolded=True,
-    ),
-    Section(
-        "Heading of what is placed right over days",
-        (Chart(("distance/median_heading_error_deg",), share=False), Chart(("distance/heading_within_10deg",))),
-        unfolded=True,
-        columns=2,
-    ),
-    Section(
-        "Calibration error over days",
-        (Chart(("calibration/ece",), share=False), Chart(("calibration/ece_raw",), share=False)),
-        unfolded=True,
-        columns=2,
-    ),
-    Section(
-        "Training curves over epochs",
-        (Chart(("train/loss", "train/held_out_loss"), share=False), Chart(("train/accuracy", "train/held_out_accuracy"))),
-        unfolded=True,
-        columns=2,
-    ),
-    *(Section(prefix) for prefix in ("cells", "distance", "rejection", "ageing", "train", "cost", "System metrics")),
-)
+    "Heading of what is placed right over days": ("distance/median_heading_error_deg", "distance/heading_within_10deg"),
+    "Calibration error over days": ("calibration/ece", "calibration/ece_raw"),
+    "Training curves over epochs": ("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy"),
+}
+"""Sections in sight: headline to its charts, side by side. A chart has a line a run and metric; blanks stand between metrics."""
+UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss")
+"""How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
+FOLDED = ("cells", "distance", "rejection", "ageing", "train", "cost", "System metrics")
+"""Sections below, for the charts that the page adds itself."""
 
 
 def shade(place: int, count: int) -> str:
@@ -116,19 +61,17 @@ def shade(place: int, count: int) -> str:
     where = place / max(count - 1, 1) * (len(RAMP) - 1)
     before = min(int(where), len(RAMP) - 2)
     share = where - before
-    mixed = [round((1 - share) * low + share * high) for low, high in zip(RAMP[before], RAMP[before + 1], strict=True)]
-    return "#" + bytes(mixed).hex()
+    return (
+        "#" + bytes(round((1 - share) * low + share * high) for low, high in zip(*RAMP[before : before + 2], strict=True)).hex()
+    )
 
 
 def tags() -> dict[str, str]:
     """What an experiment is to be tagged with."""
-    return {"mlflow.experimentKind": KIND, "mlflow.note.content": NOTE, TAG: view()}
-
-
-def view() -> str:
-    """The value of the tag `TAG`."""
     state = base64.b64encode(zlib.compress(json.dumps(_state(), separators=(",", ":")).encode(), 9)).decode()
-    return json.dumps({"name": NAME, "createdAt": 0, "state": f"deflate;{state}"})
+    view = json.dumps({"name": "localisation over a year", "createdAt": 0, "state": f"deflate;{state}"})
+    kind = "custom_model_development"  # else the page asks what kind of experiment this is
+    return {"mlflow.experimentKind": kind, "mlflow.note.content": NOTE, f"mlflow.sharedViewState.{KEY}": view}
 
 
 def url(experiment_id: str, host: str, port: int) -> str:
@@ -138,41 +81,21 @@ def url(experiment_id: str, host: str, port: int) -> str:
 
 
 def _state() -> dict[str, object]:
+    columns = {name: len(charts) for name, charts in CHARTS.items()} | dict.fromkeys(FOLDED, 3)
     sections = [
-        {
-            "uuid": section.name,
-            "name": section.name,
-            "display": section.unfolded,
-            "isReordered": False,
-            "columns": section.columns,
-        }
-        for section in SECTIONS
+        {"uuid": name, "name": name, "display": name in CHARTS, "isReordered": False, "columns": wide}
+        for name, wide in columns.items()
     ]
-    return {
-        "compareRunSections": sections,
-        "compareRunCharts": [chart for section in SECTIONS for chart in _charts(section)],
-        "isAccordionReordered": True,
-        "runsHiddenMode": "SHOW_ALL",
-    }
+    charts = [_chart(section, chart.split()) for section, charts in CHARTS.items() for chart in charts]
+    shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
+    return {"compareRunSections": sections, "compareRunCharts": charts, **shown}
 
 
-def _charts(section: Section) -> Iterator[dict[str, object]]:
-    for chart in section.charts:
-        several = {"selectedMetricKeys": list(chart.metrics)} if len(chart.metrics) > 1 else {}
-        yield {
-            "uuid": chart.metrics[0],
-            "type": "LINE",
-            "metricSectionId": section.name,
-            "metricKey": chart.metrics[0],
-            "xAxisKey": "step",
-            "xAxisScaleType": "linear",
-            "scaleType": "linear",
-            "yAxisKey": "metric",
-            "yAxisExpressions": [],
-            "range": SCALE if chart.share else {},
-            "displayPoints": True,
-            "lineSmoothness": 0,
-            "useGlobalXaxisKey": False,
-            "useGlobalLineSmoothing": False,
-            **several,
-        }
+def _chart(section: str, metrics: list[str]) -> dict[str, object]:
+    """The page heads a chart with its metrics' names, and would take no title."""
+    own = {"uuid": metrics[0], "type": "LINE", "metricSectionId": section, "metricKey": metrics[0]}
+    axes = {"xAxisKey": "step", "xAxisScaleType": "linear", "scaleType": "linear", "yAxisKey": "metric", "yAxisExpressions": []}
+    scale: dict[str, float] = {} if metrics[0].startswith(UNBOUNDED) else SCALE
+    lines = {"displayPoints": True, "lineSmoothness": 0, "useGlobalXaxisKey": False, "useGlobalLineSmoothing": False}
+    several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
+    return {**own, **axes, "range": scale, **lines, **several}

@@ -1,26 +1,39 @@
 """The runs that MLflow shows, from the table of results: a run a method, a child run a day; a sweep and its jobs."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING
 from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.colours import colour
 from pipeline.sweeps.record import Record
+from pipeline.tracking.page import COLOUR
 from pipeline.tracking.runs import RunRecord
 from pipeline.tracking.served import Served
 
-CHARTED = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "recall_at_1"))
-"""What the parent of a sweep charts of each job: protocol and number, as the mean over the test sequences."""
+CHARTED = {
+    "cells_auc_top1": ("cells", "auc_top1"),
+    "cells_recall_at_1": ("cells", "recall_at_1"),
+    "distance_recall_at_1": ("distance", "recall_at_1"),
+    "held_out_auc": ("cells", "held_out_auc"),
+}
+"""What the parent of a sweep charts of each job: a metric's name to the protocol and number whose mean over the tests it is."""
+NOT_OF_JOBS = ("queries", "turned_share")
+"""Numbers that MLflow shows of a method's run and not of a sweep's job."""
 REJECTION = {"auroc": "auroc", "precision_at_threshold": "precision", "recall_at_threshold": "recall"}
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
+GROUPS = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}
+"""Of numbers that are not charted under their protocol."""
+LARGEST = 1e30  # a threshold beyond rejects nothing
 Series = dict[str, list[tuple[int, float]]]
 
 
@@ -30,39 +43,28 @@ class Source:
 
     study: str
     grid: str
-    words: Mapping[str, Any]
-    """Of conf/studies.yaml."""
+    words: Mapping[str, Any]  # of conf/studies.yaml
     simulated: bool
-    rows: pd.DataFrame
-    """Of the table of results, of this study and grid."""
-    figures: Path
-    """Folder of the report's figures, with its list of whose they are."""
+    rows: pd.DataFrame  # of the table of results, of this study and grid
+    figures: Path  # folder of the report's figures, with its list of whose they are
 
     def record(self, model: str, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
         """A method's run: its metrics over the days, ageing, curves of training and `extra`, and a child a test sequence."""
         own = self.rows[(self.rows["method"] == model) & (self.rows["variant"] == "") & (self.rows["seed"] == 0)]
-        tags = {"mlflow.runColor": colour(model), "dataset": self.study, "grid": self.grid, "method": model}
-        tags["data"] = "simulated" if self.simulated else "recorded"
-        params = {"dataset": self.study, "grid": self.grid, "train": self.words["train"], **recipe}
-        driven = own[(own["change"] == "") & (own["stress"] == "")]
+        where = {"dataset": self.study, "grid": self.grid}
+        tags = {COLOUR: colour(model), **where, "method": model, "data": "simulated" if self.simulated else "recorded"}
+        params, driven = {**where, "train": self.words["train"], **recipe}, own[(own["change"] == "") & (own["stress"] == "")]
         curves = {
             f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
             for name, values in arrays.items()
             if name.startswith("curves/")
         }
-        children = [
-            RunRecord(
-                sequence,
-                tags | {"sequence": sequence},
-                params | {"test": sequence},
-                over_days(driven[driven["sequence"] == sequence]),
-                self._files(model, sequence),
-            )
-            for sequence in self.words["tests"]
-        ]
-        series = (
-            over_days(driven[driven["sequence"].isin(self.words["tests"])]) | curves | ageing(driven) | viewpoints(own) | extra
-        )
+        children = []
+        for test in self.words["tests"]:
+            series, files = over_days(driven[driven["sequence"] == test]), self._files(model, test)
+            children.append(RunRecord(test, tags | {"sequence": test}, params | {"test": test}, series, files))
+        series = over_days(driven[driven["sequence"].isin(self.words["tests"])])
+        series |= curves | ageing(driven) | viewpoints(own) | extra
         return RunRecord(f"{model} {self.grid}", tags, params, series, self._files(model), children)
 
     def _files(self, model: str, sequence: str = "") -> list[Path]:
@@ -74,18 +76,12 @@ class Source:
 
 def over_days(rows: pd.DataFrame) -> Series:
     """Every number of some sequences over the days, under names that MLflow groups, such as `cells/auc_top1`."""
-    found: Series = {}
-    for number, protocol, kind, days, value in rows[["number", "protocol", "kind", "days", "value"]].itertuples(index=False):
-        if not (np.isfinite(value) and np.isfinite(days)) or number.endswith("_line") or abs(value) > 1e30:
-            continue
-        if kind:
-            name = f"rejection/{kind}_{REJECTION[number]}" if number in REJECTION and protocol == "cells" else ""
-        else:
-            group = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}.get(number, protocol)
-            name = f"{group}/{number}"
-        if name:
-            found.setdefault(name, []).append((int(days), float(value)))
-    return {name: sorted(points) for name, points in found.items()}
+    rows = rows[np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST) & ~rows["number"].str.endswith("_line")]
+    plain, kinds = rows[rows["kind"] == ""], rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
+    kinds = kinds[kinds["number"].isin(REJECTION)]
+    names = plain["number"].map(GROUPS).fillna(plain["protocol"]) + "/" + plain["number"]
+    of_kinds = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
+    return _points(plain, names, "days") | _points(kinds, of_kinds, "days")
 
 
 def ageing(rows: pd.DataFrame) -> Series:
@@ -103,10 +99,15 @@ def ageing(rows: pd.DataFrame) -> Series:
 
 def viewpoints(rows: pd.DataFrame) -> Series:
     """How a method bears being turned, over whole degrees of heading."""
-    own, found = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])], Series()
-    for number, sequence, level, value in own[["number", "sequence", "level", "value"]].itertuples(index=False):
-        found.setdefault(f"viewpoints/{number} {sequence}", []).append((int(level), float(value)))
-    return {name: sorted(points) for name, points in found.items()}
+    own = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
+    return _points(own, "viewpoints/" + own["number"] + " " + own["sequence"], "level")
+
+
+def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
+    """The values of each metric over a column, cut to whole numbers."""
+    return {
+        name: sorted(zip(own[step].astype(int).tolist(), own["value"].tolist(), strict=True)) for name, own in rows.groupby(names)
+    }
 
 
 def measured(artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path) -> Series:
@@ -120,7 +121,7 @@ def measured(artifacts: Path, study: str, grid: str, method: Mapping[str, Any], 
 
 def with_model(record: RunRecord, arrays: Path) -> RunRecord:
     """The same with its model, where its recipe names its class."""
-    return RunRecord(record.name, record.tags, record.params, record.series, record.figures, record.children, Served.read(arrays))
+    return replace(record, model=Served.read(arrays))
 
 
 def of_sweep(records: Sequence[Record], usual: Mapping[str, str], figures: Sequence[Path]) -> RunRecord:
@@ -130,37 +131,17 @@ def of_sweep(records: Sequence[Record], usual: Mapping[str, str], figures: Seque
     names = dict.fromkeys(name for overrides in own.values() for name in overrides)
     values = {name: ",".join(dict.fromkeys(overrides[name] for overrides in own.values() if name in overrides)) for name in names}
     tags = {"dataset": first.dataset, "method": first.method, "data": "simulated" if first.simulated else "recorded"}
-    series = {f"sweep/{protocol}_{name}": list(_means(records, protocol, name)) for protocol, name in CHARTED}
-    series["sweep/held_out_auc"] = [(one.number, one.held_out_auc) for one in records if one.held_out_auc is not None]
-    children = [
-        RunRecord(
-            _short(own[one.number]) or f"job {one.number}",
-            tags | ({"error": one.error} if one.error else {}),
-            own[one.number],
-            _over_days(one),
-        )
-        for one in records
-    ]
-    return RunRecord(f"sweep {_short(values)}"[:240], tags, values, {k: v for k, v in series.items() if v}, figures, children)
-
-
-def _means(records: Sequence[Record], protocol: str, name: str) -> Iterator[tuple[int, float]]:
+    series = {
+        f"sweep/{name}": [(one.number, fmean(found)) for one in records if (found := one.values(*number))]
+        for name, number in CHARTED.items()
+    }
+    children = []
     for one in records:
-        values = [numbers[protocol][name] for numbers in (one.numbers or {}).values() if numbers[protocol][name] is not None]
-        if values:
-            yield one.number, float(np.mean(values))
+        name, rows = _short(own[one.number]) or f"job {one.number}", table(one.rows)
+        driven = over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)])
+        children.append(RunRecord(name, tags | ({"error": one.error} if one.error else {}), own[one.number], driven))
+    return RunRecord(f"sweep {_short(values)}"[:240], tags, values, {k: v for k, v in series.items() if v}, figures, children)
 
 
 def _short(values: Mapping[str, str]) -> str:
     return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
-
-
-def _over_days(record: Record) -> Series:
-    """Every number of a job that there is, under the names that a study's runs have."""
-    series: Series = {}
-    for numbers in (record.numbers or {}).values():
-        for group in ("cells", "distance", "calibration"):
-            for name, value in numbers[group].items():
-                if value is not None and np.isfinite(value) and abs(value) < 1e30:
-                    series.setdefault(f"{group}/{name}", []).append((int(numbers["days"]), float(value)))
-    return series

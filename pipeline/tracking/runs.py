@@ -27,17 +27,14 @@ if TYPE_CHECKING:
     from mlflow.entities import LoggedModel, Run
 
 KEY = "yearloc.key"
-UNFINISHED = "unfinished"
 PARENT = "mlflow.parentRunId"
-BATCH = 1_000
-"""Metric points that MLflow takes at once."""
+BATCH = 1_000  # metric points that MLflow takes at once
 SYSTEM = "system/"
 """Metrics of this group are on the page's tab of system metrics, which shows them over their time: their steps are seconds."""
 NO_CLOCK_MS = 946_684_800_000
 """2000-01-01: the time, in ms since 1970, that a point of step 0 bears. MLflow's page takes small numbers for years."""
 
-Models = Mapping[str, Sequence["LoggedModel"]]
-"""Run id to the models that the run logged."""
+Models = Mapping[str, Sequence["LoggedModel"]]  # run id to the models that the run logged
 
 
 @dataclass(frozen=True)
@@ -47,11 +44,11 @@ class RunRecord:
     name: str
     tags: Mapping[str, str]
     params: Mapping[str, object]
-    series: Mapping[str, Sequence[tuple[int, float]]]
-    """Metric name, such as `cells/auc_top1`, to its points (step, value); steps are days since training, or epochs."""
+    series: Mapping[
+        str, Sequence[tuple[int, float]]
+    ]  # metric, such as `cells/auc_top1`, to (days since training or epoch, value)
     figures: Sequence[Path] = ()
-    children: Sequence["RunRecord"] = ()
-    """One level deep: the page nests no further."""
+    children: Sequence["RunRecord"] = ()  # one level deep: the page nests no further
     model: served.Served | None = None
 
     def __post_init__(self) -> None:
@@ -74,15 +71,14 @@ class RunRecord:
             "series": {name: [[step, float(value).hex()] for step, value in points] for name, points in self.series.items()},
             "figures": [[path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures],
             "children": [child.key() for child in self.children],
+            "model": self.model and self.model.content(),
         }
-        if self.model is not None:
-            content["model"] = self.model.content()
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def experiment_of(dataset: str, simulated: bool) -> str:
     """The name of a data set's experiment, which heads every page of it."""
-    return f"yearloc {dataset}" + (" (simulated)" if simulated else "")
+    return f"yearloc {dataset}{' (simulated)' * simulated}"
 
 
 @dataclass(frozen=True)
@@ -102,11 +98,13 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
     database = database.absolute()
-    with _lock(database), _quiet_client(database) as client:
+    database.parent.mkdir(parents=True, exist_ok=True)
+    # One process at a time: two would each make the experiment, and each write the runs that they both find missing.
+    with FileLock(f"{database}.lock"), _quiet_client(database) as client:
         experiment_id = _experiment(client, experiment, database.parent / "mlruns")
         for tag, value in page.tags().items():
             client.set_experiment_tag(experiment_id, tag, value)
-        ours = [run for run in _active(client, experiment_id) if KEY in run.data.tags]
+        ours = [run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags]
         models = served.owners(client, experiment_id)
         written, kept, now_ms = 0, 0, time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
@@ -123,12 +121,6 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
     return Published(experiment_id, written, kept)
 
 
-def _lock(database: Path) -> FileLock:
-    """One process at a time: two would each make the experiment, and each write the runs that they both find missing."""
-    database.parent.mkdir(parents=True, exist_ok=True)
-    return FileLock(f"{database}.lock")
-
-
 @contextmanager
 def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
     """A client of this database, created and migrated if need be, without telemetry and without log lines about it."""
@@ -136,14 +128,13 @@ def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
 
-    loggers = [logging.getLogger(name) for name in ("alembic", "mlflow")]
-    levels = [logger.level for logger in loggers]
+    levels = {logger: logger.level for logger in map(logging.getLogger, ("alembic", "mlflow"))}
     try:
-        for logger in loggers:
+        for logger in levels:
             logger.setLevel(logging.WARNING)
         yield mlflow.MlflowClient(tracking_uri=f"sqlite:///{database}", registry_uri=f"sqlite:///{database}")
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
+        for logger, level in levels.items():
             logger.setLevel(level)
 
 
@@ -157,17 +148,6 @@ def _experiment(client: "MlflowClient", name: str, artifacts: Path) -> str:
     if found.lifecycle_stage == "deleted":
         client.restore_experiment(found.experiment_id)
     return str(found.experiment_id)
-
-
-def _active(client: "MlflowClient", experiment_id: str) -> list["Run"]:
-    """All runs of an experiment that are not deleted."""
-    runs, token = [], None
-    while True:
-        found = client.search_runs([experiment_id], max_results=1_000, page_token=token)
-        runs += found
-        token = found.token
-        if not token:
-            return runs
 
 
 def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
@@ -194,13 +174,10 @@ def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family
     """
     from mlflow.entities import Metric, Param
 
-    run_id = client.create_run(experiment_id, start_ms, {**family, **record.tags, KEY: UNFINISHED}, record.name).info.run_id
+    run_id = client.create_run(experiment_id, start_ms, {**family, **record.tags, KEY: "unfinished"}, record.name).info.run_id
     client.log_batch(run_id, params=[Param(name, str(value)) for name, value in record.params.items()])
-    points = [
-        Metric(name, float(value), NO_CLOCK_MS + 1_000 * step, step)
-        for name, series in record.series.items()
-        for step, value in series
-    ]
+    series = [(name, float(value), step) for name, points in record.series.items() for step, value in points]
+    points = [Metric(name, value, NO_CLOCK_MS + 1_000 * step, step) for name, value, step in series]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])
     for path in record.figures:

@@ -7,7 +7,7 @@ import ast
 import hashlib
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -26,27 +26,13 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-SHIPPED = (
-    "__init__",
-    "alterations",
-    "errors",
-    "frames",
-    "replacing",
-    "schemas",
-    "store",
-    "matching",
-    "methods",
-    "networks",
-    "running",
-    "views",
-)
+MODULES = ("__init__", "errors", "frames", "replacing", "schemas", "store")
+FOLDERS = ("alterations", "matching", "methods", "networks", "running", "views")
 """Modules and folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
 """What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
-OURS = "yearloc.model"
-"""The tag of a model that was logged here; others are somebody else's."""
-PYFUNC = LIBRARY / "tracking/pyfunc.py"
-"""The file that MLflow runs to load the model."""
+OURS = "yearloc.model"  # the tag of a model that was logged here; others are somebody else's
+PYFUNC = LIBRARY / "tracking/pyfunc.py"  # what MLflow runs to load the model
 Dims = tuple[str | int, ...]
 OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "places": (np.int64, ("query", "rank")),
@@ -63,16 +49,11 @@ OUTPUTS: Mapping[str, tuple[type, Dims]] = {
 class Served:
     """A trained model with everything needed to localise with it."""
 
-    arrays: Path
-    """The .safetensors file that `stages.train` wrote."""
-    method: str
-    """Module and class, as `pipeline.methods.sci:Sci`."""
-    parameters: Mapping[str, bool | int | float | str]
-    """Of the class's constructor; those that it has no field for are left out there."""
-    image_shape: tuple[int, ...]
-    """Of one view, such as rings and sectors."""
-    k: int = 25
-    """Places ranked unless `predict(views, params={"k": …})` asks for another number."""
+    arrays: Path  # the .safetensors file that `stages.train` wrote
+    method: str  # module and class, as `pipeline.methods.sci:Sci`
+    parameters: Mapping[str, bool | int | float | str]  # of its constructor; those that it has no field for are left out there
+    image_shape: tuple[int, ...]  # of one view, such as rings and sectors
+    k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number
 
     def __post_init__(self) -> None:
         if self.arrays.suffix != ".safetensors" or not self.arrays.is_file():
@@ -81,32 +62,34 @@ class Served:
             raise InputError(f"method {self.method}: expected module:class")
 
     @classmethod
-    def read(cls, arrays: Path, k: int = 25) -> Self | None:
+    def read(cls, arrays: Path) -> Self | None:
         """The model in a file of `stages.train`; None for one whose recipe does not name its class as `_target_`."""
         recipe, model = store.read_recipe(arrays), store.read_model(arrays)
         if "_target_" not in recipe or "image_shape" not in model:
             return None
         module, _, name = recipe["_target_"].rpartition(".")
         parameters = {key: _plain(value) for key, value in recipe.items() if key != "_target_"}
-        return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])), k)
+        return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])))
 
     def content(self) -> dict[str, object]:
         """Everything that the logged model holds, its code included, files as digests; `RunRecord.key` hashes it."""
         code = {path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())}
         return asdict(self) | {"arrays": _digest(self.arrays), "parameters": dict(self.parameters), "code": code}
 
-    def note(self, model_id: str) -> str:
-        """The text of the model's page: how to call it, and its signature, which MLflow shows in a file only."""
-        rows = [("in", name, _words(kind, dims)) for name, (kind, dims) in self.inputs.items()]
-        rows += [("in", "k", f"int, {self.k} unless given")]
-        rows += [("out", name, _words(kind, dims)) for name, (kind, dims) in OUTPUTS.items()]
-        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(views, params={{"k": {self.k}}})'
-        return "\n".join(["```", call, "", *(f"{way:<5}{name:<12}{words}" for way, name, words in rows), "```"])
-
     @property
     def inputs(self) -> dict[str, tuple[type, Dims]]:
         """What `predict` takes: views, as the method looks at them."""
         return {"views": (np.float32, ("query", *self.image_shape))}
+
+    def note(self, model_id: str) -> str:
+        """The text of the model's page: how to call it, and its signature, which MLflow shows in a file only."""
+
+        def lines(way: str, tensors: Mapping[str, tuple[type, Dims]]) -> list[str]:
+            return [f"{way:<5}{name:<12}{np.dtype(kind)} ({', '.join(map(str, dims))})" for name, (kind, dims) in tensors.items()]
+
+        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(views, params={{"k": {self.k}}})'
+        parameter = f"{'in':<5}{'k':<12}int, {self.k} unless given"
+        return "\n".join(["```", call, "", *lines("in", self.inputs), parameter, *lines("out", OUTPUTS), "```"])
 
     def save(self, folder: Path, **about: Any) -> None:
         """Write an MLflow model into a new folder; `about` goes into its MLmodel file."""
@@ -140,16 +123,12 @@ class Served:
 
 def shipped() -> list[Path]:
     """The source files that go into a logged model's `code` folder."""
-    found = (path for name in SHIPPED for path in (LIBRARY / f"{name}.py", *(LIBRARY / name).rglob("*.py")))
-    return sorted(path for path in found if path.is_file())
+    folders = (path for name in FOLDERS for path in (LIBRARY / name).rglob("*.py"))
+    return sorted([*(LIBRARY / f"{name}.py" for name in MODULES), *folders])
 
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _words(kind: type, dims: Dims) -> str:
-    return f"{np.dtype(kind).name} ({', '.join(map(str, dims))})"
 
 
 def _plain(value: object) -> Any:
@@ -167,9 +146,8 @@ def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, serv
     model = client.create_logged_model(experiment_id, name, run_id, params=params)
     client.set_logged_model_tags(model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)})
     with TemporaryDirectory() as scratch:
-        folder = Path(scratch, "model")
-        about = {"artifact_path": model.artifact_location, "model_uuid": model.model_id, "model_id": model.model_id}
-        served.save(folder, run_id=run_id, **about)
+        folder, number = Path(scratch, "model"), model.model_id
+        served.save(folder, run_id=run_id, artifact_path=model.artifact_location, model_uuid=number, model_id=number)
         client.log_model_artifacts(model.model_id, str(folder))
     client.finalize_logged_model(model.model_id, "READY")
     client.log_outputs(run_id, [LoggedModelOutput(model.model_id, 0)])
@@ -178,15 +156,19 @@ def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, serv
 def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
     """Id of each run that has models of ours, with its models."""
     found: dict[str, list[Any]] = {}
+    for model in every(client.search_logged_models, experiment_id):
+        if OURS in model.tags:
+            found.setdefault(str(model.source_run_id), []).append(model)
+    return found
+
+
+def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
+    """All that a search of MLflow, which answers page by page, finds in an experiment; nothing deleted."""
     token = None
-    while True:
-        page = client.search_logged_models([experiment_id], page_token=token)
-        for model in page:
-            if OURS in model.tags:
-                found.setdefault(str(model.source_run_id), []).append(model)
-        token = page.token
-        if not token:
-            return found
+    while page := search([experiment_id], page_token=token):
+        yield from page
+        if not (token := page.token):
+            return
 
 
 def delete(client: "MlflowClient", model: Any) -> None:

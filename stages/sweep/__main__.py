@@ -33,13 +33,11 @@ def main() -> None:
 
 def usual_choices(given: Sequence[str]) -> dict[str, str]:
     """What the study says and the command line does not: its data set, world, submaps, budget, first grid and first method."""
-    known = studies()
-    dataset = next((word.removeprefix("dataset=") for word in given if word.startswith("dataset=")), next(iter(known)))
-    usual = {"dataset": dataset}
-    if study := known.get(dataset):
+    known, said = studies(), dict(word.partition("=")[::2] for word in given)
+    usual = {"dataset": said.get("dataset", next(iter(known)))}
+    if study := known.get(usual["dataset"]):
         usual |= {group: study[group] for group in ("world", "submap", "budget")}
         usual |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]}
-    said = {word.partition("=")[0] for word in given}
     return {group: choice for group, choice in usual.items() if group not in said}
 
 
@@ -63,9 +61,8 @@ def report(folder: Path, found: Sequence[Record], usual: Mapping[str, str]) -> b
     print(sweep_report(folder, found, usual))
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     try:
-        done = publish(
-            Path(first.database), experiment_of(first.dataset, first.simulated), [records.of_sweep(found, usual, figures)]
-        )
+        run = records.of_sweep(found, usual, figures)
+        done = publish(Path(first.database), experiment_of(first.dataset, first.simulated), [run])
     except YearlocError as error:
         print(f"sweep: {error}", file=sys.stderr)
         return True

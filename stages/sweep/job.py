@@ -1,6 +1,5 @@
 """One job of a sweep: builds what its overrides touch, takes the rest from DVC or earlier jobs, and leaves a record of it."""
 
-import json
 import math
 import sys
 import time
@@ -21,6 +20,8 @@ from omegaconf.errors import OmegaConfBaseException
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
+from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.rows import Rows, of_evaluation, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
 from pipeline.sweeps.cache import ArtifactCache
@@ -33,8 +34,7 @@ from stages._studies import studies
 from stages.sweep.settings import Composer, listed, own_fields
 
 SWEEPS = Path(".sweeps")
-CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
-"""What a person can put right."""
+CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)  # what a person can put right
 
 ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
@@ -43,7 +43,7 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 def job(cfg: DictConfig) -> float:
     """Run one job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
     of_hydra, start_s, used_s = HydraConfig.get(), time.perf_counter(), time.process_time()
-    overrides = {key: value for key, _, value in (override.partition("=") for override in of_hydra.overrides.task)}
+    overrides = dict(override.split("=", 1) for override in of_hydra.overrides.task)
     about = of_hydra.runtime.choices["dataset"], cfg.dataset.simulated, of_hydra.runtime.choices["method"], cfg.tracking.database
     record = Record(int(of_hydra.job.num), overrides, *about)
     try:
@@ -62,7 +62,7 @@ def job(cfg: DictConfig) -> float:
 
 
 def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
-    """A job's metrics, and where its artifacts came from."""
+    """A job's rows of results, and where its artifacts came from."""
     if dataset not in (known := studies()):
         raise ConfigError(f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it")
     composer = Composer(overrides)
@@ -71,21 +71,21 @@ def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: 
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    for altered in (
-        known[dataset].get("altered", {}),
-        dict[str, Any](),
-    ):  # altered queries are asked only where DVC has their answers
-        lists = listed({**known[dataset], "altered": altered}, dataset, overrides, cfg.method.view)
-        steps = expand(definition(ROOT), lists)
-        found = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
-        train, localize, evaluate = (
-            next(one for one in steps if one.stage == name) for name in ("train", "localize", "evaluate")
-        )
-        if found.is_built(localize):
+    for study in (known[dataset], {**known[dataset], "altered": {}}):  # altered queries only where DVC has their answers
+        steps = expand(definition(ROOT), listed(study, dataset, overrides, cfg.method.view))
+        found, at = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run), {one.stage: one for one in steps}
+        if found.is_built(at["localize"]):
             break
-    numbers = json.loads(found.path(evaluate.outs[1]).read_text())
-    model = store.read_model(found.path(train.outs[0]))
-    kind = store.read(found.path(localize.outs[0]) / f"{next(iter(numbers))}.zarr", schemas.RANKINGS).attrs["kinds"][0]
-    rejection = composer.config(localize, {}).rejection
-    counts = {name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")}
-    return {"numbers": numbers, "held_out_auc": held_out_auc(Evidence.of(model), kind, rejection.unseen_share), **counts}
+    unseen_share = composer.config(at["localize"], {}).rejection.unseen_share
+    rows = list(results(found, at["evaluate"], at["train"], unseen_share))
+    return {"rows": rows} | {name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")}
+
+
+def results(found: Job, evaluate: Step, train: Step, unseen_share: float) -> Rows:
+    """The job's rows of the table of results: its test sequences as driven, and its AUC on held-out blocks of training."""
+    folder = found.path(evaluate.outs[0])
+    for sequence in evaluate.fields["sequences"].split():
+        driven = Evaluation.read(store.read(folder / f"{sequence}.zarr", schemas.EVALUATIONS))
+        yield from ({"sequence": sequence, "days": driven.days, **one} for one in of_evaluation(driven))
+    learned = Evidence.of(store.read_model(found.path(train.outs[0])))
+    yield row("held_out_auc", "cells", held_out_auc(learned, driven.kinds[0], unseen_share))

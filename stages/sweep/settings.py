@@ -13,24 +13,21 @@ from pipeline.errors import ConfigError
 from pipeline.studies.expansion import asks_about_the_year, expand
 from pipeline.studies.names import entry
 from pipeline.sweeps.chain import Step
-from pipeline.sweeps.job import Settings
 from stages import ROOT
 from stages.train import within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
-LISTED = ("world", "submap", "budget", "grid", "method", "view")
-"""Groups whose file conf/lists.yaml names."""
+LISTED = ("world", "submap", "budget", "grid", "method", "view")  # groups whose file conf/lists.yaml names
 CHAIN = ("logs", "scans", "submaps", "views", "birdviews", "labels", "train", "localize", "evaluate")
 """The stages that a job may run; their own settings can be swept, those of the stages behind them cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
     """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
-    fields = {}
-    for stage in CHAIN:
-        own = yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text())
-        fields[stage] = {key: value for key, value in own.items() if key not in ("defaults", "hydra") and value is not None}
-    return {name: own for name, own in fields.items() if own}
+    files = {stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text()) for stage in CHAIN}
+    inherited = ("defaults", "hydra")
+    own = {name: {k: v for k, v in file.items() if k not in inherited and v is not None} for name, file in files.items()}
+    return {name: fields for name, fields in own.items() if fields}
 
 
 def listed(study: Mapping[str, Any], dataset: str, given: Mapping[str, str], method_view: str) -> dict[str, Any]:
@@ -55,21 +52,20 @@ class Composer:
     def __init__(self, overrides: Mapping[str, str]) -> None:
         self._overrides = overrides
 
-    def settings(self, step: Step) -> Settings:
-        """All that the step's result depends on, but for its inputs and code."""
-        choices = tuple(f"{group}={choice}" for group, choice in step.choices.items())
+    def settings(self, step: Step) -> tuple[dict[str, Any], bool]:
+        """All that the step's result depends on, but for its inputs and code; and whether it is that of the files in conf/."""
+        choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
-        changes = tuple(self._changes(step))
         values = _values(step.stage, choices + changes, files)
-        return Settings(values, not changes or values == _values(step.stage, choices, files))
+        return values, not changes or values == _values(step.stage, choices, files)
 
-    def config(self, step: Step, fields: Any) -> DictConfig:
+    def config(self, step: Step, fields: Mapping[str, str]) -> DictConfig:
         """The step's whole configuration, with `fields` for its paths and names."""
-        choices = [f"{group}={choice}" for group, choice in step.choices.items()]
-        return _composed(step.stage, (*choices, *self._changes(step), *(f"{field}='{value}'" for field, value in fields.items())))
+        choices, changes = self._words(step)
+        return _composed(step.stage, (*choices, *changes, *(f"{field}='{value}'" for field, value in fields.items())))
 
-    def _changes(self, step: Step) -> list[str]:
-        """The overrides that speak of something in this step's configuration."""
+    def _words(self, step: Step) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The step's choices of files, and the overrides that speak of something in its configuration."""
         groups = _composed(step.stage, ()).keys() & GROUPS
         changes = []
         for key, value in self._overrides.items():
@@ -78,7 +74,7 @@ class Composer:
                 changes.append(f"{rest}={value}")
             elif head in groups and (dot or head not in LISTED):
                 changes.append(f"{key}={value}")
-        return changes
+        return tuple(f"{group}={choice}" for group, choice in step.choices.items()), tuple(changes)
 
 
 @cache

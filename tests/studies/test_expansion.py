@@ -1,5 +1,7 @@
 """Studies spelled out for dvc.yaml."""
 
+from typing import Any
+
 import pytest
 import yaml
 
@@ -8,19 +10,10 @@ from pipeline.studies.expansion import INSTEAD, LISTS, checked, expand
 from pipeline.studies.names import lists_text, studies_text
 
 SCI, M2DP = {"name": "sci", "view": "sc", "code": "sci.py"}, {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
-ONE = {
-    "world": "w",
-    "source": "world",
-    "heeds": "simulated",
-    "root": "r",
-    "submap": "single",
-    "train": "a",
-    "tests": ["b", "c"],
-    "grids": ["5m", "10m"],
-    "methods": [SCI, M2DP, {"name": "sc50", "view": "sc", "code": "sc50.py"}],
-    "budget": "tiny",
-    "question": "year",
-}
+DRIVE = {"world": "w", "source": "world", "heeds": "simulated", "root": "r"}
+METHODS = [SCI, M2DP, {"name": "sc50", "view": "sc", "code": "sc50.py"}]
+ASKED = {"submap": "single", "train": "a", "tests": ["b", "c"], "grids": ["5m", "10m"], "budget": "tiny", "question": "year"}
+ONE: dict[str, Any] = {**DRIVE, **ASKED, "methods": METHODS}
 OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [SCI]}
 SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "code": "pfl", "stage": "birdviews", "seeds": 2}
 TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "viewpoints"}
@@ -32,18 +25,9 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; latency 2 + 1
     year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "latency": 3, "results": 2}
     assert counts == dict.fromkeys(LISTS, 0) | year | {"published": 2, "report": 1}
-    assert lists["models"]["one-5m-m2dp"] == {
-        "dataset": "one",
-        "grid": "5m",
-        "method": "m2dp",
-        "model": "m2dp",
-        "recipe": "method=m2dp",
-        "code": "m2dp.py",
-        "view": "cloud",
-        "budget": "tiny",
-        "train": "a",
-        "of": "/a.zarr",
-    }
+    place = {"dataset": "one", "grid": "5m", "train": "a", "of": "/a.zarr"}
+    own = {"method": "m2dp", "model": "m2dp", "recipe": "method=m2dp", "code": "m2dp.py", "view": "cloud", "budget": "tiny"}
+    assert lists["models"]["one-5m-m2dp"] == place | own
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
     assert lists["rankings"]["one-5m-m2dp"]["altered"] == INSTEAD["evaluated"]
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
@@ -76,15 +60,8 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     asked = {"stress": {"x": "heavy"}, "cells": ["20m"], "altered": {"turned": ["d"], "construction": ["d"]}}
     lists = expand({"one": OTHER | {"question": "robustness", "methods": methods, **asked}})
     # of the study's own cells each variant with each seed; of the further ones the methods as they are
-    assert list(lists["models"]) == [
-        "one-10m-sci",
-        "one-10m-sci-seed1",
-        "one-10m-sci-4way",
-        "one-10m-sci-4way-seed1",
-        "one-10m-m2dp",
-        "one-20m-sci",
-        "one-20m-m2dp",
-    ]
+    models = ("10m-sci", "10m-sci-seed1", "10m-sci-4way", "10m-sci-4way-seed1", "10m-m2dp", "20m-sci", "20m-m2dp")
+    assert list(lists["models"]) == [f"one-{model}" for model in models]
     assert lists["models"]["one-10m-sci-4way-seed1"]["recipe"] == "method=sci method.n_way=4 method.epochs=100 method.seed=1"
     assert list(lists["drives"]) == ["one-b", "one-d", "one-x"]
     assert lists["views"]["one-sc"]["sequences"] == lists["labels"]["one-20m"]["sequences"] == "b d x"
@@ -111,8 +88,7 @@ def test_an_unknown_question_is_named() -> None:
 
 def test_studies_do_not_mix() -> None:
     both, alone = expand({"one": ONE, "other": OTHER}), expand({"other": OTHER})
-    for name, members in alone.items():
-        assert members.items() <= both[name].items()
+    assert all(members.items() <= both[name].items() for name, members in alone.items())
 
 
 def test_the_files_hold_what_they_were_made_of() -> None:

@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import Job, Settings
+from pipeline.sweeps.job import Job
 from pipeline.sweeps.lock import UpToDate, digest
 
 CHAIN = yaml.safe_load("""
@@ -37,27 +37,19 @@ class Project:
     """A toy project in which a stage writes its inputs, settings and code into its outputs, and a dvc.lock of it."""
 
     def __init__(self, root: Path) -> None:
-        self.steps = expand(CHAIN, {})
-        self.ran: list[str] = []
-        for name, text in {
-            "code/scans.py": "1",
-            "code/views/a.py": "1",
-            "code/train.py": "1",
-            "conf/scans.yaml": "grain: 1\n",
-            "conf/view/small.yaml": "rings: 4\n",
-            "conf/train.yaml": "rate: 1\nother: 1\n",
-        }.items():
+        self.root, self.steps, self.ran = root, expand(CHAIN, {}), list[str]()
+        code = dict.fromkeys(("code/scans.py", "code/views/a.py", "code/train.py"), "1")
+        conf = {"scans.yaml": "grain: 1\n", "view/small.yaml": "rings: 4\n", "train.yaml": "rate: 1\nother: 1\n"}
+        for name, text in (code | {f"conf/{name}": text for name, text in conf.items()}).items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             (root / name).write_text(text)
-        self.root = root
 
     def run(self, step: Step, fields: Mapping[str, str]) -> None:
         self.ran.append(step.stage)
         read = [Path(value).read_text() for key, value in fields.items() if key in ("scans", "views")]
-        for key in ("out", "log"):
-            if key in fields:
-                Path(fields[key]).parent.mkdir(parents=True, exist_ok=True)
-                Path(fields[key]).write_text(f"{step.stage} {self.values(step)} of {read}")
+        for path in (Path(fields[key]) for key in ("out", "log") if key in fields):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"{step.stage} {self.values(step)} of {read}")
 
     def values(self, step: Step, **changes: int) -> dict[str, int]:
         found: dict[str, int] = {}
@@ -82,8 +74,9 @@ class Project:
         self.ran.clear()
 
     def job(self, **changes: int) -> Job:
-        def settings(step: Step) -> Settings:
-            return Settings(self.values(step, **changes), self.values(step, **changes) == self.values(step))
+        def settings(step: Step) -> tuple[dict[str, int], bool]:
+            values = self.values(step, **changes)
+            return values, values == self.values(step)
 
         return Job(self.steps, UpToDate(self.root), ArtifactCache(Path(".sweeps")), settings, self.run)
 
@@ -100,9 +93,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
 def test_a_job_of_unchanged_settings_is_dvcs_own(project: Project) -> None:
     project.repro()
     job = project.job()
-    assert job.path(MODEL) == Path(MODEL)
+    assert (job.path(MODEL), job.from_dvc) == (Path(MODEL), {"train": 1})
     assert project.ran == []
-    assert job.from_dvc == {"train": 1}
 
 
 def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
@@ -127,11 +119,9 @@ def test_a_second_job_takes_all_from_the_first(project: Project) -> None:
     first = project.job(rings=8).path(MODEL)
     project.ran.clear()
     job = project.job(rings=8)
-    assert job.path(MODEL) == first
+    assert (job.path(MODEL), job.from_sweeps, job.built) == (first, {"train": 1}, {})
     assert project.ran == []
-    assert (job.from_sweeps, job.built) == ({"train": 1}, {})
-    other = project.job(rings=8, rate=2)
-    assert other.path(MODEL) != first
+    assert project.job(rings=8, rate=2).path(MODEL) != first
     assert project.ran == ["train"]
 
 
@@ -172,10 +162,6 @@ def test_a_damaged_input_is_not_read(project: Project) -> None:
     assert project.ran == ["views", "train"]
 
 
-def gathered(parts: Mapping[str, str]) -> str:
-    return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
-
-
 @pytest.mark.parametrize(
     ("stands_for", "root"),
     [
@@ -187,18 +173,19 @@ def gathered(parts: Mapping[str, str]) -> str:
     ],
 )
 def test_a_folder_of_artifacts_is_where_they_are(project: Project, stands_for: dict[str, str], root: str) -> None:
+    def gathered(parts: Mapping[str, str]) -> str:
+        return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
+
     assert project.job()._given(project.steps[0], stands_for, gathered)["root"] == root
 
 
 def test_artifacts_from_several_places_are_shown_in_one_folder(tmp_path: Path) -> None:
-    for key in ("a", "b"):
-        (tmp_path / key).mkdir()
-        (tmp_path / key / "day").write_text(key)
-    cache = ArtifactCache(tmp_path / "cache")
-    parts = {"monday": str(tmp_path / "a/day"), "friday": str(tmp_path / "b/day")}
-    folder = cache.gather(parts)
-    assert cache.gather(parts) == folder
-    assert [(folder / name).read_text() for name in ("monday", "friday")] == ["a", "b"]
+    parts = {"monday": str(tmp_path / "a"), "friday": str(tmp_path / "b")}
+    for path in parts.values():
+        Path(path).write_text(path)
+    folder = ArtifactCache(tmp_path / "cache").gather(parts)
+    assert ArtifactCache(tmp_path / "cache").gather(parts) == folder
+    assert {name: (folder / name).read_text() for name in parts} == parts
 
 
 def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
@@ -214,9 +201,9 @@ def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
 
 
 def test_what_dvc_has_is_known_before_anything_is_built(project: Project) -> None:
-    steps = {step.stage: step for step in project.steps}
-    assert not project.job().is_built(steps["views"])
+    _, views, train = project.steps
+    assert not project.job().is_built(views)
     project.repro()
-    assert project.job().is_built(steps["train"])
-    assert [project.job(rate=2).is_built(steps[name]) for name in ("views", "train")] == [True, False]
+    assert project.job().is_built(train)
+    assert [project.job(rate=2).is_built(step) for step in (views, train)] == [True, False]
     assert project.ran == []

@@ -13,13 +13,7 @@ from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
 
 TESTS = {"june": 20.0, "may": 10.0}
-FIGURES = [
-    {"file": "curves.svg", "model": "", "sequence": ""},
-    {"file": "sci.svg", "model": "sci", "sequence": ""},
-    {"file": "m2dp.svg", "model": "m2dp", "sequence": ""},
-    {"file": "sci-may.svg", "model": "sci", "sequence": "may"},
-]
-NUMBERS = {"days": 7, "cells": {"auc_top1": 0.5, "recall_at_1": None}, "distance": {"recall_at_1": 0.25}, "calibration": {}}
+OWNERS = {"curves.svg": ("", ""), "sci.svg": ("sci", ""), "m2dp.svg": ("m2dp", ""), "sci-may.svg": ("sci", "may")}
 
 
 @pytest.fixture
@@ -34,9 +28,10 @@ def record(tmp_path: Path) -> RunRecord:
         rows += [at | row("auc_top1", "cells", 0.02) | {"variant": "4way"}, at | row("auc_top1", "cells", 0.03) | {"seed": 1}]
     rows += [row("auc_top1_per_100_days", "cells", -0.5, -0.75, -0.25), row("auc_top1_retrain_after_days", "cells", np.inf)]
     rows += [{"sequence": "may", "days": 10.0, "change": "viewpoint", "level": 22.5} | row("accuracy", "", 1.0)]
-    (tmp_path / "figures.json").write_text(json.dumps(FIGURES))
-    for figure in FIGURES:
-        (tmp_path / figure["file"]).touch()
+    figures = [{"file": file, "model": model, "sequence": sequence} for file, (model, sequence) in OWNERS.items()]
+    (tmp_path / "figures.json").write_text(json.dumps(figures))
+    for file in OWNERS:
+        (tmp_path / file).touch()
     found = table(rows, study="campus", grid="10m", method="sci", simulated=True)
     source = Source("campus", "10m", {"train": "april", "tests": [*TESTS]}, True, found, tmp_path)
     return source.record("sci", {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3)}, {"n_way": "2"}, {"cost/s": [(0, 9.0)]})
@@ -61,16 +56,18 @@ def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(recor
 
 def test_each_day_is_a_child_with_its_own_numbers_and_figures(record: RunRecord) -> None:
     june, may = record.children
-    assert (june.name, june.params["test"], june.tags["sequence"]) == ("june", "june", "june")
+    assert june.name == june.params["test"] == june.tags["sequence"] == "june"
     assert june.series["cells/auc_top1"] == [(20, 0.2)]
-    assert [path.name for path in record.figures] == ["curves.svg", "sci.svg"]
-    assert [path.name for path in may.figures] == ["sci-may.svg"]
-    assert june.figures == []
+    figures = [[path.name for path in run.figures] for run in (record, june, may)]
+    assert figures == [["curves.svg", "sci.svg"], [], ["sci-may.svg"]]
 
 
 def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
     given = {"dataset": "campus", "simulated": False, "method": "sci", "database": "mlflow.db"}
-    done = Record(0, {"grid.cell_m": "5", "method": "sci"}, **given, numbers={"may": NUMBERS}, held_out_auc=0.625)
+    found = [row("auc_top1", "cells", 0.5), row("recall_at_1", "cells", np.nan), row("recall_at_1", "distance", 0.25)]
+    found += [row("queries", "cells", 9), row("ece", "cells", 0.125), row("auroc", "cells", 0.75) | {"kind": "cost"}]
+    rows = [{"sequence": "may", "days": 7} | one for one in found]
+    done = Record(0, {"grid.cell_m": "5", "method": "sci"}, **given, rows=[*rows, row("held_out_auc", "cells", 0.625)])
     failed = Record(1, {"grid.cell_m": "7", "method": "sci"}, **given, error="7 is odd")
     run = of_sweep([done, failed], {"method": "sci"}, [])
     assert run.name == "sweep cell_m=5,7"
@@ -81,5 +78,9 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
         "sweep/held_out_auc": [(0, 0.625)],
     }
     assert [child.name for child in run.children] == ["cell_m=5", "cell_m=7"]
-    assert run.children[0].series == {"cells/auc_top1": [(7, 0.5)], "distance/recall_at_1": [(7, 0.25)]}
+    assert run.children[0].series == {
+        "cells/auc_top1": [(7, 0.5)],
+        "distance/recall_at_1": [(7, 0.25)],
+        "calibration/ece": [(7, 0.125)],
+    }
     assert (run.children[1].series, run.children[1].tags["error"]) == ({}, "7 is odd")

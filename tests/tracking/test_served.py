@@ -13,16 +13,10 @@ from pipeline import store
 from pipeline.errors import InputError
 from pipeline.matching.ranking import Ranking
 from pipeline.tracking import served
-from pipeline.tracking.served import OUTPUTS, REQUIREMENTS, SHIPPED, Served
+from pipeline.tracking.served import OUTPUTS, REQUIREMENTS, Served
 
-RECIPE = {
-    "_target_": "pipeline.methods.sci.Sci",
-    "learning_rate": 1e-05,
-    "n_way": 2,
-    "colormap": "jet",
-    "crop": False,
-    "grid": "10m",
-}
+PARAMETERS = {"learning_rate": 1e-05, "n_way": 2, "colormap": "jet", "crop": False, "grid": "10m"}
+RECIPE = {"_target_": "pipeline.methods.sci.Sci", **PARAMETERS}
 
 
 def write(path: Path, recipe: dict[str, object]) -> Path:
@@ -32,25 +26,15 @@ def write(path: Path, recipe: dict[str, object]) -> Path:
 
 def test_a_model_is_served_with_the_parameters_it_was_learned_with(tmp_path: Path) -> None:
     """The recipe's values are words in the file; their types come back."""
-    model = Served.read(write(tmp_path / "sci.safetensors", RECIPE))
-    assert model is not None
-    assert model.method == "pipeline.methods.sci:Sci"
-    assert model.image_shape == (40, 120)
-    assert model.parameters == {"learning_rate": 1e-05, "n_way": 2, "colormap": "jet", "crop": False, "grid": "10m"}
+    path = write(tmp_path / "sci.safetensors", RECIPE)
+    assert Served.read(path) == Served(path, "pipeline.methods.sci:Sci", PARAMETERS, (40, 120))
 
 
 def test_a_model_that_does_not_name_its_class_is_not_served(tmp_path: Path) -> None:
     assert Served.read(write(tmp_path / "sci.safetensors", {"n_way": 2})) is None
 
 
-def test_a_model_changes_with_its_arrays(tmp_path: Path) -> None:
-    path = write(tmp_path / "sci.safetensors", RECIPE)
-    before = Served(path, "m:C", {}, (40, 120)).content()
-    store.write_model(path, {"image_shape": np.array([40, 60])}, RECIPE)
-    assert Served(path, "m:C", {}, (40, 120)).content() != before
-
-
-def test_a_model_changes_with_the_code_that_it_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     library = tmp_path / "pipeline"
     shutil.copytree(served.LIBRARY, library, ignore=shutil.ignore_patterns("__pycache__", ".numba"))
     monkeypatch.setattr(served, "LIBRARY", library)
@@ -58,6 +42,8 @@ def test_a_model_changes_with_the_code_that_it_ships(tmp_path: Path, monkeypatch
     model = Served(write(tmp_path / "sci.safetensors", RECIPE), "m:C", {}, (40, 120))
     before = model.content()
     assert model.content() == before
+    store.write_model(model.arrays, {"image_shape": np.array([40, 60])}, RECIPE)
+    assert model.content() != before
     for name, changes in {"report/figures/style.py": False, "matching/nearest.py": True, "tracking/pyfunc.py": True}.items():
         path, before = library / name, model.content()
         path.write_text(path.read_text() + "\n")
@@ -92,4 +78,4 @@ def test_a_model_requires_what_the_methods_import(imported: set[str]) -> None:
 
 def test_a_model_ships_what_the_methods_import(imported: set[str]) -> None:
     ours = {module.split(".")[1] for module in imported if module.startswith("pipeline.")} - {"tracking"}
-    assert ours | {"__init__"} == set(SHIPPED)
+    assert ours | {"__init__"} == {*served.MODULES, *served.FOLDERS}
