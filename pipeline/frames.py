@@ -42,6 +42,13 @@ def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(180 - (180 - angles_deg) % 360)
 
 
+def apart(world_T_a: Poses, world_T_b: Poses) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4); NaN where a pose is."""
+    away_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
+    traces = np.einsum("nij,nij->n", world_T_a[:, :3, :3], world_T_b[:, :3, :3])
+    return away_m, np.rad2deg(np.arccos(((traces - 1) / 2).clip(-1, 1)))
+
+
 def flip_ned(poses: Poses) -> Poses:
     """Poses between two north-east-down frames as poses between the z-up ones, and back: F P F, F = diag(1, −1, −1, 1)."""
     return NED_FLIP @ poses @ NED_FLIP

@@ -3,32 +3,7 @@
 Dimensions of one name have one length within an artifact; `n+1` marks an array of offsets into the ragged one.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
-
-@dataclass(frozen=True)
-class Column:
-    """One array of an artifact; its first dimension is the row dimension."""
-
-    dtype: str
-    dims: tuple[str, ...]
-    doc: str
-    chunk: int = 65_536
-    """Rows read and compressed together."""
-    shard: int = 4_194_304
-    """Rows in one file; a multiple of `chunk`."""
-
-
-@dataclass(frozen=True)
-class Schema:
-    """One kind of artifact: a zarr group with these arrays and these attributes besides `kind` and `version`."""
-
-    kind: str
-    version: int
-    columns: Mapping[str, Column]
-    attrs: Mapping[str, str] = field(default_factory=dict)
-
+from pipeline.store import Column, Schema
 
 SCANS = Schema(
     "scans",
@@ -120,6 +95,35 @@ RANKINGS = Schema(
         "wanted_precision": "that they were chosen for",
     },
 )
+FIXES = Schema(
+    "fixes",
+    1,
+    {
+        **RANKINGS.columns,
+        "world_T_query": Column("f8", ("query", "row", "col"), "the query's pose; NaN where it has too few points to tell"),
+    },
+    {
+        **RANKINGS.attrs,
+        "promises": "precisions that a user may want",
+        "promised": "reject from this novelty in use on to keep each of them, by held-out blocks of the training sequence",
+        "held_out": "queries of those blocks, each asked with the map and without its surroundings",
+    },
+)
+MAPS = Schema(
+    "maps",
+    1,
+    {
+        "points": Column("i2", ("point", "xyz"), "one a voxel, in grains, anchor's frame, z up from the ground", 32_768),
+        "offsets": Column("i8", ("submap+1",), "submap i is points[offsets[i]:offsets[i + 1]]"),
+        "world_T_anchor": Column("f8", ("submap", "row", "col"), "true pose of each training submap's anchor"),
+    },
+    {
+        "grain_m": "metres per unit of points",
+        "voxel_m": "side of a voxel",
+        "range_m": "points farther from the anchor are left out",
+        "single": "each submap is one scan, seen from one place",
+    },
+)
 
 
 def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
@@ -129,7 +133,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    4,
+    5,
     {
         "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
@@ -165,6 +169,8 @@ EVALUATIONS = Schema(
         "heading_error_deg": _judged("f8", ("query",), "heading of the answer against the true one, 0 to 180; NaN of none"),
         "nearest_m": _judged("f8", ("query",), "distance to the nearest training anchor"),
         "turn_deg": _judged("f8", ("query",), "heading against the nearest training anchor's"),
+        "pose_error_m": _judged("f8", ("query",), "distance of the pose from the true one; NaN of none"),
+        "pose_error_deg": _judged("f8", ("query",), "turn of the pose against the true one; NaN of none"),
     },
     {
         "cases": "what was done to the queries: change, level, shadow and repeat of each; the first is as driven",
@@ -177,6 +183,7 @@ EVALUATIONS = Schema(
         "kinds": "name of each kind of novelty",
         "reject_from": "novelty from which the model rejects, for each kind",
         "wanted_precision": "that it was chosen for",
+        "promised": "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
         "distance": "the distances of the protocol by distance, in metres",
         "bootstrap": "how the intervals were computed",
     },
@@ -207,4 +214,4 @@ VIEWPOINTS = Schema(
     },
 )
 
-ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, RANKINGS, EVALUATIONS, VIEWPOINTS)
+ALL = (SCANS, SUBMAPS, *LOOKED_AT, LABELS, MAPS, RANKINGS, FIXES, EVALUATIONS, VIEWPOINTS)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,30 @@ from safetensors.numpy import save_file
 
 from pipeline.errors import ArtifactError
 from pipeline.replacing import replace as replace
-from pipeline.schemas import Column, Schema
+
+
+@dataclass(frozen=True)
+class Column:
+    """One array of an artifact; its first dimension is the row dimension."""
+
+    dtype: str
+    dims: tuple[str, ...]
+    doc: str
+    chunk: int = 65_536
+    """Rows read and compressed together."""
+    shard: int = 4_194_304
+    """Rows in one file; a multiple of `chunk`."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """One kind of artifact: a zarr group with these arrays and these attributes besides `kind` and `version`."""
+
+    kind: str
+    version: int
+    columns: Mapping[str, Column]
+    attrs: Mapping[str, str] = field(default_factory=dict)
+
 
 RECIPE = "recipe"
 """The one key of a model's metadata (safetensors writes several in random order)."""

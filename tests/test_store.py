@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ import zarr
 
 from pipeline import store
 from pipeline.errors import ArtifactError
-from pipeline.schemas import ALL, Column, Schema
+from pipeline.schemas import ALL
+from pipeline.store import Column, Schema
 
 THINGS = Schema(
     "things",
@@ -63,10 +65,8 @@ def test_an_artifact_with_chunks_in_folders_is_read(tmp_path: Path) -> None:
     group = zarr.create_group(tmp_path / "a.zarr", attributes={"kind": "things", "version": 3, "grain_m": 0.005})
     for name, rows in COLUMNS.items():
         group.create_array(name, data=rows)
+        np.testing.assert_array_equal(store.read(tmp_path / "a.zarr", THINGS).load(name), rows)
     assert (tmp_path / "a.zarr/points/c/0/0").is_file()
-    found = store.read(tmp_path / "a.zarr", THINGS)
-    for name, rows in COLUMNS.items():
-        np.testing.assert_array_equal(found.load(name), rows)
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
@@ -114,11 +114,12 @@ def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
         ({"offsets": np.array([0, 20])}, "thing"),
         ({"heights": np.zeros(3, np.float32)}, "thing"),
         ({"colours": HEIGHTS}, "colours"),
+        ({"heights": None}, "heights"),
         ({"points": np.full((20, 3), 40_000)}, "points"),  # beyond the 16-bit range
         ({"offsets": np.array([0, 7, 2**63], np.uint64)}, "offsets"),
     ],
 )
-def test_columns_that_do_not_fit_the_schema_are_refused(tmp_path: Path, changed: dict[str, np.ndarray], says: str) -> None:
+def test_columns_that_do_not_fit_the_schema_are_refused(tmp_path: Path, changed: dict[str, Any], says: str) -> None:
     with pytest.raises(ArtifactError, match=says):
         put(tmp_path / "a.zarr", **changed)
     assert list(tmp_path.iterdir()) == []
@@ -131,19 +132,12 @@ def test_attributes_that_do_not_fit_the_schema_are_refused(tmp_path: Path, attrs
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_column_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ArtifactError, match="heights"):
-        put(tmp_path / "a.zarr", heights=None)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_block_that_fails_leaves_the_old_artifact(tmp_path: Path) -> None:
     put(tmp_path / "a.zarr")
-    before = contents(tmp_path / "a.zarr")
+    before = contents(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         interrupted(tmp_path / "a.zarr")
-    assert contents(tmp_path / "a.zarr") == before
-    assert [path.name for path in tmp_path.iterdir()] == ["a.zarr"]
+    assert contents(tmp_path) == before
 
 
 def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
@@ -176,21 +170,8 @@ def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(tm
     assert {found.name for found in tmp_path.iterdir()} == {"a.zarr", living.name, other.name}
 
 
-def damage_nothing(path: Path) -> None:
-    pass
-
-
-def make_folder(path: Path) -> None:
-    path.mkdir()
-
-
-def make_other_kind(path: Path) -> None:
-    with store.write(path, Schema("others", 3, {})):
-        pass
-
-
-def make_other_version(path: Path) -> None:
-    with store.write(path, Schema("things", 2, {})):
+def make_other(path: Path, kind: str, version: int) -> None:
+    with store.write(path, Schema(kind, version, {})):
         pass
 
 
@@ -202,10 +183,10 @@ def make_broken(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (damage_nothing, "no such artifact"),
-        (make_folder, "no such artifact"),
-        (make_other_kind, "expected things version 3, found others version 3"),
-        (make_other_version, "expected things version 3, found things version 2"),
+        (lambda path: None, "no such artifact"),
+        (Path.mkdir, "no such artifact"),
+        (lambda path: make_other(path, "others", 3), "expected things version 3, found others version 3"),
+        (lambda path: make_other(path, "things", 2), "expected things version 3, found things version 2"),
         (make_broken, r"a\.zarr"),
     ],
 )
@@ -241,11 +222,9 @@ def test_a_model_comes_back_with_its_recipe(tmp_path: Path) -> None:
 
 
 def test_a_model_has_the_same_bytes_each_time(tmp_path: Path) -> None:
-    written = set()
-    for _ in range(8):
-        store.write_model(tmp_path / "sci.safetensors", MODEL, RECIPE)
-        written.add((tmp_path / "sci.safetensors").read_bytes())
-    assert len(written) == 1
+    for number in range(8):
+        store.write_model(tmp_path / str(number), MODEL, RECIPE)
+    assert len({path.read_bytes() for path in tmp_path.iterdir()}) == 1
 
 
 @pytest.mark.parametrize("data", [None, b"", b"no model", b"\xff" * 64])

@@ -15,6 +15,6 @@ def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
     novelty, right, weight = evidence.queries(kind, unseen_share)
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen, ~seen, np.where(right, 0, -1), right)
-    nothing = np.zeros(len(novelty))
-    queries = Queries(novelty[:, None].astype(np.float32), (0.0,), np.zeros(1), nothing, nothing, nothing, nothing)
+    nothing = (np.zeros(len(novelty)),) * 2
+    queries = Queries(novelty[:, None].astype(np.float32), (0.0,), np.zeros(1), *nothing, *nothing, *nothing, np.nan)
     return float(measures(truth, queries, 0, weight[None])["auc_exact_top1"][0])

@@ -1,7 +1,7 @@
 """Judges a ranking: what became of each query by both protocols, and every number with its 95 % interval."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pipeline.evaluation.curves import auc
 from pipeline.evaluation.judgement import CORRECT_REJECTION, FALSE_ALARM, HIT, MISS, NOT_JUDGED, Evaluation, Judgement
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
-from pipeline.frames import Poses, wrapped_deg, yaw
+from pipeline.frames import Poses, apart, wrapped_deg, yaw
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import LABELS
@@ -31,17 +31,22 @@ def judge(
     distance: Distance,
     bootstrap: Bootstrap,
     turned_deg: NDArray[np.float32] | None = None,
+    world_T_query: Poses | None = None,
+    promised: float = np.nan,
 ) -> Evaluation:
     """Judge a ranking of q queries against their labels and poses (q, 4, 4) as they were driven, rows in that order.
 
     `reject_from` is the model's threshold on each kind of novelty; `days` are since training; `turned_deg` (q,) is how far the
-    robot was turned to the left for each query. Raises InputError where ranking, labels and poses do not fit together.
+    robot was turned to the left for each query; `world_T_query` (q, 4, 4) are poses as estimated, and `promised` the novelty
+    to reject from to keep .99 of them. Raises InputError where ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
     turn_deg, true_deg = np.asarray(labels.nearest_turn_deg, np.float64), np.rad2deg(yaw(world_T_anchor))
     if turned_deg is not None:
         turn_deg, true_deg = wrapped_deg(turn_deg + turned_deg), true_deg + turned_deg
     xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
+    none = np.full(len(xy_m), np.nan)
+    pose_error_m, pose_error_deg = (none, none) if world_T_query is None else apart(world_T_query, world_T_anchor)
     queries = Queries(
         novelty=np.asarray(ranking.novelty, np.float32),
         reject_from=tuple(map(float, reject_from)),
@@ -50,9 +55,15 @@ def judge(
         turn_deg=turn_deg,
         nearest_m=np.asarray(labels.nearest_m, np.float64),
         heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg.astype(np.float64) - true_deg)),
+        pose_error_m=pose_error_m,
+        pose_error_deg=pose_error_deg,
+        promised=promised,
     )
+    placed = np.where(ranking.places[:, :1] < 0, np.float32(np.inf), queries.novelty)  # an answer outside all places says: unseen
     return Evaluation(
-        cells=_judgement(by_cells(ranking.places, labels.places, labels.oracle), queries, xy_m, bootstrap),
+        cells=_judgement(
+            by_cells(ranking.places, labels.places, labels.oracle), replace(queries, novelty=placed), xy_m, bootstrap
+        ),
         distance=_judgement(distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap),
         **vars(queries),
         calibration=_calibration(ranking, labels),
@@ -78,13 +89,15 @@ def judge_cases(
     found, cases, n = {}, read_cases(rankings.attrs), len(world_T_anchor)
     arrays = {name: rankings.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
     turned_deg, kinds = rankings.load("turned_deg"), tuple(rankings.attrs["kinds"])
+    posed = "promised" in rankings.attrs
     if len(turned_deg) != n * len(cases):
         raise InputError(f"{rankings.path}: {len(turned_deg)} queries in {len(cases)} cases of {n} submaps")
     for i, case in enumerate(cases):
         own = slice(i * n, (i + 1) * n)
         ranking = Ranking(**{name: array[own] for name, array in arrays.items()}, kinds=kinds)
         given = (ranking, rankings.attrs["thresholds"], true, world_T_anchor, days, distance, bootstrap, turned_deg[own])
-        found[case] = judge(*given)
+        poses = (np.asarray(rankings["world_T_query"][own]), float(rankings.attrs["promised"][1])) if posed else ()
+        found[case] = judge(*given, *poses)
     return found
 
 

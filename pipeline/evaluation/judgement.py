@@ -62,8 +62,11 @@ class Evaluation:
     heading_error_deg: NDArray[np.float64]  # (q,)
     nearest_m: NDArray[np.float64]  # (q,)
     turn_deg: NDArray[np.float64]  # (q,)
+    pose_error_m: NDArray[np.float64]  # (q,)
+    pose_error_deg: NDArray[np.float64]  # (q,)
     kinds: tuple[str, ...]
     reject_from: tuple[float, ...]
+    promised: float
     days: int
 
     def protocol(self, name: str) -> Judgement:
@@ -97,7 +100,9 @@ class Evaluation:
         own: dict[str, Any] = {field.name: arrays[field.name] for field in fields(cls) if field.name in arrays}
         for i, name in enumerate(PROTOCOLS):
             own[name] = Judgement(**{field.name: arrays[field.name][i] for field in fields(Judgement)})
+        promised = artifact.attrs["promised"]
         own |= {"kinds": tuple(artifact.attrs["kinds"]), "reject_from": tuple(map(float, artifact.attrs["reject_from"]))}
+        own["promised"] = np.nan if promised is None else float(promised)
         return cls(**own, days=int(artifact.attrs["days"]))
 
 
@@ -114,7 +119,9 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
     """The attributes of that artifact that the evaluations know."""
     first = next(iter(evaluations.values()))
     names = {"protocols": list(PROTOCOLS), "numbers": list(NUMBERS), "measures": list(MEASURES), "kinds": list(first.kinds)}
-    return {"cases": [asdict(case) for case in evaluations], "days": first.days, "reject_from": list(first.reject_from), **names}
+    promised = None if np.isnan(first.promised) else first.promised
+    own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised}
+    return {"cases": [asdict(case) for case in evaluations], **own, **names}
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:

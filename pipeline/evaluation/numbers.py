@@ -16,17 +16,21 @@ NUMBERS = (
     *("auc_top1", "auc_top5", "auc_top25", "auc_exact_top1", "f1_max", "recall_at_99_precision", "auroc"),
     *("precision_at_threshold", "recall_at_threshold", "median_error_m"),
     *("oracle_auc_exact_top1", "median_heading_error_deg", "heading_within_10deg"),
+    *("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99"),
 )
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
 every threshold there is; of the oracle, which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen
 from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and given a heading, since
-an answer in another street has none to compare."""
+an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
+wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
+than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
 SAME_HEADING_DEG = 45.0  # turned at most this far against the nearest training anchor, a query drives the street as training did
 GOOD_HEADING_DEG = 10.0
+WITHIN = {"within_2m_5deg": (2.0, 5.0), "within_05m_2deg": (0.5, 2.0)}
 
 Weight = NDArray[np.float64]  # (r, q) how often each of q queries counts in each of r resamples
 Number = NDArray[np.float64]  # (r,) a number in each resample, NaN where it is of nothing
@@ -43,13 +47,17 @@ class Queries:
     turn_deg: NDArray[np.float64]  # (q,) heading against the nearest training anchor's
     nearest_m: NDArray[np.float64]  # (q,) distance to that anchor
     heading_error_deg: NDArray[np.float64]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
+    pose_error_m: NDArray[np.float64]  # (q,) of the pose; NaN where there is none
+    pose_error_deg: NDArray[np.float64]  # (q,)
+    promised: float  # reject from this novelty in use on to keep .99 of the poses; NaN of a method without
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Each of NUMBERS."""
     exact = ExactCounts(truth, queries.novelty[:, 0], weight)
     columns, seen = exact.columns(queries.thresholds), weight @ truth.seen
-    found = answers(truth, queries, weight) | rejection(truth, exact, queries.reject_from[0], seen)
+    found = answers(truth, queries, weight) | poses(truth, queries, weight)
+    found |= rejection(truth, exact, queries.reject_from[0], seen)
     for n in (1, 5, 25):
         found[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
     oracle = replace(truth, true_rank=np.where(truth.oracle_right, 0, -1))
@@ -82,6 +90,20 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     off_deg, known = queries.heading_error_deg, good["recall_at_1"] & np.isfinite(queries.heading_error_deg)
     found["median_heading_error_deg"] = median(off_deg[known], weight[:, known])
     found["heading_within_10deg"] = share(off_deg <= GOOD_HEADING_DEG, known, weight)
+    return found
+
+
+def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
+    """How good the poses are; a missing one counts as wrong, but all is NaN of a method that gives none."""
+    if np.isnan(queries.promised):
+        return dict.fromkeys(("error_m", "error_deg", "wrong_of_accepted_99", "recall_99", *WITHIN), np.full(len(weight), np.nan))
+    off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
+    good = {name: (off["error_m"] < far_m) & (off["error_deg"] < far_deg) for name, (far_m, far_deg) in WITHIN.items()}
+    accepted, right_there = queries.novelty[:, 0].astype(np.float64) < queries.promised, good["within_2m_5deg"]
+    found = {name: share(flags, truth.seen, weight) for name, flags in good.items()}
+    found |= {name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()}
+    found["wrong_of_accepted_99"] = share(~right_there, accepted, weight)
+    found["recall_99"] = share(accepted & right_there, truth.seen, weight)
     return found
 
 

@@ -9,7 +9,8 @@ from pipeline.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
 from pipeline.inspection.inspection import Inspection, nbytes
 from pipeline.inspection.origin import short, size
-from pipeline.schemas import ALL, Schema
+from pipeline.schemas import ALL
+from pipeline.store import Schema
 
 KINDS = {schema.kind: schema for schema in ALL}
 KEY_NUMBERS: dict[str, Callable[[store.Artifact, Inspection], None]] = {

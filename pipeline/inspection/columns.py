@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inspection.inspection import duration, moment, typographic
-from pipeline.schemas import Column
+from pipeline.store import Column
 
 
 @dataclass(frozen=True)

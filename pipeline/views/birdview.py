@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline import schemas
+from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
@@ -28,7 +28,7 @@ SAMPLES = 4
 class BirdView:
     """Settings of the images of an octree, or of a submap's points alone; an image shows the whole width of the root cube."""
 
-    schema: ClassVar[schemas.Schema] = schemas.BIRDVIEWS
+    schema: ClassVar[store.Schema] = schemas.BIRDVIEWS
     octree: Octree = field(default_factory=Octree)
     """As an Octree, or a mapping of its fields."""
     low_m: float = 0.3

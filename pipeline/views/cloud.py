@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
+from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
 from pipeline.running.settings import check, positive
@@ -21,7 +21,7 @@ from pipeline.views import kernels
 class Cloud:
     """Settings of a submap's cloud."""
 
-    schema: ClassVar[schemas.Schema] = schemas.CLOUDS
+    schema: ClassVar[store.Schema] = schemas.CLOUDS
     points: int = 4096
     half_m: float = 25.0
     """Half the side of the cube around the sensor that is kept."""

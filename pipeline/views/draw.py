@@ -15,8 +15,7 @@ from pipeline.errors import ArtifactError
 from pipeline.mapping.gathering import submap_points
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.schemas import Schema
-from pipeline.store import Artifact
+from pipeline.store import Artifact, Schema
 
 BLOCK = 64
 SEEN = 0.01

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
+from pipeline import schemas, store
 from pipeline.errors import InputError
 from pipeline.running.settings import check, positive
 from pipeline.views import m2dp_kernel as kernel
@@ -26,7 +26,7 @@ SPOT_M = 1e-6
 class M2dp:
     """The defaults are the authors'."""
 
-    schema: ClassVar[schemas.Schema] = schemas.SIGNATURES
+    schema: ClassVar[store.Schema] = schemas.SIGNATURES
     azimuths: int = 4
     elevations: int = 16
     """A plane for each azimuth from −90° to 90° and each elevation from 0° to 90° of its normal, both ends included."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.running.settings import check, positive
-from pipeline.schemas import Schema
+from pipeline.store import Schema
 from pipeline.views import kernels
 
 

@@ -13,7 +13,7 @@ from pipeline.alterations import Case, read_cases
 from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge, judge_cases, outcomes
-from pipeline.evaluation.judgement import Evaluation, Judgement, columns, summary
+from pipeline.evaluation.judgement import HIT, MISS, Evaluation, Judgement, columns, summary
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.matching.places import Labels
@@ -56,13 +56,15 @@ def drive(
     xy_m: np.ndarray = XY_M,
     reject_from: tuple[float, ...] = (0.5, 4.5),
     turned_deg: np.ndarray | None = None,
+    poses: np.ndarray | None = None,
 ) -> Evaluation:
     """Five queries: right; right but turned around; true place second; right but rejected; unseen and rejected.
 
     By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
     """
-    poses = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
-    return judge(ranking, reject_from, labels, poses, 20, Distance(), Bootstrap(block_m=5.0, resamples=40), turned_deg)
+    true = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
+    rules = (Distance(), Bootstrap(block_m=5.0, resamples=40))
+    return judge(ranking, reject_from, labels, true, 20, *rules, turned_deg, poses, np.nan if poses is None else 0.9)
 
 
 def test_an_evaluation_is_what_its_schema_asks_for() -> None:
@@ -149,7 +151,7 @@ def test_every_number_lies_in_its_interval() -> None:
         *(rng.random((400, 1)).astype(np.float32), rng.random(400).astype(np.float32), np.zeros(400, np.float32), ("entropy",)),
     )
     labels = Labels(rng.integers(-1, 4, 400), np.arange(4), places[:, 1], rng.uniform(0, 30, 400), rng.uniform(-180, 180, 400))
-    evaluation = drive(ranking, labels, xy_m, (0.5,))
+    evaluation = drive(ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0))
     numbers = summary(evaluation)
     for name in ("cells", "distance"):
         low, high = evaluation.protocol(name).numbers[:, 1:].T
@@ -279,3 +281,15 @@ def test_a_query_at_the_threshold_is_rejected() -> None:
 def test_what_does_not_fit_together_is_refused(given: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
         drive(**given)
+
+
+def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_alone() -> None:
+    ranking = replace(RANKING, places=np.where(np.arange(5)[:, None] == 0, -1, RANKING.places))
+    posed, without = drive(ranking, poses=standing(XY_M + np.array([0.3, 0.4]), YAW_DEG)), drive(ranking)
+    assert posed.pose_error_m == pytest.approx(np.full(5, 0.5))
+    assert posed.pose_error_deg == pytest.approx(np.zeros(5), abs=1e-5)
+    assert posed.number("distance", "within_2m_5deg")[0] == 1.0
+    assert np.isnan(without.number("distance", "within_2m_5deg")[0])
+    assert drive().cells.outcome[0] == HIT
+    assert posed.cells.outcome[0] == MISS
+    assert posed.distance.outcome[0] == drive().distance.outcome[0] == HIT

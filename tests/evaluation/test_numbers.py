@@ -21,6 +21,9 @@ QUERIES = Queries(
     turn_deg=np.array([10.0, -45.0, 46.0, 0.0, 180.0, 0.0]),
     nearest_m=np.array([1.0, 2.0, 3.0, 6.0, 4.0, 2.5]),
     heading_error_deg=np.array([2.0, 1.0, 10.0, 3.0, 170.0, np.nan]),
+    pose_error_m=np.array([0.1, 3.0, 1.9, np.nan, 0.4, 0.3]),
+    pose_error_deg=np.array([1.0, 1.0, 4.0, np.nan, 1.5, 1.0]),
+    promised=0.5,
 )
 EVERYONE = np.ones((1, 6))
 
@@ -56,6 +59,23 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     assert found["precision_at_threshold"] == 1 / 2
 
 
+def test_poses_are_held_against_both_measures_and_the_promise() -> None:
+    found = told()
+    assert found["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
+    assert found["within_05m_2deg"] == 2 / 4
+    assert (found["error_m"], found["error_deg"]) == (1.15, 1.25)
+    assert found["wrong_of_accepted_99"] == 2 / 4  # accepted are 0, 1, 2 and, without a pose, 3
+    assert found["recall_99"] == 2 / 4
+    right_though_unseen = told(queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]]))
+    assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
+    without = told(queries=replace(QUERIES, promised=np.nan))
+    assert all(np.isnan(without[name]) for name in NUMBERS[-6:])
+    assert without == pytest.approx(found | dict.fromkeys(NUMBERS[-6:], np.nan), nan_ok=True)
+    none_accepted = told(queries=replace(QUERIES, promised=-1.0))
+    assert np.isnan(none_accepted["wrong_of_accepted_99"])
+    assert none_accepted["recall_99"] == 0
+
+
 def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
     first, second = ({name: value.item() for name, value in measures(TOY, QUERIES, kind, EVERYONE).items()} for kind in (0, 1))
     assert tuple(first) == MEASURES
@@ -70,7 +90,7 @@ def test_the_area_is_that_of_the_authors_counts() -> None:
     seen = rng.random(400) < 0.8
     truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
     novelty, thresholds = rng.random((400, 1)).astype(np.float32), np.linspace(0, 1, 200)
-    found = told(truth, Queries(novelty, (0.5,), thresholds, *rng.random((4, 400))), np.ones((1, 400)))
+    found = told(truth, Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5), np.ones((1, 400)))
     areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
     assert [found[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
 
@@ -95,6 +115,7 @@ def test_a_number_of_nothing_is_missing() -> None:
     nobody = np.zeros(6, bool)
     found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
     assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
+    assert found.pop("wrong_of_accepted_99") == 2 / 4  # a pose may be right where training never went
     assert all(np.isnan(value) for value in found.values())
     found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
     assert [name for name, value in found.items() if np.isnan(value)] == ["auroc"]
@@ -122,7 +143,15 @@ def test_a_weight_is_a_number_of_equal_queries(rows: list[tuple[int, str, int, i
         seen, unseen = where[index] == "seen", where[index] == "unseen"
         truth = Truth(seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual)
         novelty = (level[index, None] / 6).astype(np.float32)
-        own = (error_m[index] / 2, turn_deg[index], 6.0 - level[index], off_deg[index])
+        own = (
+            error_m[index] / 2,
+            turn_deg[index],
+            6.0 - level[index],
+            off_deg[index],
+            error_m[index] / 9,
+            off_deg[index] / 3,
+            0.7,
+        )
         return told(truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *own), weight)
 
     weighted = of(np.arange(len(rows)), weight[None].astype(float))

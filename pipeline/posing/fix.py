@@ -1,0 +1,112 @@
+"""Fixes: the pose of a query, found from candidate places, and what speaks for it and for the runner-up."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.frames import Poses
+from pipeline.posing.registration import Points, Registration
+from pipeline.posing.targets import Targets
+from pipeline.posing.walls import Walls
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A pose that a query may have."""
+
+    row: int
+    """The training submap that it was registered against."""
+    world_T_query: NDArray[np.float64]
+    """(4, 4)."""
+    overlap: float
+    """Share of the query's voxels that the training submap has too."""
+    spread_m: float
+    """Standard deviation of the position, by the registration alone; infinite where a direction is open."""
+
+
+@dataclass(frozen=True)
+class Fix:
+    """All hypotheses of a query that were registered, the best first; none where it has too few points to tell."""
+
+    hypotheses: tuple[Hypothesis, ...] = ()
+
+    @classmethod
+    def of(cls, found: Sequence[Hypothesis]) -> Self:
+        """Of hypotheses in any order."""
+        return cls(tuple(sorted(found, key=lambda one: -one.overlap)))
+
+    @property
+    def overlap(self) -> float:
+        """Of the best hypothesis; 0 without one."""
+        return self.hypotheses[0].overlap if self.hypotheses else 0.0
+
+    def runner_up(self, apart_m: float) -> float:
+        """Overlap of the best hypothesis that stands at least `apart_m` from the first; 0 without one."""
+        there = [one.world_T_query[:2, 3] for one in self.hypotheses[:1]]
+        others = (one for one in self.hypotheses if np.linalg.norm(one.world_T_query[:2, 3] - there[0]) >= apart_m)
+        return max((one.overlap for one in others), default=0.0)
+
+
+@dataclass(frozen=True)
+class Fixer:
+    """How candidate places become a fix (conf/poses.yaml): walls, then a rough and a fine registration, of fewer each time."""
+
+    walls: Walls = field(default_factory=Walls)
+    rough: Registration = field(default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0))
+    fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
+    first: int = 5
+    """Candidates that are looked at before all others; if one of them is clear, the others are left alone."""
+    tries: int = 5
+    """Rough registrations in each of these two rounds, of the best matches of walls."""
+    refined: int = 2
+    """Fine ones, of the best of these."""
+    clear_overlap: float = 0.5
+    """A hypothesis of so much overlap ends the search."""
+    apart_m: float = 5.0
+    """Candidates nearer to one another than this are one."""
+    widest_m: float = 0.5
+    """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
+
+    def __post_init__(self) -> None:
+        for name in ("first", "tries", "refined"):
+            if not getattr(self, name) >= 1:
+                raise ConfigError(f"fixer.{name}={getattr(self, name)}: expected at least 1")
+        if not 0 < self.clear_overlap <= 1:
+            raise ConfigError(f"fixer.clear_overlap={self.clear_overlap}: expected a share above 0")
+
+    def fix(self, points_m: Points, targets: Targets, rows: Iterable[int]) -> Fix:
+        """The fix of a query's points (n, 3), z up from the ground, among training submaps, the likeliest row first.
+
+        It has no hypothesis where the points are too few or not finite.
+        """
+        try:
+            query = {kind: kind.prepare(points_m) for kind in (self.rough, self.fine)}
+        except InputError:
+            return Fix()
+        turned, candidates = self.walls.turned(points_m), self._distinct(targets.world_T_anchor, rows)
+        found: list[Hypothesis] = []
+        for some in (candidates[: self.first], candidates[self.first :]):
+            matches = [(self.walls.match(targets.chart(self.walls, row), turned), row) for row in some]
+            likely = sorted(matches, key=lambda one: -one[0].score)[: self.tries]
+            guesses = [(row, targets.aligned(self.rough, row, query[self.rough], match.target_T_query)) for match, row in likely]
+            for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[: self.refined]:
+                aligned = targets.aligned(self.fine, row, query[self.fine], guess.target_T_source)
+                if aligned.spread_m <= self.widest_m:
+                    pose = targets.world_T_anchor[row] @ aligned.target_T_source
+                    found.append(Hypothesis(row, pose, aligned.overlap, aligned.spread_m))
+                if aligned.overlap >= self.clear_overlap:
+                    return Fix.of(found)
+        return Fix.of(found)
+
+    def _distinct(self, world_T_anchor: Poses, rows: Iterable[int]) -> list[int]:
+        """The rows without those whose anchors lie near an earlier one's."""
+        kept: list[int] = []
+        for row in rows:
+            away = world_T_anchor[kept, :2, 3] - world_T_anchor[row, :2, 3]
+            if not kept or np.linalg.norm(away, axis=1).min() >= self.apart_m:
+                kept.append(int(row))
+        return kept

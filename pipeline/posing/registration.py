@@ -1,0 +1,138 @@
+"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP, from coarse to fine)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.running.settings import positive
+
+Points = NDArray[np.float64]
+LEAST_ALONG = 0.005
+"""Share of the squared normals that looks along a direction; of a bare plane, whose normals are noisy, it is less."""
+LEAST_OFF_M = 0.01
+"""Clouds are not believed to fit better than this."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where a source cloud stands in a target's frame."""
+
+    target_T_source: NDArray[np.float64]
+    """(4, 4)."""
+    overlap: float
+    """Share of the source's voxels that have one of the target's nearer than `inlier_m`."""
+    covariance: NDArray[np.float64]
+    """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in the source's frame; infinite
+    where the clouds leave a direction open."""
+
+    @property
+    def spread_m(self) -> float:
+        """The position's standard deviation along its widest direction."""
+        steps = self.covariance[3:, 3:]
+        return float(np.sqrt(np.linalg.eigvalsh(steps)[-1])) if np.isfinite(steps).all() else np.inf
+
+
+NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
+"""What is known where there is too little to register."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A cloud thinned to one point a voxel, each with the covariance of its neighbours, and a tree to find them by."""
+
+    points: small_gicp.PointCloud
+    tree: small_gicp.KdTree
+
+    @cached_property
+    def xyz_m(self) -> Points:
+        """The thinned points (n, 3)."""
+        return np.asarray(self.points.points())[:, :3]
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Of the surface at each of them (n, 3)."""
+        return np.asarray(self.points.normals())[:, :3]
+
+    def nearest(self, points_m: Points) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Of each of points (n, 3) in this cloud's frame, the nearest one here (n,), and the distance to it (n,) in metres."""
+        found, squared = self.tree.batch_nearest_neighbor_search(points_m)
+        return np.asarray(found, np.int64), np.sqrt(np.asarray(squared, np.float64))
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp), each stage with a shorter reach."""
+
+    voxel_m: float = 0.5
+    neighbours: int = 10
+    """Points that a covariance is of."""
+    reaches_m: tuple[float, ...] = (4.0, 1.0)
+    """Largest distance of a pair of points, one stage after the other."""
+    iterations: int = 20
+    inlier_m: float = 0.5
+    least_voxels: int = 100
+    """Clouds of fewer have too little to hold on to."""
+
+    def __post_init__(self) -> None:
+        positive("registration", voxel_m=self.voxel_m, inlier_m=self.inlier_m, iterations=self.iterations)
+        object.__setattr__(self, "reaches_m", tuple(self.reaches_m))  # a yaml has lists
+        if not self.reaches_m or not all(reach > 0 for reach in self.reaches_m):
+            raise ConfigError(f"registration.reaches_m={list(self.reaches_m)}: expected lengths above 0, the longest first")
+        for name, least in (("neighbours", 5), ("least_voxels", self.neighbours)):
+            if not getattr(self, name) >= least:
+                raise ConfigError(f"registration.{name}={getattr(self, name)}: expected at least {least}")
+
+    def align(self, target_points_m: Points, source_points_m: Points, target_T_source: NDArray[np.float64]) -> Alignment:
+        """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4); all lengths in metres.
+
+        Raises InputError for points or a guess that are not finite or not of that shape, and for a cloud of too few voxels.
+        """
+        guess = np.asarray(target_T_source, np.float64)
+        if guess.shape != (4, 4) or not np.isfinite(guess).all():
+            raise InputError(f"a first guess of shape {guess.shape}: expected a finite pose (4, 4)")
+        return self.refine(self.prepare(target_points_m), self.prepare(source_points_m), guess)
+
+    def prepare(self, points_m: Points) -> Cloud:
+        """The cloud of points (n, 3) in metres; raises InputError where it cannot be registered."""
+        points_m = np.asarray(points_m, np.float64)
+        if points_m.ndim != 2 or points_m.shape[1] != 3 or not np.isfinite(points_m).all():
+            raise InputError(f"points of shape {points_m.shape}: expected finite ones (n, 3)")
+        cloud = Cloud(*small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours))
+        if cloud.points.size() < self.least_voxels:
+            found = f"{len(points_m)} points in {cloud.points.size()} voxels of {self.voxel_m} m"
+            raise InputError(f"{found}: registration needs {self.least_voxels} voxels")
+        return cloud
+
+    def refine(self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]) -> Alignment:
+        """Align two prepared clouds from a first guess (4, 4)."""
+        for reach_m in self.reaches_m:
+            found = small_gicp.align(
+                target.points,
+                source.points,
+                target.tree,
+                target_T_source,
+                max_correspondence_distance=reach_m,
+                max_iterations=self.iterations,
+            )
+            target_T_source = found.T_target_source
+        moved_m = source.xyz_m @ target_T_source[:3, :3].T + target_T_source[:3, 3]
+        nearest, distances_m = target.nearest(moved_m)
+        paired = distances_m < self.inlier_m
+        normals = target.normals[nearest[paired]]
+        off_m = np.einsum("nx,nx->n", normals, moved_m[paired] - target.xyz_m[nearest[paired]])
+        covariance = _covariance(source.xyz_m[paired], normals @ target_T_source[:3, :3], off_m)
+        return Alignment(target_T_source, float(paired.mean()), covariance)
+
+
+def _covariance(points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From points (n, 3) that lie `off_m` (n,) of planes with these normals (n, 3): what the planes hold, from all of their pairs
+    as one (the Hessian of point to plane); infinite where next to none of them looks along some direction."""
+    if len(off_m) <= 6 or np.linalg.eigvalsh(normals.T @ normals / len(off_m))[0] < LEAST_ALONG:
+        return np.full((6, 6), np.inf)
+    slopes = np.column_stack([np.cross(points_m, normals), normals])
+    variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
+    return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))

@@ -1,0 +1,78 @@
+"""Targets: the training submaps that queries are registered against, each thinned to one point a voxel."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+from pipeline import schemas, store
+from pipeline.errors import InputError
+from pipeline.frames import Poses
+from pipeline.mapping.gathering import submap_points
+from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration
+from pipeline.posing.walls import Chart, Walls
+from pipeline.store import Artifact
+
+GRAIN_M = 0.01
+KEPT = 256
+"""Prepared clouds in memory, at most half a megabyte each; charts are small, all are kept."""
+
+
+def write_map(path: Path, scans: Artifact, submaps: Artifact, voxel_m: float, range_m: float) -> tuple[int, int]:
+    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and points it has."""
+    world_T_anchor, offsets = submaps.load("world_T_anchor"), [0]
+    single = bool((submaps.load("first") == submaps.load("scans")).all())
+    attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
+    with store.write(path, schemas.MAPS, **attrs) as out:
+        for points_m in submap_points(scans, submaps, slice(0, len(world_T_anchor))):
+            near = np.hypot(points_m[:, 0], points_m[:, 1]) < range_m
+            thinned = np.asarray(small_gicp.voxelgrid_sampling(points_m[near], voxel_m).points())[:, :3]
+            out.append("points", np.rint(thinned / GRAIN_M).astype(np.int64))
+            offsets.append(offsets[-1] + len(thinned))
+        out.put("offsets", np.array(offsets))
+        out.put("world_T_anchor", world_T_anchor)
+    return len(world_T_anchor), offsets[-1]
+
+
+class Targets:
+    """The training submaps of a map artifact, a row each."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises ArtifactError where there is no such map."""
+        artifact = store.read(path, schemas.MAPS)
+        self._points, self._offsets = artifact.load("points"), artifact.load("offsets")
+        self._grain_m, self._single = float(artifact.attrs["grain_m"]), bool(artifact.attrs["single"])
+        self.world_T_anchor: Poses = artifact.load("world_T_anchor")
+        self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
+        self._prepared: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
+
+    def aligned(self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]) -> Alignment:
+        """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the row has too few points."""
+        try:
+            return registration.refine(self._prepared(registration, row), query, guess)
+        except InputError:
+            return NOWHERE
+
+    def _chart(self, walls: Walls, row: int) -> Chart:
+        """A row's walls from above."""
+        return walls.chart(self.points_m(row), self._single)
+
+    def _cloud(self, registration: Registration, row: int) -> Cloud:
+        return registration.prepare(self.points_m(row))
+
+    def points_m(self, row: int) -> Points:
+        """The thinned points (n, 3) of a row, in its anchor's frame, z up from the ground."""
+        return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
+
+    def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+        """The rows (n,) whose anchors are nearest to positions (n, 2), but for those left out (row,); without repetitions,
+        none of a position that is not finite, in the order of the positions."""
+        anchors_m = self.world_T_anchor[:, :2, 3]
+        if left_out is not None:
+            anchors_m = np.where(left_out[:, None], np.inf, anchors_m)
+        known = xy_m[np.isfinite(xy_m).all(axis=1)]
+        away_m = np.linalg.norm(anchors_m - known[:, None], axis=2)
+        return np.array(list(dict.fromkeys(away_m.argmin(axis=1).tolist())), np.int64)

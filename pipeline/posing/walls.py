@@ -1,0 +1,140 @@
+"""Walls from above: at which heading and offset a query's walls fit those of a training submap, and what speaks against it.
+
+Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw through, unknown ones.
+The query's walls are laid on it at every heading and offset (correlative scan matching, Olson, ICRA 2009): a wall on a wall
+counts for a place, a wall where the map saw through counts against it, and one that was hidden from the map counts nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError
+from pipeline.running.settings import check, positive
+
+Chart = NDArray[np.int8]
+"""(cell, cell) WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known; x along the first axis, the robot in the middle."""
+WALL, BESIDE, SEEN_THROUGH = 2, 1, -1
+
+
+@dataclass(frozen=True)
+class Match:
+    """The best way to lay a query on a chart."""
+
+    score: float
+    """Mean over the query's walls of 1 on a wall, .5 beside one, −.5 where the map saw through, 0 where it knows nothing."""
+    target_T_query: NDArray[np.float64]
+    """(4, 4), a turn about z and a step in the plane."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """How charts are drawn and searched."""
+
+    low_m: float = 1.0
+    """Points between these heights above the ground are walls: lower ones are cars and people."""
+    high_m: float = 8.0
+    cell_m: float = 1.0
+    range_m: float = 40.0
+    """Around the robot."""
+    headings: int = 120
+    offset_m: float = 6.0
+    """The query is sought this far from the training anchor, along x and y."""
+    margin_m: float = 2.0
+    """Seen through is what lies at least so much nearer to the sensor than the first wall."""
+
+    def __post_init__(self) -> None:
+        check(self, "walls")
+        positive("walls", cell_m=self.cell_m, range_m=self.range_m, headings=self.headings, offset_m=self.offset_m)
+        if not self.high_m > self.low_m:
+            raise ConfigError(f"walls.high_m={self.high_m}: expected more than walls.low_m={self.low_m}")
+
+    @property
+    def half(self) -> int:
+        """Cells from a chart's middle to its border: beyond it no wall of a query comes at any offset."""
+        return int(np.ceil(self.range_m / self.cell_m)) + self.reach + 1
+
+    @property
+    def reach(self) -> int:
+        """Offsets in cells to each side."""
+        return int(np.ceil(self.offset_m / self.cell_m))
+
+    def chart(self, points_m: NDArray[np.float64], single: bool = True) -> Chart:
+        """Of a submap's points (n, 3), z up from the ground; only a `single` scan has a place from which it saw through."""
+        chart: Chart = _chart(self._walls(points_m), self.cell_m, self.half, self.margin_m if single else np.inf)
+        return chart
+
+    def turned(self, points_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The cells (heading, n, 2) of a query's walls, from points (m, 3), turned to each heading."""
+        cells = np.unique(np.floor(self._walls(points_m) / self.cell_m), axis=0) + 0.5
+        angles = np.arange(self.headings) * (2 * np.pi / self.headings)
+        rotations = np.array([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
+        return np.asarray(np.floor(cells @ rotations).astype(np.int64) + self.half)
+
+    def match(self, chart: Chart, turned: NDArray[np.int64]) -> Match:
+        """The best heading and offset of a query (heading, n, 2) on a chart."""
+        pose = np.eye(4)
+        if not turned.shape[1]:
+            return Match(0.0, pose)
+        score, heading, x, y = _search(chart, turned, self.reach)
+        angle = heading * 2 * np.pi / self.headings
+        pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        pose[:2, 3] = x * self.cell_m, y * self.cell_m
+        return Match(score / (WALL * turned.shape[1]), pose)
+
+    def _walls(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, z = points_m.T
+        inside = (z > self.low_m) & (z < self.high_m) & (x * x + y * y < self.range_m**2)
+        return np.ascontiguousarray(points_m[inside, :2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
+    """The chart of walls (n, 2); `margin_m` is infinite where nothing is seen through."""
+    sectors, width = 180, 2 * half
+    first = np.full(sectors, np.inf)
+    chart = np.zeros((width, width), np.int8)
+    for i in range(len(walls)):
+        sector = _sector(walls[i, 0], walls[i, 1], sectors)
+        first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
+    for x in range(width):
+        for y in range(width):
+            east, north = (x - half + 0.5) * cell_m, (y - half + 0.5) * cell_m
+            sector = _sector(east, north, sectors)
+            nearest = min(first[sector - 1], first[sector], first[(sector + 1) % sectors])
+            if np.isfinite(nearest) and np.hypot(east, north) < nearest - margin_m:
+                chart[x, y] = SEEN_THROUGH
+    for value, beside in ((BESIDE, 1), (WALL, 0)):
+        for i in range(len(walls)):
+            x, y = int(np.floor(walls[i, 0] / cell_m)) + half, int(np.floor(walls[i, 1] / cell_m)) + half
+            for a in range(max(x - beside, 0), min(x + beside + 1, width)):
+                for b in range(max(y - beside, 0), min(y + beside + 1, width)):
+                    chart[a, b] = value
+    return chart
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sector(x, y, sectors):  # type: ignore[no-untyped-def]
+    return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * sectors) % sectors
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _search(chart, turned, reach):  # type: ignore[no-untyped-def]
+    """The highest sum of chart values under cells (heading, n, 2), and at which heading and offset."""
+    offsets = 2 * reach + 1
+    best, at_heading, at_x, at_y = -(2**31), 0, 0, 0
+    sums = np.empty((offsets, offsets), np.int32)
+    for heading in range(len(turned)):
+        sums[:] = 0
+        for i in range(turned.shape[1]):
+            x, y = turned[heading, i, 0] - reach, turned[heading, i, 1] - reach
+            for a in range(offsets):
+                for b in range(offsets):
+                    sums[a, b] += chart[x + a, y + b]
+        for a in range(offsets):
+            for b in range(offsets):
+                if sums[a, b] > best:
+                    best, at_heading, at_x, at_y = sums[a, b], heading, a - reach, b - reach
+    return best, at_heading, at_x, at_y
