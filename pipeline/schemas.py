@@ -109,6 +109,8 @@ FIXES = Schema(
         "held_out": "queries of those blocks, each asked with the map and without its surroundings",
     },
 )
+ANSWERS = (RANKINGS, FIXES)
+"""Artifacts of the stages localize and poses."""
 MAPS = Schema(
     "maps",
     1,

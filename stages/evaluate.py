@@ -30,9 +30,8 @@ def main(cfg: DictConfig) -> str:
 
 def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> dict[str, dict[str, Any]]:
     """One sequence's evaluation in every case; returns its metrics as driven."""
-    kinds, name = {"labels": schemas.LABELS, "submaps": schemas.SUBMAPS}, f"{sequence}.zarr"
-    artifacts = {kind: store.read(Path(cfg[kind], name), schema) for kind, schema in kinds.items()}
-    artifacts["rankings"] = store.read(Path(cfg.rankings, name), schemas.RANKINGS, schemas.FIXES)
+    kinds, name = {"rankings": schemas.ANSWERS, "labels": (schemas.LABELS,), "submaps": (schemas.SUBMAPS,)}, f"{sequence}.zarr"
+    artifacts = {kind: store.read(Path(cfg[kind], name), *one) for kind, one in kinds.items()}
     cases = judge_cases(**artifacts, distance=instantiate(cfg.distance), bootstrap=instantiate(cfg.bootstrap))
     rules = {name: asdict(instantiate(cfg[name])) for name in ("distance", "bootstrap")}
     named = {"sequence": sequence, "train": cfg.train, "wanted_precision": artifacts["rankings"].attrs["wanted_precision"]}

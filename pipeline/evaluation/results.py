@@ -26,7 +26,7 @@ from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
 from pipeline.store import Artifact
-from pipeline.studies.expansion import ModelName, asks_about_the_year, grids, models_of, on_bird_views
+from pipeline.studies.expansion import ModelName, answerers, asks_about_the_year, grids, models_of, on_bird_views
 
 FILE = "results.csv"
 
@@ -50,14 +50,14 @@ class Gathering:
     def _answers(self) -> Rows:
         """Every model at every cell size on every sequence; and for the study's own cells what several of them show together."""
         tests, stress = self.study["tests"], self.study.get("stress", {})
-        models = [model for method in self.study["methods"] for model in models_of(method)]
+        models = answerers(self.study)
         for grid in grids(self.study) if asks_about_the_year(self.study) else ():
             own = grid in self.study["grids"]
             of_methods: dict[str, dict[str, Evaluation]] = {}
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out, bootstrap = {}, Bootstrap()
             for model in models if own else [model for model in models if model.name == model.method]:
-                place = {"grid": grid, "method": model.method, "variant": model.variant, "seed": model.seed}
+                place = {"grid": grid, "method": model.method, "variant": model.answered, "seed": model.seed}
                 driven: dict[str, Evaluation] = {}
                 for sequence in (*tests, *stress) if own else tests:
                     artifact = self._evaluations(grid, model, sequence)
@@ -67,18 +67,17 @@ class Gathering:
                         yield from (place | where | one for one in of_evaluation(evaluation, case))
                         if not case.change:
                             driven[sequence] = evaluation
-                learned, kind = (
-                    store.read_model(self._path("train", grid, f"{model.name}.safetensors")),
-                    driven[tests[0]].kinds[0],
-                )
-                yield place | row("held_out_auc", "cells", held_out_auc(Evidence.of(learned), kind, self.unseen_share))
                 by_day = {name: driven[name] for name in sorted(tests, key=lambda name: (driven[name].days, name))}
+                if not model.posed:
+                    learned = store.read_model(self._path("train", grid, f"{model.name}.safetensors"))
+                    kind = driven[tests[0]].kinds[0]
+                    yield place | row("held_out_auc", "cells", held_out_auc(Evidence.of(learned), kind, self.unseen_share))
                 if model.name == model.method:
                     of_methods[model.method] = by_day
                     held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
-                elif self.study["question"] == "year" and not model.seed:
-                    of_variants[model.method, model.variant] = by_day
+                elif (self.study["question"] == "year" or model.posed) and not model.seed:
+                    of_variants[model.method, model.answered] = by_day
             if own:
                 yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap))
 

@@ -124,15 +124,19 @@ class Registration:
         paired = distances_m < self.inlier_m
         normals = target.normals[nearest[paired]]
         off_m = np.einsum("nx,nx->n", normals, moved_m[paired] - target.xyz_m[nearest[paired]])
+        if min(_least_along(normals), _least_along(source.normals[paired])) < LEAST_ALONG:
+            return Alignment(target_T_source, float(paired.mean()), np.full((6, 6), np.inf))
         covariance = _covariance(source.xyz_m[paired], normals @ target_T_source[:3, :3], off_m)
         return Alignment(target_T_source, float(paired.mean()), covariance)
 
 
+def _least_along(normals: NDArray[np.float64]) -> float:
+    """The mean square of normals (n, 3) along the direction that the fewest look along; 0 of too few to say."""
+    return float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0]) if len(normals) > 6 else 0.0
+
+
 def _covariance(points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From points (n, 3) that lie `off_m` (n,) of planes with these normals (n, 3): what the planes hold, from all of their pairs
-    as one (the Hessian of point to plane); infinite where next to none of them looks along some direction."""
-    if len(off_m) <= 6 or np.linalg.eigvalsh(normals.T @ normals / len(off_m))[0] < LEAST_ALONG:
-        return np.full((6, 6), np.inf)
+    """From points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse of the Hessian of point to plane."""
     slopes = np.column_stack([np.cross(points_m, normals), normals])
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
     return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))

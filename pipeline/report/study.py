@@ -1,7 +1,7 @@
 """One study as a report sees it: its rows of the table of results, and the artifacts whose arrays are drawn."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -17,7 +17,7 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, Values, by_model
 from pipeline.report.table import average
 from pipeline.store import Artifact
-from pipeline.studies.expansion import ModelName, models_of
+from pipeline.studies.expansion import ModelName, answerers, models_of
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class Study:
     @cached_property
     def families(self) -> list[str]:
         """The models that the year is reported of: each method's own, and in a study of the year its variants."""
-        every = [model for method in self.words["methods"] for model in models_of(method) if not model.seed]
-        return [model.name for model in every if not model.variant or self.words["question"] == "year"]
+        every = [model for model in answerers(self.words) if not model.seed]
+        return [model.name for model in every if model.posed or not model.variant or self.words["question"] == "year"]
 
     @cached_property
     def models(self) -> dict[str, Learned]:
@@ -164,11 +164,12 @@ class Study:
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
         """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model, the others of both."""
-        views = {name.name: method["view"] for method in self.words["methods"] for name in models_of(method)}
+        views = {method["name"]: method["view"] for method in self.words["methods"]}
+        answers = {one.name: one for one in answerers(self.words)}.get(model)
         within = {
             "labels": f"{self.grid}/{sequence}.zarr",
-            "views": f"{views.get(model, '')}/{sequence}.zarr",
-            "train": f"{self.grid}/{model}.safetensors",
+            "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",
+            "train": f"{self.grid}/{replace(answers, posed=False).name if answers else model}.safetensors",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
         return self.artifacts / kind / self.name / within
 

@@ -8,7 +8,7 @@ between. DVC can look up no name within another, so all that a stage needs is li
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -18,8 +18,8 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 Study = Mapping[str, Any]
 
 LISTS = (
-    "drives", "submaps", "views", "birdviews", "altered", "labels", "models", "rankings", "events", "viewpoints", "latency",
-    "results", "report", "published",
+    "drives", "submaps", "views", "birdviews", "altered", "labels", "maps", "models", "rankings", "poses", "evaluations",
+    "events", "viewpoints", "latency", "results", "report", "published",
 )  # fmt: skip
 QUESTIONS = ("year", "robustness", "viewpoints")
 DRIVE = ("world", "source", "heeds", "root")
@@ -42,11 +42,17 @@ class ModelName:
     method: str
     variant: str = ""
     seed: int = 0
+    posed: bool = False  # its answers were registered, which makes them a variant of their own
 
     @property
     def family(self) -> str:
-        """A method or a variant of one, whatever the seed: `sci-4way`."""
-        return f"{self.method}-{self.variant}" if self.variant else self.method
+        """A method or a variant of one, whatever the seed: `sci-4way`, `sci-4way-pose`."""
+        return f"{self.method}-{self.answered}" if self.answered else self.method
+
+    @property
+    def answered(self) -> str:
+        """The variant as the table of results has it: `4way-pose`."""
+        return "-".join(filter(None, (self.variant, "pose" * self.posed)))
 
     @property
     def name(self) -> str:
@@ -106,6 +112,13 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     answered = f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
     asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
     lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
+    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"]}
+    for answers in answers_of(study, model) if own else [model]:
+        rankings = f"artifacts/{'poses' if answers.posed else 'localize'}/{dataset}/{grid}/{model.name}"
+        lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}
+        if answers.posed:
+            lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
+            lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {"tests": asked["tests"]}
 
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
@@ -142,6 +155,17 @@ def models_of(method: Mapping[str, Any]) -> list[ModelName]:
     """The models of a method of a study: its own, then its variants, each with every seed."""
     seeds = range(method.get("seeds", 1))
     return [ModelName(method["name"], variant, seed) for variant in ("", *method.get("variants", {})) for seed in seeds]
+
+
+def answers_of(study: Study, model: ModelName) -> list[ModelName]:
+    """A model's own answers, and the same with poses where the study asks for them."""
+    return [model, replace(model, posed=True)] if model.family in study.get("poses", ()) else [model]
+
+
+def answerers(study: Study) -> list[ModelName]:
+    """All that answer at the study's own cell sizes: each model, and each that has poses besides."""
+    models = (model for method in study["methods"] for model in models_of(method))
+    return [answers for model in models for answers in answers_of(study, model)]
 
 
 def on_bird_views(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

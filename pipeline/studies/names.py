@@ -8,7 +8,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
-from pipeline.studies.expansion import QUESTIONS, expand, grids, on_bird_views
+from pipeline.studies.expansion import QUESTIONS, expand, grids, models_of, on_bird_views
 
 STUDIES = """\
 # The studies: the one list of names. Write it by hand, or let `yearloc use campus town` write it; then `yearloc use` generates
@@ -72,12 +72,12 @@ class _Indented(yaml.SafeDumper):
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     """The study of data set `name`; options are root, log, world, budget, question and seeds, and with commas train, tests,
-    methods, variants, altered and cells.
+    methods, variants, altered, cells and poses.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
-    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells"}
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses"}
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
@@ -109,7 +109,9 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
     others = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in study["grids"]]
     cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
-    besides = {"altered": altered, "cells": cells, "stress": stress}
+    families = [model.family for method in methods for model in models_of(method) if not model.seed]
+    poses = _some(options, "poses", [name for name in families if "poses" in options or name in study.get("poses", ())])
+    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses}
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import INSTEAD, LISTS, checked, expand
+from pipeline.studies.expansion import INSTEAD, LISTS, answerers, checked, expand
 from pipeline.studies.names import lists_text, studies_text
 
 SCI, M2DP = {"name": "sci", "view": "sc", "code": "sci.py"}, {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
@@ -23,7 +23,8 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; latency 2 + 1
-    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, "models": 7, "rankings": 7, "latency": 3, "results": 2}
+    models = dict.fromkeys(("models", "rankings", "evaluations"), 7)
+    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, **models, "latency": 3, "results": 2}
     assert counts == dict.fromkeys(LISTS, 0) | year | {"published": 2, "report": 1}
     place = {"dataset": "one", "grid": "5m", "train": "a", "of": "/a.zarr"}
     own = {"method": "m2dp", "model": "m2dp", "recipe": "method=m2dp", "code": "m2dp.py", "view": "cloud", "budget": "tiny"}
@@ -74,6 +75,22 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     assert lists["events"]["one"]["sequences"] == "d"
     assert lists["results"]["one"]["changed"] == "artifacts/events/one"
     assert list(lists["latency"]) == ["one-10m"]
+
+
+def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
+    sci = SCI | {"seeds": 2, "variants": {"4way": "method.n_way=4"}}
+    study = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}
+    lists = expand({"one": study})
+    posed = [f"{grid}-{name}" for grid in ("5m", "10m") for name in ("sci-4way", "sci-4way-seed1", "m2dp")]
+    assert list(lists["poses"]) == [f"one-{name}" for name in posed]
+    assert lists["maps"] == {"one": {"dataset": "one", "train": "a"}}
+    assert lists["poses"]["one-5m-sci-4way-seed1"]["recipe"] == "method=sci method.n_way=4 method.seed=1"
+    own, with_poses = (lists["evaluations"][f"one-5m-sci-4way{pose}-seed1"] for pose in ("", "-pose"))
+    assert (own["rankings"], own["model"]) == ("artifacts/localize/one/5m/sci-4way-seed1", "sci-4way-seed1")
+    assert (with_poses["rankings"], with_poses["model"]) == ("artifacts/poses/one/5m/sci-4way-seed1", "sci-4way-pose-seed1")
+    answers = [(one.method, one.answered, one.seed) for one in answerers(study)]
+    assert answers[2:5] == [("sci", "4way", 0), ("sci", "4way-pose", 0), ("sci", "4way", 1)]
+    assert answers[-2:] == [("m2dp", "", 0), ("m2dp", "pose", 0)]
 
 
 def test_a_study_without_a_question_asks_about_the_year() -> None:
