@@ -136,7 +136,7 @@ def _least_along(normals: NDArray[np.float64]) -> float:
 
 
 def _covariance(points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """From points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse of the Hessian of point to plane."""
+    """Of points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse Hessian of point to plane."""
     slopes = np.column_stack([np.cross(points_m, normals), normals])
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
     return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))
