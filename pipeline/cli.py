@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.errors import ConfigError, YearlocError
+from pipeline.errors import ArtifactError, ConfigError, YearlocError
 from pipeline.running.progress import Item, Progress
 
 ABOUT = """\
@@ -84,12 +84,10 @@ def _use(given: argparse.Namespace) -> None:
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
     chosen = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
     studies = complete(conf, chosen)
-    for name, text in (("studies", studies_text(studies)), ("lists", lists_text(studies))):
-        path = conf / f"{name}.yaml"
+    for path, text in ((conf / "studies.yaml", studies_text(studies)), (conf / "lists.yaml", lists_text(studies))):
         if not path.is_file() or path.read_text() != text:
             path.write_text(text)
-    for note in (note for proposal in proposals.values() for note in proposal.notes):
-        print(f"  {note}")
+    print(*(f"  {note}\n" for proposal in proposals.values() for note in proposal.notes), sep="", end="")
     for name, study in studies.items():
         print(f"{name}: trained on {study['train']} with the budget {study['budget']}, tested on {', '.join(study['tests'])}")
 
@@ -152,21 +150,25 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
+    if not (given.csv or given.json or given.where):
+        places = [(name, grid) for name, study in _studies(_conf()).items() for grid in study["grids"]]
+        for text in (Path("artifacts/report", *place, "results.txt") for place in places):
+            if not text.is_file():
+                raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
+            print(text.read_text())
+        print("a page to read: artifacts/report/page.html; dashboard: make dashboard")
+        return
     from pipeline.evaluation import results
     from pipeline.evaluation.rows import COLUMNS
 
     conditions = dict(word.partition("=")[::2] for word in given.where)
-    table = results.where(results.read(Path("artifacts"), list(_studies(_conf()))), conditions)
+    table = results.where(results.read(Path("artifacts"), list(_studies(_conf()))), conditions)[[*COLUMNS]]
     if given.csv:
-        print(table[[*COLUMNS]].to_csv(index=False), end="")
+        print(table.to_csv(index=False), end="")
     elif given.json:
-        print(table[[*COLUMNS]].to_json(orient="records", force_ascii=False))
-    elif conditions:
-        print(table[[*COLUMNS]].to_string(index=False, na_rep="–", float_format="{:.4g}".format))
+        print(table.to_json(orient="records", force_ascii=False))
     else:
-        from pipeline.report.terminal import text
-
-        print(text(Path("artifacts"), _studies(_conf())))
+        print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format))
 
 
 def _methods(given: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.events import Bands
-from pipeline.report import page
+from pipeline.report import page, terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, viewpoints, year
@@ -40,6 +40,7 @@ def write(
                 for section in found
                 for one in section.illustrations
             ]
+            (own / "results.txt").write_text(terminal.text(study, len(list(own.glob("*.svg")))) + "\n")
             (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n")
             sections += found
             every += [study] if asks_about_the_year(words) else []

@@ -1,12 +1,8 @@
-"""The results as plain text for a terminal: each study's methods and main numbers, and where the report lies."""
+"""The results as plain text for a terminal: a study's methods and main numbers, and where its report lies."""
 
 import textwrap
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
 
-from pipeline.errors import ArtifactError
-from pipeline.evaluation import results
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report import tables, viewpoint_tables
 from pipeline.report.render import caption, words
@@ -15,16 +11,10 @@ from pipeline.report.table import WIDEST
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 
-def text(artifacts: Path, studies: Mapping[str, Any]) -> str:
-    """Of all studies; raises ArtifactError where there are no results or no report yet."""
-    table, blocks = results.read(artifacts, list(studies)), []
-    for name, own in studies.items():
-        for grid in own["grids"]:
-            study, report = Study(artifacts, name, own, grid, table[table["study"] == name]), artifacts / "report" / name / grid
-            if not (report / "report.md").is_file():
-                raise ArtifactError(f"{report}: no report yet; `dvc repro` writes it")
-            blocks += [*_blocks(study), f"  {report}/report.md, with {len(list(report.glob('*.svg')))} figures beside it\n"]
-    return "\n".join([*blocks, f"a page to read: {artifacts}/report/page.html; dashboard: make dashboard"])
+def text(study: Study, figures: int) -> str:
+    """Of a study at one cell size, whose report has so many figures."""
+    report = study.artifacts / "report" / study.name / study.grid / "report.md"
+    return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
 
 def _blocks(study: Study) -> Iterator[str]:

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -64,15 +63,12 @@ def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path
 
 
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(study: Study, written: Path) -> None:
-    with pytest.raises(ArtifactError, match="no report yet"):
-        terminal.text(study.artifacts, {"campus": WORDS})
-    shutil.copytree(written, study.artifacts / "report")
-    text = terminal.text(study.artifacts, {"campus": WORDS})
-    shutil.rmtree(study.artifacts / "report")
+    text = terminal.text(study, 30)
+    assert (written / "campus/10m/results.txt").read_text() == text + "\n"
     assert text.startswith("simulated campus, trained on 2012-01-15 alone, cells of 10 m\n\nmodel ")
     assert "How often the first answer is right, rejection ignored, by cells, with 95 % intervals\nrecall@1  " in text
     assert re.search(r"\n2012-02-04 +0\.600 \[\.00, 1\.0\] +0\.200 \[\.00, \.50\] +0\.800\n", text)
     assert re.search(r"\nmean +0\.500 ± \.115 +0\.100 ± \.115 +0\.800 ± \.000\n", text)
-    assert "10m/report.md, with 30 figures beside it\n" in text
+    assert "campus/10m/report.md, with 30 figures beside it\n" in text
     assert not re.search("[`*]|nan", text)
     assert max(map(len, text.splitlines())) <= 160

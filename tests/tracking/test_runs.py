@@ -250,6 +250,9 @@ def load(database: Path) -> Iterator[Any]:
 
 def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(own: Experiment, tiny: Any, load: Any) -> None:
     own.publish(tiny(5))
+    files = [
+        path for path in (own.database.parent / "mlruns/models" / own.model.model_id).rglob("*") if path.is_file()
+    ]  # before loading compiles the code
     loaded = load(f"models:/{own.model.model_id}")
     heights_m = np.full((2, 4, 12), 1.5, np.float32)
     answer = loaded.predict(heights_m)
@@ -259,7 +262,6 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(own: Expe
     assert loaded.predict(heights_m, params={"k": 1})["places"].tolist() == [[5], [5]]
     assert loaded.metadata.signature.inputs.inputs[0].shape == (-1, 4, 12)
     assert loaded.metadata.signature.outputs.input_names() == list(answer)
-    files = [path for path in (own.database.parent / "mlruns/models" / own.model.model_id).rglob("*") if path.is_file()]
     assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".safetensors", ""}
     assert [path.name for path in files if path.suffix == ".safetensors"] == ["tiny.safetensors"]
     assert all(path.read_bytes()[:1] != b"\x80" for path in files)  # as every pickle since protocol 2 begins
