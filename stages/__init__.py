@@ -1,5 +1,6 @@
 """Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
 
+import ctypes
 import logging
 import os
 import sys
@@ -24,6 +25,7 @@ from pipeline.running.progress import Progress
 from pipeline.running.telemetry import Telemetry
 
 Item = TypeVar("Item")
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 ROOT = Path(__file__).parents[1]
 
 
@@ -36,8 +38,17 @@ def _kernels() -> str:
     return str(ROOT / ".numba" / digest.hexdigest()[:16])
 
 
+def _keep_freed_memory() -> None:
+    """Let glibc reuse large arrays instead of asking the kernel for zeroed pages each time: a fifth of a training's CPU time."""
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):
+        for parameter, value in ((M_MMAP_THRESHOLD, 2**30), (M_TRIM_THRESHOLD, 2**31 - 1)):
+            libc.mallopt(parameter, value)
+
+
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
+_keep_freed_memory()
 logging.getLogger("faiss").setLevel(logging.WARNING)  # it tells which instructions it was built for
 
 
