@@ -1,4 +1,4 @@
-"""Answers with poses: the ranking of a method, led by what was registered, and how new each query then looks."""
+"""Answers with poses: the ranking of a method, led by what was registered, and how new each query then looks (METHODS 9.6)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace

@@ -1,4 +1,4 @@
-"""Fixes: the pose of a query, found from candidate places, and what speaks for it and for the runner-up."""
+"""Fixes: the pose of a query, found from candidate places, and what speaks for it and for the runner-up (METHODS 9.4)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

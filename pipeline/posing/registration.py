@@ -1,4 +1,4 @@
-"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP, from coarse to fine)."""
+"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP; METHODS 9.3)."""
 
 from dataclasses import dataclass
 from functools import cached_property

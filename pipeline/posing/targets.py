@@ -1,4 +1,4 @@
-"""Targets: the training submaps that queries are registered against, each thinned to one point a voxel."""
+"""Targets: the training submaps that queries are registered against, each thinned to one point a voxel (METHODS 9.1)."""
 
 from collections.abc import Callable
 from functools import lru_cache

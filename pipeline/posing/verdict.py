@@ -1,4 +1,4 @@
-"""Verdicts: the chance that a fix is right, and where a promise is kept; learned on held-out blocks of training."""
+"""Verdicts: the chance that a fix is right, and where a promise is kept; from held-out blocks (METHODS 9.5)."""
 
 from dataclasses import dataclass
 from functools import cached_property

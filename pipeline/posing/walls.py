@@ -1,7 +1,7 @@
 """Walls from above: at which heading and offset a query's walls fit those of a training submap, and what speaks against it.
 
 Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw through, unknown ones.
-The query's walls are laid on it at every heading and offset (correlative scan matching, Olson, ICRA 2009): a wall on a wall
+The query's walls are laid on it at all headings and offsets (scan matching, Olson, ICRA 2009; METHODS 9.2): a wall on a wall
 counts for a place, a wall where the map saw through counts against it, and one that was hidden from the map counts nothing.
 """
 
