@@ -14,7 +14,7 @@ from pipeline.errors import ConfigError
 from pipeline.frames import Poses, yaw
 from pipeline.grid import UNSEEN, Grid
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import Fix, Hypothesis
 from pipeline.posing.verdict import PROMISES, Verdict
 from pipeline.store import Artifact
 
@@ -29,6 +29,7 @@ class Signs:
     """What speaks for each of q fixes: numbers that a verdict learns from."""
 
     overlap: NDArray[np.float64]
+    structure: NDArray[np.float64]
     runner_up: NDArray[np.float64]
     spread_m: NDArray[np.float64]
     novelty: NDArray[np.float64]
@@ -36,15 +37,18 @@ class Signs:
     @classmethod
     def of(cls, fixes: Sequence[Fix], apart_m: float, ranking: Ranking) -> "Signs":
         """Of fixes and of the ranking that they came from, whose novelty in use is one of the signs."""
-        spreads = [fix.hypotheses[0].spread_m if fix.hypotheses else np.inf for fix in fixes]
-        overlaps, others = [fix.overlap for fix in fixes], [fix.runner_up(apart_m) for fix in fixes]
-        return cls(*(np.array(one, np.float64) for one in (overlaps, others, spreads, ranking.novelty[:, 0])))
+        none = Hypothesis(-1, np.eye(4), 0.0, 0.0, np.inf)
+        first = [fix.hypotheses[0] if fix.hypotheses else none for fix in fixes]
+        own = [(one.overlap, one.structure, fix.runner_up(apart_m), one.spread_m) for one, fix in zip(first, fixes, strict=True)]
+        overlap, shares, runner_up, spread_m = np.array(own, np.float64).reshape(-1, 4).T
+        return cls(overlap, shares, runner_up, spread_m, ranking.novelty[:, 0].astype(np.float64))
 
     def features(self) -> NDArray[np.float64]:
-        """(q, 4) finite ones."""
+        """(q, 5) finite ones; the first is the overlap."""
         largest = np.finfo(np.float32).max
         spread = np.log10(self.spread_m.clip(1e-4, 1.0))
-        return np.stack([self.overlap, self.overlap - self.runner_up, spread, self.novelty.clip(-largest, largest)], axis=1)
+        lead, novelty = (self.overlap + self.structure) / 2 - self.runner_up, self.novelty.clip(-largest, largest)
+        return np.stack([self.overlap, self.structure, lead, spread, novelty], axis=1)
 
 
 def poses(fixes: Sequence[Fix]) -> Poses:
@@ -71,10 +75,10 @@ def posed(
         own_m = np.array([one.world_T_query[:2, 3] for one in fix.hypotheses])
         every = np.r_[place_of(own_m), ranking.places[i]]
         first = np.sort(np.unique(every, return_index=True)[1])[:k]
-        every_cost = np.r_[[1 - one.overlap for one in fix.hypotheses], UNPLACED + np.arange(k) / k]
+        every_cost = np.r_[[1 - one.support for one in fix.hypotheses], UNPLACED + np.arange(k) / k]
         for column, whole in ((places, every), (costs, every_cost), (xy_m, np.r_[own_m, ranking.xy_m[i]])):
             column[i, : len(first)] = whole[first]
-    overlap = np.array([fix.overlap for fix in fixes])
+    overlap = np.array([fix.hypotheses[0].overlap if fix.hypotheses else 0.0 for fix in fixes])
     novelty = np.column_stack([1 - chance, 1 - overlap, ranking.novelty]).astype(np.float32)
     heading_deg = np.rad2deg(yaw(poses(fixes))).astype(np.float32)
     kinds = (*OWN_KINDS, *ranking.kinds)

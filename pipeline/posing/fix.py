@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.frames import Poses
-from pipeline.posing.registration import Points, Registration
+from pipeline.posing.registration import Points, Registration, moved
 from pipeline.posing.targets import Targets
+from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
 
 
@@ -24,8 +25,15 @@ class Hypothesis:
     """(4, 4)."""
     overlap: float
     """Share of the query's voxels that the training submap has too."""
+    structure: float
+    """Share of its walls that the submap has, among those that it has or contradicts (`verification`)."""
     spread_m: float
     """Standard deviation of the position, by the registration alone; infinite where a direction is open."""
+
+    @property
+    def support(self) -> float:
+        """What speaks for it: the mean of both shares."""
+        return (self.overlap + self.structure) / 2
 
 
 @dataclass(frozen=True)
@@ -37,18 +45,13 @@ class Fix:
     @classmethod
     def of(cls, found: Sequence[Hypothesis]) -> Self:
         """Of hypotheses in any order."""
-        return cls(tuple(sorted(found, key=lambda one: -one.overlap)))
-
-    @property
-    def overlap(self) -> float:
-        """Of the best hypothesis; 0 without one."""
-        return self.hypotheses[0].overlap if self.hypotheses else 0.0
+        return cls(tuple(sorted(found, key=lambda one: -one.support)))
 
     def runner_up(self, apart_m: float) -> float:
-        """Overlap of the best hypothesis that stands at least `apart_m` from the first; 0 without one."""
+        """Support of the best hypothesis that stands at least `apart_m` from the first; 0 without one."""
         there = [one.world_T_query[:2, 3] for one in self.hypotheses[:1]]
         others = (one for one in self.hypotheses if np.linalg.norm(one.world_T_query[:2, 3] - there[0]) >= apart_m)
-        return max((one.overlap for one in others), default=0.0)
+        return max((one.support for one in others), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -64,8 +67,8 @@ class Fixer:
     """Rough registrations in each of these two rounds, of the best matches of walls."""
     refined: int = 2
     """Fine ones, of the best of these."""
-    clear_overlap: float = 0.5
-    """A hypothesis of so much overlap ends the search."""
+    clear_support: float = 0.75
+    """A hypothesis of so much support ends the search; chosen on the campus's training day, where no wrong one has it."""
     apart_m: float = 5.0
     """Candidates nearer to one another than this are one."""
     widest_m: float = 0.5
@@ -75,8 +78,8 @@ class Fixer:
         for name in ("first", "tries", "refined"):
             if not getattr(self, name) >= 1:
                 raise ConfigError(f"fixer.{name}={getattr(self, name)}: expected at least 1")
-        if not 0 < self.clear_overlap <= 1:
-            raise ConfigError(f"fixer.clear_overlap={self.clear_overlap}: expected a share above 0")
+        if not 0 < self.clear_support <= 1:
+            raise ConfigError(f"fixer.clear_support={self.clear_support}: expected a share above 0")
 
     def fix(self, points_m: Points, targets: Targets, rows: Iterable[int]) -> Fix:
         """The fix of a query's points (n, 3), z up from the ground, among training submaps, the likeliest row first.
@@ -96,10 +99,14 @@ class Fixer:
             for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[: self.refined]:
                 aligned = targets.aligned(self.fine, row, query[self.fine], guess.target_T_source)
                 if aligned.spread_m <= self.widest_m:
+                    moved_m = moved(aligned.target_T_source, query[self.fine].xyz_m)
+                    share = structure(
+                        moved_m, targets.cloud(self.fine, row), targets.chart(self.walls, row), self.walls, self.fine.inlier_m
+                    )
                     pose = targets.world_T_anchor[row] @ aligned.target_T_source
-                    found.append(Hypothesis(row, pose, aligned.overlap, aligned.spread_m))
-                if aligned.overlap >= self.clear_overlap:
-                    return Fix.of(found)
+                    found.append(Hypothesis(row, pose, aligned.overlap, share, aligned.spread_m))
+                    if found[-1].support >= self.clear_support:
+                        return Fix.of(found)
         return Fix.of(found)
 
     def _distinct(self, world_T_anchor: Poses, rows: Iterable[int]) -> list[int]:

@@ -119,7 +119,7 @@ class Registration:
                 max_iterations=self.iterations,
             )
             target_T_source = found.T_target_source
-        moved_m = source.xyz_m @ target_T_source[:3, :3].T + target_T_source[:3, 3]
+        moved_m = moved(target_T_source, source.xyz_m)
         nearest, distances_m = target.nearest(moved_m)
         paired = distances_m < self.inlier_m
         normals = target.normals[nearest[paired]]
@@ -128,6 +128,11 @@ class Registration:
             return Alignment(target_T_source, float(paired.mean()), np.full((6, 6), np.inf))
         covariance = _covariance(source.xyz_m[paired], normals @ target_T_source[:3, :3], off_m)
         return Alignment(target_T_source, float(paired.mean()), covariance)
+
+
+def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:
+    """Points (n, 3) of frame b in frame a."""
+    return np.asarray(points_m @ a_T_b[:3, :3].T + a_T_b[:3, 3])
 
 
 def _least_along(normals: NDArray[np.float64]) -> float:

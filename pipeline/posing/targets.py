@@ -47,12 +47,12 @@ class Targets:
         self._grain_m, self._single = float(artifact.attrs["grain_m"]), bool(artifact.attrs["single"])
         self.world_T_anchor: Poses = artifact.load("world_T_anchor")
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
-        self._prepared: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
+        self.cloud: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
 
     def aligned(self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]) -> Alignment:
         """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the row has too few points."""
         try:
-            return registration.refine(self._prepared(registration, row), query, guess)
+            return registration.refine(self.cloud(registration, row), query, guess)
         except InputError:
             return NOWHERE
 

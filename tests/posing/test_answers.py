@@ -11,9 +11,9 @@ from pipeline.posing.verdict import Evidence, Verdict
 from tests.posing.scene import planar
 
 FIXES = [
-    Fix.of([Hypothesis(0, planar(25, 0, 90), 0.8, 0.01), Hypothesis(3, planar(45, 0, 0), 0.3, 0.02)]),
+    Fix.of([Hypothesis(0, planar(25, 0, 90), 0.8, 0.9, 0.01), Hypothesis(3, planar(45, 0, 0), 0.3, 0.3, 0.02)]),
     Fix(),
-    Fix.of([Hypothesis(1, planar(95, 0, -45), 0.5, 0.01)]),
+    Fix.of([Hypothesis(1, planar(95, 0, -45), 0.5, 0.7, 0.01)]),
 ]
 RANKING = Ranking(
     *(np.array([[1, 4, 2, 0]] * 3), np.array([[0.1, 0.2, 0.3, 0.4]] * 3, np.float32), np.arange(24.0).reshape(3, 4, 2)),
