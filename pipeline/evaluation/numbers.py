@@ -10,13 +10,14 @@ from pipeline.evaluation.counts import Counts, ExactCounts, right
 from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
 from pipeline.evaluation.protocols import Truth
 
+POSES = ("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99")
 NUMBERS = (
     *("recall_at_1", "recall_at_5", "recall_at_25", "recall_at_1_same_heading", "recall_at_1_turned"),
     *("oracle", "oracle_same_heading", "oracle_turned"),
     *("auc_top1", "auc_top5", "auc_top25", "auc_exact_top1", "f1_max", "recall_at_99_precision", "auroc"),
     *("precision_at_threshold", "recall_at_threshold", "median_error_m"),
     *("oracle_auc_exact_top1", "median_heading_error_deg", "heading_within_10deg"),
-    *("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99"),
+    *POSES,
 )
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
@@ -96,7 +97,7 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
 def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """How good the poses are; a missing one counts as wrong, but all is NaN of a method that gives none."""
     if np.isnan(queries.promised):
-        return dict.fromkeys(("error_m", "error_deg", "wrong_of_accepted_99", "recall_99", *WITHIN), np.full(len(weight), np.nan))
+        return dict.fromkeys(POSES, np.full(len(weight), np.nan))
     off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
     good = {name: (off["error_m"] < far_m) & (off["error_deg"] < far_deg) for name, (far_m, far_deg) in WITHIN.items()}
     accepted, right_there = queries.novelty[:, 0].astype(np.float64) < queries.promised, good["within_2m_5deg"]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.alterations import Case
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.numbers import MEASURES, NUMBERS
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
 Rows = Iterator[dict[str, Any]]  # rows as they come: columns to values, those that are the same in all rows left out
@@ -47,7 +47,9 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         by = evaluation.protocol(protocol)
         counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
         shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
-        yield from several(parts, protocol, counts | shares | dict(zip(NUMBERS, by.numbers, strict=True)))
+        numbers = dict(zip(NUMBERS, by.numbers, strict=True))
+        known = {name: values for name, values in numbers.items() if name not in POSES or not np.isnan(evaluation.promised)}
+        yield from several(parts, protocol, counts | shares | known)
         for kind, measures in () if case.change else zip(evaluation.kinds, by.rejection, strict=True):
             own = parts | {"case": f"novelty {kind}", "kind": kind}
             yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)))
