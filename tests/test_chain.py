@@ -22,8 +22,7 @@ from tests.clone import BIN, ROOT, Clone
 def test_every_stage_runs_once_and_leaves_its_artifact(built):
     assert {stage.partition("@")[0] for stage in built.ran} == set(definition(ROOT)["stages"])
     lists = yaml.safe_load((built.folder / "conf/lists.yaml").read_text())["lists"]
-    twice = ("drives", "rankings")  # logs and scans; localize and evaluate
-    wanted = sum(len(lists[name]) * (1 + (name in twice)) for name in LISTS)
+    wanted = sum(len(lists[name]) * (1 + (name == "drives")) for name in LISTS)  # logs and scans of a drive
     assert len(built.ran) == len(set(built.ran)) == wanted
     assert not list(built.folder.rglob("*.scratch"))
     assert not list((built.folder / ".checkpoints").glob("*"))
@@ -75,8 +74,8 @@ def test_a_second_run_runs_nothing(built):
 @pytest.mark.parametrize(
     ("path", "old", "new", "stages"),
     [
-        ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize"}),
-        ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize"}),
+        ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize", "poses"}),
+        ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize", "poses"}),
         ("conf/view/scan_context.yaml", "rings: 40", "rings: 20", {"views", "altered"}),
         ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "altered"}),
         ("conf/viewpoints.yaml", "correct_m: 10.0", "correct_m: 5.0", {"viewpoints"}),
@@ -116,7 +115,7 @@ def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_pa
     ran = twin.repro()
     own = {f"{stage}@campus-{new}" for stage in ("logs", "scans")}
     assert {stage for stage in ran if stage.partition("@")[0] in ("logs", "scans")} == own
-    asked = {"submaps", "views", "altered", "labels", "localize", "evaluate", "results", "report", "latency", "publish"}
+    asked = {"submaps", "views", "altered", "labels", "localize", "poses", "evaluate", "results", "report", "latency", "publish"}
     assert {stage.partition("@")[0] for stage in set(ran) - own} == asked
     assert not [stage for stage in ran if "town" in stage]
 

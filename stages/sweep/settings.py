@@ -41,7 +41,7 @@ def listed(study: Mapping[str, Any], dataset: str, given: Mapping[str, str], met
     views = {one["name"]: one["view"] for one in study["methods"]}
     method = given.get("method", next(iter(views)))
     view = given.get("view") or (method_view if "method.view" in given else views.get(method, method_view))
-    own: dict[str, Any] = {"cells": [], "stress": {}, "grids": [given.get("grid", study["grids"][0])]}
+    own: dict[str, Any] = {"cells": [], "stress": {}, "poses": [], "grids": [given.get("grid", study["grids"][0])]}
     own["methods"] = [entry(ROOT / "conf", method, view)]
     return expand({dataset: study | own})
 
