@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from pipeline.evaluation import results
 from pipeline.running.dvc_files import definition
 from pipeline.studies.expansion import LISTS
 from pipeline.studies.names import studies_text
@@ -101,6 +102,17 @@ def test_an_edit_touches_exactly_its_stages(built, path, old, new, stages):
         assert {stage.partition("@")[0] for stage in built.outdated()} == stages
     finally:
         (built.folder / path).write_text(before)
+
+
+def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built):
+    table = results.read(built.folder / "artifacts", ["campus"])
+    own = table[(table["method"] == "sci") & (table["case"] == "") & (table["protocol"] == "distance")]
+    values = own.set_index(["variant", "number", "sequence"])["value"].sort_index()
+    assert set(own["variant"]) == {"", "pose"}
+    assert (values["pose", "recall_at_1"] > values["", "recall_at_1"]).all()  # tiny training; walls find the places
+    assert (values["pose", "within_2m_5deg"] > 0.6).all()
+    assert "within_2m_5deg" not in values[""].index
+    assert not (built.folder / "artifacts/report/campus/10m/history_sci-pose.svg").exists()
 
 
 def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_path):

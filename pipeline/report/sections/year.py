@@ -81,7 +81,7 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
         for one in group:
             of = {"model": model, "sequence": one.sequence, "label": one.label}
             yield from saved("map", maps.outcome_map(one, path_xy_m), f"outcomes_{model}_{one.sequence}", **of)
-        if (learned := study.models[model]).curves:
+        if model in study.trained and (learned := study.models[model]).curves:
             figure = curves.history(learned.curves, learned.best_round, model)
             yield from saved("history", figure, f"history_{model}", model=model)
 
