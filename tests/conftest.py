@@ -14,15 +14,15 @@ from tests.clone import ROOT, Clone
 
 repair(ROOT)  # DVC wants the lock files that its links lead to; a fresh clone has none
 
-FIRST, LAST = "tests/test_chain.py", "tests/test_sweep.py"
-"""Tests of the built chain: one worker starts with building it and the first file, whoever is free ends with the last."""
+FIRST, SECOND = "tests/test_chain.py", "tests/test_sweep.py"
+"""Tests of the built chain: one worker starts with building it and the first file, another takes the second later."""
 
 
 class Shared(LoadScopeScheduling):  # type: ignore[misc]
     """Each of those files goes to one worker (xdist's own groups do not hold with pytest 9), other tests one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return next((file for file in (FIRST, LAST) if nodeid.startswith(file)), nodeid)
+        return next((file for file in (FIRST, SECOND) if nodeid.startswith(file)), nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -32,7 +32,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Shared:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.nodeid.startswith(LAST) - item.nodeid.startswith(FIRST))
+    """The second file comes when the chain is built, before a third of the tests, which keep both workers busy to the end."""
+    first, second = ([item for item in items if item.nodeid.startswith(file)] for file in (FIRST, SECOND))
+    others = [item for item in items if not item.nodeid.startswith((FIRST, SECOND))]
+    soon = len(others) * 2 // 3
+    items[:] = [*first, *others[:soon], *second, *others[soon:]]
 
 
 @pytest.fixture(scope="session")
