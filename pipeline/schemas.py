@@ -78,14 +78,16 @@ LABELS = Schema(
 )
 RANKINGS = Schema(
     "rankings",
-    3,
+    4,
     {
         "places": Column("i8", ("query", "rank"), "places, cheapest first"),
         "costs": Column("f4", ("query", "rank"), "cost of each, smaller is better"),
         "xy_m": Column("f8", ("query", "rank", "xy"), "where each answer lies in the world"),
         "novelty": Column("f4", ("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
         "confidence": Column("f4", ("query",), "chance that the first place is right; NaN where the method gives none"),
-        "heading_deg": Column("f4", ("query",), "the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell"),
+        "heading_deg": Column(
+            "f4", ("query", "rank"), "its yaw in the world, in (−180, 180], if that answer is right; NaN where untold"
+        ),
         "turned_deg": Column("f4", ("query",), "by how much the case turned the robot to the left, in (−180, 180]"),
     },
     {
@@ -97,7 +99,7 @@ RANKINGS = Schema(
 )
 FIXES = Schema(
     "fixes",
-    1,
+    2,
     {
         **RANKINGS.columns,
         "world_T_query": Column("f8", ("query", "row", "col"), "the query's pose; NaN where it has too few points to tell"),

@@ -58,7 +58,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
         if not told.is_file():
             (shared / "chain").mkdir()
             clone = Clone(shared / "chain")
-            clone.run("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context,m2dp,pointnetvlad,pfl,sad", "poses=sci")
+            clone.run("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context,pfl,sad", "poses=scan_context")
             robust = ("question=robustness", "methods=sci,scan_context", "variants=engaged", "altered=turned", "cells=5m")
             clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")
             clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")

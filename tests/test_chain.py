@@ -75,10 +75,11 @@ def test_a_second_run_runs_nothing(built):
 @pytest.mark.parametrize(
     ("path", "old", "new", "stages"),
     [
-        ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize", "poses"}),
-        ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize", "poses"}),
+        ("conf/method/sci.yaml", "n_way: 2", "n_way: 4", {"train", "localize"}),
+        ("conf/method/sci.yaml", "colormap: jet", "colormap: grey", {"train", "localize"}),
         ("conf/view/scan_context.yaml", "rings: 40", "rings: 20", {"views", "altered"}),
         ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "altered"}),
+        ("conf/poses.yaml", "k: 25", "k: 20", {"poses"}),
         ("conf/viewpoints.yaml", "correct_m: 10.0", "correct_m: 5.0", {"viewpoints"}),
         ("conf/grid/10m.yaml", "10.0", "12.0", {"labels"}),
         ("conf/submap/single.yaml", "1.0", "2.0", {"submaps"}),
@@ -106,13 +107,13 @@ def test_an_edit_touches_exactly_its_stages(built, path, old, new, stages):
 
 def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built):
     table = results.read(built.folder / "artifacts", ["campus"])
-    own = table[(table["method"] == "sci") & (table["case"] == "") & (table["protocol"] == "distance")]
+    own = table[(table["method"] == "scan_context") & (table["case"] == "") & (table["protocol"] == "distance")]
     values = own.set_index(["variant", "number", "sequence"])["value"].sort_index()
     assert set(own["variant"]) == {"", "pose"}
     assert (values["pose", "recall_at_1"] > values["", "recall_at_1"]).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
-    assert not (built.folder / "artifacts/report/campus/10m/history_sci-pose.svg").exists()
+    assert not (built.folder / "artifacts/report/campus/10m/history_scan_context-pose.svg").exists()
 
 
 def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_path):

@@ -54,7 +54,7 @@ def judge(
         error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
         turn_deg=turn_deg,
         nearest_m=np.asarray(labels.nearest_m, np.float64),
-        heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg.astype(np.float64) - true_deg)),
+        heading_error_deg=np.abs(wrapped_deg(ranking.heading_deg[:, 0].astype(np.float64) - true_deg)),
         pose_error_m=pose_error_m,
         pose_error_deg=pose_error_deg,
         promised=promised,

@@ -42,7 +42,7 @@ def rankings(artifact: Artifact, found: Inspection) -> None:
     if not len(places):
         found.add("", *rows)
         return
-    answers, known = _distinct(places[:, 0]), np.isfinite(artifact.load("heading_deg")).mean()
+    answers, known = _distinct(places[:, 0]), np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
     found.add(
         "",
         *rows,

@@ -84,8 +84,8 @@ class Database:
         distinct_places: bool,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg` (q,) is each query's
-        yaw against the first of them.
+        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg` (q, m) is each query's
+        yaw against each of them.
 
         With `distinct_places` a place is answered once, where its nearest training row lies; else neighbouring rows of one place
         follow each other. What is missing of k places, or at no finite distance, is place −1 at an infinite cost.
@@ -94,15 +94,15 @@ class Database:
         columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
         costs, picked = (np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows))
         there = (columns >= 0) & np.isfinite(costs)
-        silent = np.full(len(rows), np.nan, np.float32)
-        heading = silent if turned_deg is None else wrapped_deg(self.yaw_deg[rows[:, 0]] + turned_deg)
+        turned = np.nan if turned_deg is None else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
+        heading_deg = np.where(there, wrapped_deg(self.yaw_deg[picked] + turned), np.nan)
         return Ranking(
             np.where(there, self.places[picked], -1),
             np.where(there, costs, np.inf).astype(np.float32),
             np.where(there[..., None], self.xy_m[picked], np.nan),
             distances[:, :1].astype(np.float32),
-            silent,
-            heading.astype(np.float32),
+            np.full(len(rows), np.nan, np.float32),
+            heading_deg.astype(np.float32),
             (KIND,),
         )
 

@@ -72,7 +72,7 @@ class Ranking:
     xy_m: NDArray[np.float64]  # (query, k, 2) where each answer lies: the matched training row, or the place's mean one
     novelty: NDArray[np.float32]  # (query, kind) larger: more likely unseen; the first kind is the one in use
     confidence: NDArray[np.float32]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
-    heading_deg: NDArray[np.float32]  # (query,) the query's yaw in the world, in (−180, 180]; NaN where the method cannot tell
+    heading_deg: NDArray[np.float32]  # (query, k) its yaw in the world, in (−180, 180], if that answer is right; NaN where untold
     kinds: tuple[str, ...]  # name of each kind of novelty
 
     def by(self, kind: str) -> Self:

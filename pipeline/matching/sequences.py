@@ -63,7 +63,7 @@ class SequenceMethod(Alignment):
         for queries, sums in aligned.blocks():
             rows = cheapest(sums, sums.shape[1] if self.distinct_places else k)
             costs = np.take_along_axis(sums, rows, axis=1) - aligned.base
-            turned = None if turned_deg is None else turned_deg[rows[:, 0], queries]
+            turned = None if turned_deg is None else turned_deg[rows, queries[:, None]]
             kinds = aligned.novelty(sums, rows[:, 0])
             novelty = np.stack([kinds[kind] for kind in self.kinds], axis=1).astype(np.float32)
             ranking = database.answer(costs, rows, k, self.distinct_places, turned)

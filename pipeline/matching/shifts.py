@@ -86,7 +86,7 @@ class Spectra:
             order = np.argsort(compared[0], axis=1, kind="stable")
             distances, turned_deg = np.take_along_axis(compared, order[None], axis=2)
             ordered = np.take_along_axis(candidates, order, axis=1)
-            parts.append(database.answer(distances.astype(np.float32), ordered, k, distinct_places, turned_deg[:, 0]))
+            parts.append(database.answer(distances.astype(np.float32), ordered, k, distinct_places, turned_deg))
         return joined(parts)
 
 

@@ -49,7 +49,7 @@ class Sci(Classifier):
         logits = net.head[3:](embedded).cpu()
         if forgotten is not None:
             logits = logits.masked_fill(forgotten, -torch.inf)
-        return Prediction(logits, nn.functional.normalize(embedded).cpu(), torch.full((len(heights),), torch.nan))
+        return Prediction(logits, nn.functional.normalize(embedded).cpu(), torch.full_like(logits, torch.nan))
 
     def embed_training(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
         """Every trained view at each of its `n_way` headings."""

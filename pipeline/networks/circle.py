@@ -18,7 +18,8 @@ def rolled(heights: Tensor, turns: Tensor) -> Tensor:
 
 
 def circular_mean_deg(chances: Tensor) -> Tensor:
-    """Degrees (n,) in (−180, 180] of chances (n, heading) of headings even around the circle, the first at 0."""
+    """Degrees (n, …) in (−180, 180] of chances (n, heading, …) of headings even around the circle, the first at 0."""
     angles = 2 * torch.pi * torch.arange(chances.shape[1], device=chances.device) / chances.shape[1]
-    turned = torch.atan2(chances @ angles.sin(), chances @ angles.cos()).rad2deg()
+    north, east = (torch.tensordot(part, chances, dims=([0], [1])) for part in (angles.sin(), angles.cos()))
+    turned = torch.atan2(north, east).rad2deg()
     return 180 - (180 - turned) % 360

@@ -30,7 +30,7 @@ class Prediction(NamedTuple):
 
     logits: Tensor  # (n, places)
     features: Tensor  # (n, 64) inputs of the last layer, brought to length 1
-    heading_deg: Tensor  # (n,) NaN where the network has no heading
+    heading_deg: Tensor  # (n, places) if that is the place; NaN where the network has no heading
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class Classifier(ABC):
                 self.positions(place_xy[places], model["memory_xy_m"][row]),
                 np.stack([*novelty.values()], axis=1).astype(np.float32),
                 softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
-                found.heading_deg.numpy(),
+                np.take_along_axis(found.heading_deg.numpy(), places, axis=1),
                 tuple(novelty),
             )
 

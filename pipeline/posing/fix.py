@@ -1,6 +1,6 @@
 """Fixes: the pose of a query, found from candidate places, and what speaks for it and for the runner-up (METHODS 9.4)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.frames import Poses
-from pipeline.posing.registration import Points, Registration, moved
+from pipeline.posing.registration import Alignment, Cloud, Points, Registration, moved
 from pipeline.posing.targets import Targets
 from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
@@ -55,6 +55,16 @@ class Fix:
 
 
 @dataclass(frozen=True)
+class Query:
+    """A query, ready to be laid on training submaps."""
+
+    turned: NDArray[np.int64]
+    """The cells of its walls at each heading (`Walls.turned`)."""
+    rough: Cloud
+    fine: Cloud
+
+
+@dataclass(frozen=True)
 class Fixer:
     """How candidate places become a fix (conf/poses.yaml): walls, then a rough and a fine registration, of fewer each time."""
 
@@ -87,27 +97,33 @@ class Fixer:
         It has no hypothesis where the points are too few or not finite.
         """
         try:
-            query = {kind: kind.prepare(points_m) for kind in (self.rough, self.fine)}
+            query = Query(self.walls.turned(points_m), self.rough.prepare(points_m), self.fine.prepare(points_m))
         except InputError:
             return Fix()
-        turned, candidates = self.walls.turned(points_m), self._distinct(targets.world_T_anchor, rows)
         found: list[Hypothesis] = []
-        for some in (candidates[: self.first], candidates[self.first :]):
-            matches = [(self.walls.match(targets.chart(self.walls, row), turned), row) for row in some]
-            likely = sorted(matches, key=lambda one: -one[0].score)[: self.tries]
-            guesses = [(row, targets.aligned(self.rough, row, query[self.rough], match.target_T_query)) for match, row in likely]
-            for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[: self.refined]:
-                aligned = targets.aligned(self.fine, row, query[self.fine], guess.target_T_source)
-                if aligned.spread_m <= self.widest_m:
-                    moved_m = moved(aligned.target_T_source, query[self.fine].xyz_m)
-                    share = structure(
-                        moved_m, targets.cloud(self.fine, row), targets.chart(self.walls, row), self.walls, self.fine.inlier_m
-                    )
-                    pose = targets.world_T_anchor[row] @ aligned.target_T_source
-                    found.append(Hypothesis(row, pose, aligned.overlap, share, aligned.spread_m))
-                    if found[-1].support >= self.clear_support:
-                        return Fix.of(found)
+        for hypothesis in self._hypotheses(query, targets, self._distinct(targets.world_T_anchor, rows)):
+            found.append(hypothesis)
+            if hypothesis.support >= self.clear_support:
+                break
         return Fix.of(found)
+
+    def _hypotheses(self, query: Query, targets: Targets, rows: list[int]) -> Iterator[Hypothesis]:
+        """Of candidate rows, each computed when it is asked for: the best match of walls first, then the best rough overlaps."""
+        for some in (rows[: self.first], rows[self.first :]):
+            matches = [(row, self.walls.match(targets.chart(self.walls, row), query.turned)) for row in some]
+            likely = sorted(matches, key=lambda one: -one[1].score)[: self.tries]
+            for few, refined in ((likely[:1], 1), (likely[1:], self.refined - 1)):
+                guesses = [(row, targets.aligned(self.rough, row, query.rough, match.target_T_query)) for row, match in few]
+                for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[:refined]:
+                    aligned = targets.aligned(self.fine, row, query.fine, guess.target_T_source)
+                    if aligned.spread_m <= self.widest_m:
+                        yield self._hypothesis(query, targets, row, aligned)
+
+    def _hypothesis(self, query: Query, targets: Targets, row: int, aligned: Alignment) -> Hypothesis:
+        """What a fine registration against a row comes to."""
+        moved_m, chart = moved(aligned.target_T_source, query.fine.xyz_m), targets.chart(self.walls, row)
+        share = structure(moved_m, targets.cloud(self.fine, row), chart, self.walls, self.fine.inlier_m)
+        return Hypothesis(row, targets.world_T_anchor[row] @ aligned.target_T_source, aligned.overlap, share, aligned.spread_m)
 
     def _distinct(self, world_T_anchor: Poses, rows: Iterable[int]) -> list[int]:
         """The rows without those whose anchors lie near an earlier one's."""

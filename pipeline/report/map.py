@@ -115,8 +115,8 @@ def _answers(study: Study, result: Result, views: Views | None, training: Traini
     """What one model answered, with outcomes by both protocols; headings (q,) are of queries as driven, whose rows come first."""
     given, count = result.evaluation, len(result.evaluation.xy_m)
     try:
-        heading_deg = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS).load("heading_deg")
-        first_deg = heading_deg.reshape(len(heading_deg), -1)[:count, 0]
+        rankings = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS)
+        first_deg = rankings.load("heading_deg")[:count, 0]
     except ArtifactError:
         first_deg = np.full(count, np.nan)
     answers = {

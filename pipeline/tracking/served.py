@@ -40,7 +40,7 @@ OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "xy_m": (np.float64, ("query", "rank", 2)),
     "novelty": (np.float32, ("query", "kind")),
     "confidence": (np.float32, ("query",)),
-    "heading_deg": (np.float32, ("query",)),
+    "heading_deg": (np.float32, ("query", "rank")),
 }
 """The columns of `pipeline.matching.ranking.Ranking` that are served."""
 

@@ -36,7 +36,7 @@ SCI = Ranking(
     xy_m=np.stack([XY_M[:, :1] + AWAY_M, XY_M[:, 1:] + 0 * AWAY_M], axis=2),
     novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
     confidence=1 - COST / 2,
-    heading_deg=NAN,
+    heading_deg=NAN[:, None],
     kinds=("entropy", "energy"),
 )
 """The outcomes by cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm

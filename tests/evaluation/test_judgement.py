@@ -28,7 +28,7 @@ RANKING = Ranking(
     xy_m=np.zeros((5, 2, 2)),
     novelty=np.array([[0.1, 5], [0.2, 1], [0.3, 3], [0.6, 2], [0.9, 4]], np.float32),
     confidence=np.array([0.95, 0.95, 0.45, 0.95, 0.5], np.float32),
-    heading_deg=np.array([170, 20, -30, 90, np.nan], np.float32),
+    heading_deg=np.array([[170, 0], [20, 0], [-30, 0], [90, 0], [np.nan, 0]], np.float32),
     kinds=("entropy", "energy"),
 )
 YAW_DEG = np.array([-170.0, 17.0, 15.0, 90.0, 0.0])
@@ -45,7 +45,7 @@ LABELS = Labels(
 LEFT_DEG = np.array([30.0, -90.0, 180.0, 0.0, 10.0], np.float32)
 """How far a case turned the robots."""
 TURNED = replace(
-    RANKING, places=RANKING.places[:, ::-1], heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG) % np.float32(360)
+    RANKING, places=RANKING.places[:, ::-1], heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG[:, None]) % np.float32(360)
 )
 """Their told headings turn with them, and their answers are swapped: right is the third alone."""
 
@@ -148,7 +148,12 @@ def test_every_number_lies_in_its_interval() -> None:
     places = rng.integers(0, 4, (400, 3))
     ranking = Ranking(
         *(places, np.sort(rng.random((400, 3)), axis=1).astype(np.float32), xy_m[:, None] + rng.normal(0, 12, (400, 3, 2))),
-        *(rng.random((400, 1)).astype(np.float32), rng.random(400).astype(np.float32), np.zeros(400, np.float32), ("entropy",)),
+        *(
+            rng.random((400, 1)).astype(np.float32),
+            rng.random(400).astype(np.float32),
+            np.zeros((400, 3), np.float32),
+            ("entropy",),
+        ),
     )
     labels = Labels(rng.integers(-1, 4, 400), np.arange(4), places[:, 1], rng.uniform(0, 30, 400), rng.uniform(-180, 180, 400))
     evaluation = drive(ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0))
@@ -182,7 +187,7 @@ def test_what_is_of_nothing_is_none() -> None:
     assert rejecting["threshold"] is rejecting["precision_at_threshold"] is None
     assert rejecting["recall_at_threshold"] == 0.0
     silent = np.full(5, np.nan, np.float32)
-    numbers = summary(drive(replace(RANKING, heading_deg=silent, confidence=silent)))
+    numbers = summary(drive(replace(RANKING, heading_deg=silent[:, None], confidence=silent)))
     assert numbers["cells"]["median_heading_error_deg"] is numbers["cells"]["heading_within_10deg"] is None
     assert numbers["calibration"] == {"ece_raw": None, "ece": None}
     all_seen = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])

@@ -26,7 +26,7 @@ def method(right: np.ndarray, novelty: np.ndarray | None = None, bootstrap: Boot
     good, novelty = right & seen, np.where(seen, 0.25, 0.75) if novelty is None else novelty
     xy_m = (XY_M + np.where(good, 1.0, 1000.0)[:, None] * (1, 0))[:, None]
     places, column = np.where(good, 0, 5)[:, None], novelty.astype(np.float32)[:, None]
-    ranking = Ranking(places, np.zeros((METRES, 1), np.float32), xy_m, column, nothing, nothing, ("distance",))
+    ranking = Ranking(places, np.zeros((METRES, 1), np.float32), xy_m, column, nothing, nothing[:, None], ("distance",))
     own = np.where(seen, 0, -1), np.arange(6), np.zeros(METRES, int), np.where(seen, 1.0, 99.0), np.zeros(METRES)
     return judge(ranking, (0.5,), Labels(*own), standing(XY_M), 1, Distance(), bootstrap)
 

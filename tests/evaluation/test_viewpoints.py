@@ -81,7 +81,7 @@ def ranking(xy_m: np.ndarray, novelty: np.ndarray, row: np.ndarray | None = None
     n = len(xy_m)
     row = np.zeros(n, np.int64) if row is None else row
     nan, new = np.full(n, np.nan, np.float32), novelty[:, None].astype(np.float32)
-    return Ranking(row[:, None], new, xy_m[:, None], new, nan, nan, ("cost",))
+    return Ranking(row[:, None], new, xy_m[:, None], new, nan, nan[:, None], ("cost",))
 
 
 class Scripted(Fake):

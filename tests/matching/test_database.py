@@ -34,12 +34,11 @@ def test_distinct_places_are_answered_once_and_missing_ones_cost_everything():
     assert np.isnan(ranking.xy_m[:, 3]).all()
 
 
-def test_a_heading_is_the_matched_rows_and_the_turn_against_it():
+def test_the_heading_of_an_answer_is_its_rows_and_the_turn_against_it():
     # Row 4 looks to 170°; turned by 30° more that is 200° = −160°.
-    ranking = DATABASE.answer(
-        np.zeros((1, 1), np.float32), np.array([[4]]), 1, distinct_places=False, turned_deg=np.array([30.0])
-    )
-    np.testing.assert_allclose(ranking.heading_deg, [-160])
+    distances, rows, turned_deg = np.zeros((1, 2), np.float32), np.array([[4, 4]]), np.array([[30.0, 5.0]])
+    ranking = DATABASE.answer(distances, rows, 2, distinct_places=False, turned_deg=turned_deg)
+    np.testing.assert_allclose(ranking.heading_deg, [[-160, 175]])
 
 
 def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surroundings():

@@ -23,7 +23,7 @@ RANKING = Ranking(
     np.zeros((2, 1, 2)),
     np.array([[0.1, -9.0], [0.2, -8.0]], np.float32),
     np.full(2, np.nan, np.float32),
-    np.full(2, np.nan, np.float32),
+    np.full((2, 1), np.nan, np.float32),
     ("entropy", "energy"),
 )
 

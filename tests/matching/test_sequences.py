@@ -122,8 +122,8 @@ def test_what_is_missing_of_k_rows_is_no_place() -> None:
 def test_the_heading_is_the_matched_row_s_and_the_turn_against_it() -> None:
     rows = np.arange(30, 80)
     turned_deg = np.arange(ROWS)[:, None] + 1000.0 * np.arange(50)
-    ranking = SequenceMethod().ranked(database(), differences(rows), 1, turned_deg)
-    expected = 90 + rows + 1000.0 * np.arange(50)
+    ranking = SequenceMethod().ranked(database(), differences(rows), 2, turned_deg)
+    expected = 90 + turned_deg[ranking.places, np.arange(50)[:, None]]
     np.testing.assert_allclose(ranking.heading_deg, 180 - (180 - expected) % 360)
 
 

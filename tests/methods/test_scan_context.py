@@ -56,7 +56,7 @@ def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
     assert (ranking.novelty[:, 0] == ranking.costs[:, 0]).all()
     assert ranking.kinds == ("distance",)
-    np.testing.assert_allclose(ranking.heading_deg, 15 * ((-turn + 12) % 24 - 12), atol=1e-3)  # 24 sectors of 15°
+    np.testing.assert_allclose(ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3)  # 24 sectors of 15°
     np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
 
 
@@ -135,7 +135,7 @@ def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
     for place, cloud in enumerate(clouds):
         ranking = localize(one(seen(cloud, learned_yaw_deg + turned_by_deg)), 1)
         assert ranking.places.tolist() == [[place]]
-        np.testing.assert_allclose(ranking.heading_deg, [70], atol=1e-3)
+        np.testing.assert_allclose(ranking.heading_deg, [[70]], atol=1e-3)
 
 
 @BOTH
@@ -194,7 +194,7 @@ def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float
     for method in (FIFTY, replace(FIFTY, candidates=5), ALL):
         ranking = asking(method, views, np.arange(len(clouds)))(query, 3)
         assert ranking.places[0, 0] == 0
-        np.testing.assert_allclose(ranking.heading_deg, [-150], atol=1e-3)
+        np.testing.assert_allclose(ranking.heading_deg[:, 0], [-150], atol=1e-3)
 
 
 def test_real_scans_of_one_street_are_nearest_to_their_neighbours(real: Path):

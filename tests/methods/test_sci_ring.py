@@ -66,7 +66,7 @@ def test_a_sensor_turned_to_the_left_is_known_and_told_so(model: Model, turn_deg
     yaw_deg = YAW_DEG + turn_deg
     found = SMALL.localizer(model)(rows(2, yaw_deg), 1)
     assert (found.places[:, 0] == TRUTH).mean() > 0.9
-    assert np.median(off_deg(found.heading_deg, yaw_deg)) < 12
+    assert np.median(off_deg(found.heading_deg[:, 0], yaw_deg)) < 12
     assert ((found.heading_deg > -180) & (found.heading_deg <= 180)).all()
 
 

@@ -214,8 +214,8 @@ class Tiny:
     def localizer(self, model):
         def localize(views, k):
             places = self.step * np.arange(k) + model["first"] + np.zeros((len(views.images), 1), np.int64)
-            novelty, one = views.images[:, :1, 0], np.ones(len(places), np.float32)
-            told = {"novelty": novelty, "confidence": one, "heading_deg": 90 * one, "xy_m": np.zeros((*places.shape, 2))}
+            novelty, one = views.images[:, :1, 0], np.ones(places.shape, np.float32)
+            told = {"novelty": novelty, "confidence": one[:, 0], "heading_deg": 90 * one, "xy_m": np.zeros((*places.shape, 2))}
             return SimpleNamespace(places=places, costs=places.astype(np.float32), **told)
 
         return localize
@@ -258,7 +258,7 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(own: Expe
     answer = loaded.predict(heights_m)
     assert answer["places"].tolist() == [[5, 8, 11], [5, 8, 11]]
     assert answer["novelty"].tolist() == [[1.5], [1.5]]
-    assert answer["heading_deg"].tolist() == [90, 90]
+    assert answer["heading_deg"].tolist() == [[90, 90, 90], [90, 90, 90]]
     assert loaded.predict(heights_m, params={"k": 1})["places"].tolist() == [[5], [5]]
     assert loaded.metadata.signature.inputs.inputs[0].shape == (-1, 4, 12)
     assert loaded.metadata.signature.outputs.input_names() == list(answer)

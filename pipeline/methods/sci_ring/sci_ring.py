@@ -18,7 +18,7 @@ from pipeline.networks.classifier import Classifier, Kinds, Prediction
 from pipeline.networks.lenet import device
 
 HEADING_SOFTNESS = 2.0
-"""Temperature of the softmax over the first place's headings, whose circular mean is the answer: at 1 the mean leans to the
+"""Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the mean leans to the
 nearest heading. Chosen on held-out blocks of two simulated worlds."""
 Batch = tuple[Tensor, Tensor, Tensor]
 """Images (b, channels, rings, sectors), their places (b,) and their yaw (b,) in (fractional) headings."""
@@ -79,7 +79,7 @@ class SciRing(Classifier):
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Logits summed over headings, the heading of the first place, and the features interpolated at that heading."""
+        """Logits summed over headings, each place's heading, and the features interpolated at that of the first place."""
         net.eval()
         where, found = device(), []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
@@ -88,8 +88,8 @@ class SciRing(Classifier):
             if forgotten is not None:
                 logits = logits.masked_fill(forgotten[rows].to(where)[:, None], -torch.inf)
             scores, each = logits.logsumexp(1), torch.arange(len(rows))
-            heading_deg = circular_mean_deg((logits[each, :, scores.argmax(1)] / HEADING_SOFTNESS).softmax(1))
-            first, second, share = neighbours(heading_deg * (net.headings / 360), net.headings)
+            heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
+            first, second, share = neighbours(heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings)
             features = embedded[each, first].lerp(embedded[each, second], share[:, None])
             found.append((scores, nn.functional.normalize(features), heading_deg))
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))

@@ -7,6 +7,7 @@ from typing import Any, cast
 import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -101,22 +102,23 @@ def figure(width_in: float, height_in: float, heading: str) -> Figure:
 
 
 def save(fig: Figure, path: Path, simulated: bool) -> Path:
-    """Write a figure as .svg or .png, with SIMULATED above where its data was; raises InputError for another ending.
+    """Write a figure as .svg, with SIMULATED above where its data was; raises InputError for another ending.
 
     The bytes are the same each time: no date, no random ids, fonts from matplotlib itself.
     """
-    metadata: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".png": {"Software": None}}
-    if path.suffix not in metadata:
-        raise InputError(f"{path.name}: a figure is saved as .svg or .png")
+    if path.suffix != ".svg":
+        raise InputError(f"{path.name}: a figure is saved as .svg")
     with matplotlib.rc_context(STYLE):
         _head(fig, simulated)
         FigureCanvasAgg(fig)
-        fig.draw_without_rendering()
+        cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
         fig.set_layout_engine("none")
         for axis in fig.axes:  # the layout solver's last bits vary, and ids in an SVG are made of positions
             left, bottom, width, height = (round(float(side), 6) for side in axis.get_position(original=True).bounds)
             axis.set_position((left, bottom, width, height), which="original")
-        fig.savefig(path, dpi=DPI, metadata=metadata[path.suffix])
+        fig.set_dpi(DPI)  # of its images
+        canvas: Any = FigureCanvasSVG(fig)
+        canvas.print_svg(path, metadata={"Date": None})  # `savefig` would draw it twice
     return path
 
 

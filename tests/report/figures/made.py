@@ -48,7 +48,7 @@ def evaluation(
         xy_m=answers_xy_m,
         novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
         confidence=1 - cost / 2,
-        heading_deg=np.full(7, heading_deg, np.float32),
+        heading_deg=np.full((7, 2), heading_deg, np.float32),
         kinds=("entropy", "energy"),
     )
     labels = Labels(
