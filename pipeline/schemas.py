@@ -85,9 +85,7 @@ RANKINGS = Schema(
         "xy_m": Column("f8", ("query", "rank", "xy"), "where each answer lies in the world"),
         "novelty": Column("f4", ("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
         "confidence": Column("f4", ("query",), "chance that the first place is right; NaN where the method gives none"),
-        "heading_deg": Column(
-            "f4", ("query", "rank"), "its yaw in the world, in (−180, 180], if that answer is right; NaN where untold"
-        ),
+        "heading_deg": Column("f4", ("query", "rank"), "the query's yaw in the world, in (−180, 180], if that answer is right"),
         "turned_deg": Column("f4", ("query",), "by how much the case turned the robot to the left, in (−180, 180]"),
     },
     {

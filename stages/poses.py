@@ -6,11 +6,11 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
+from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import Posing
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import Fix, Fixer
 from pipeline.posing.queries import Queries
-from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import Verdict
 from stages import ProgressBar, stage
 
@@ -18,27 +18,24 @@ from stages import ProgressBar, stage
 @stage("poses")
 def main(cfg: DictConfig) -> str:
     labels, sequences = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS), cfg.sequences.split()
-    posing = Posing(verdict(cfg, labels.load("places")), labels, cfg.fixer.apart_m, cfg.novelty, cfg.wanted_precision)
+    compute, fixer, map_path = instantiate(cfg.compute), instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr")
+    localizer, views = instantiate(cfg.method).localizer(store.read_model(cfg.model)), Rows.read(Path(cfg.views, map_path.name))
+    asked = (localizer, views, labels.load("places"), cfg.k, compute, ProgressBar())
+    verdict = Verdict(instantiate(cfg.held_out).evidence(fixer, map_path, *asked), cfg.unseen_share)
+    posing = Posing(verdict, Places.read(labels), cfg.novelty, cfg.wanted_precision)
+    lines = [f"{verdict.evidence.queries} held-out queries"]
     with store.replace(cfg.out) as folder:
         folder.mkdir()
-        found = instantiate(cfg.compute).each(lambda sequence: fixes(cfg, sequence), sequences)
+        found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
         for sequence, own in zip(sequences, ProgressBar().track(found, len(sequences), "register"), strict=True):
-            posing.write(folder / f"{sequence}.zarr", store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS), own)
-    return "; ".join(posing.lines)
+            rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
+            lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))
+    return "; ".join(lines)
 
 
-def verdict(cfg: DictConfig, places: object) -> Verdict:
-    """What fixes on held-out blocks of the training day are worth."""
-    targets, views = Targets(Path(cfg.map, f"{cfg.train}.zarr")), Rows.read(Path(cfg.views, f"{cfg.train}.zarr"))
-    localizer = instantiate(cfg.method).localizer(store.read_model(cfg.model))
-    asked = (instantiate(cfg.fixer), targets, localizer, views, places, cfg.k, ProgressBar())
-    return Verdict(instantiate(cfg.held_out).evidence(*asked), cfg.unseen_share)
-
-
-def fixes(cfg: DictConfig, sequence: str) -> list[Fix]:
+def fixes(cfg: DictConfig, fixer: Fixer, map_path: Path, sequence: str) -> list[Fix]:
     """The fixes of one sequence; it may run in a process of its own."""
-    queries = Queries(sequence, cfg.scans, cfg.submaps, (cfg.rankings, *cfg.others.split()))
-    return queries.fixes(instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr"), cfg.k)
+    return Queries(sequence, cfg.scans, cfg.submaps, (cfg.rankings, *cfg.others.split())).fixes(fixer, map_path, cfg.k)
 
 
 if __name__ == "__main__":

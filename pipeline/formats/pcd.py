@@ -59,12 +59,12 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
         raise LogError(f"{path}: no sizes after 'DATA binary_compressed'; the file is cut short")
     packed, whole = (int(size) for size in np.frombuffer(body[:8], "<u4"))
     _expect(path, header, whole)
-    if packed != len(body) - 8:
+    if packed > len(body) - 8 or any(body[8 + packed :]):  # some writers fill a page with zeros
         raise LogError(f"{path}: its block of {packed} compressed bytes is {len(body) - 8} bytes long; the file is damaged")
     if whole > min(EXPANSION * packed, largest):
         raise LogError(f"{path}: claims that {packed} compressed bytes hold {whole}; the file is damaged")
     unpacked = np.empty(whole, np.uint8)
-    if not _lzf(np.frombuffer(body[8:], np.uint8), unpacked):
+    if not _lzf(np.frombuffer(body[8 : 8 + packed], np.uint8), unpacked):
         raise LogError(f"{path}: its compressed block is damaged")
     return _columns(header, unpacked, interleaved=False)
 
@@ -93,7 +93,7 @@ def parse(data: bytes, path: Path) -> Header:
     if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
     width, height, points = (_number(path, key, said) for key in ("WIDTH", "HEIGHT", "POINTS"))
-    if width * height != points:
+    if width * height not in (points, 0):  # some writers leave both at 0
         raise LogError(f"{path}: WIDTH {width} and HEIGHT {height} make no POINTS {points}; the header is damaged")
     form = " ".join(said["DATA"])
     if form not in ("ascii", "binary", "binary_compressed"):

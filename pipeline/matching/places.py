@@ -1,6 +1,7 @@
 """Places: the grid cells that the training sequence visited, and which of them a pose is in (METHODS 2.2)."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy
@@ -8,6 +9,27 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Poses, wrapped_deg, yaw
 from pipeline.grid import UNSEEN, Grid
+from pipeline.store import Artifact
+
+
+@dataclass(frozen=True)
+class Places:
+    """The cells of a grid that the training sequence visited, a place each."""
+
+    grid: Grid
+    cells: NDArray[np.int64]  # (place,) ascending
+
+    @classmethod
+    def read(cls, labels: Artifact) -> Self:
+        """Those of a labels artifact."""
+        attrs = labels.attrs
+        return cls(Grid(attrs["cell_m"], tuple(attrs["x_m"]), tuple(attrs["y_m"])), labels.load("cells"))
+
+    def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
+        own = self.grid.cell(xy_m)
+        place = np.searchsorted(self.cells, own).clip(0, len(self.cells) - 1)
+        return np.where(self.cells[place] == own, place, UNSEEN).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -26,12 +48,10 @@ def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
     xy, training_xy = world_T_anchor[:, :2, 3], world_T_training[:, :2, 3]
     training_cells = grid.cell(training_xy)
     cells, training_places = np.unique(training_cells, return_inverse=True)
-    own = grid.cell(xy)
-    place = np.searchsorted(cells, own).clip(0, len(cells) - 1)
     distance_m, nearest = scipy.spatial.KDTree(training_xy).query(xy)
     turn = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
     return Labels(
-        np.where(cells[place] == own, place, UNSEEN).astype(np.int64),
+        Places(grid, cells).at(xy),
         cells,
         training_places[nearest].astype(np.int64),
         np.asarray(distance_m),

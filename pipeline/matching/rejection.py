@@ -88,16 +88,22 @@ class Rejection:
         return [threshold_for(self.wanted_precision, *evidence.queries(kind, self.unseen_share)) for kind in kinds]
 
 
-def threshold_for(precision: float, novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]) -> float:
+def threshold_for(
+    precision: float,
+    novelty: NDArray[np.float64],
+    right: NDArray[np.bool_],
+    weight: NDArray[np.float64],
+    wrong_besides: float = 0.0,
+) -> float:
     """The largest threshold that keeps the wanted precision among what it accepts; ACCEPT_NOTHING where none does.
 
     A query (n,) is accepted below the threshold, and then is `right` or a false alarm; `weight` (n,) says how many real
-    queries each stands for.
+    queries each stands for. As many as `wrong_besides` are counted as false alarms besides.
     """
     order = np.argsort(novelty, kind="stable")
     ordered = novelty[order]
     accepted = np.cumsum(weight[order])
-    kept = (accepted > 0) & (np.cumsum((weight * right)[order]) >= precision * accepted)
+    kept = (accepted > 0) & (np.cumsum((weight * right)[order]) >= precision * (accepted + wrong_besides))
     last = np.append(ordered[1:] > ordered[:-1], True)
     good = np.flatnonzero(kept & last)
     return float(np.nextafter(ordered[good[-1]], np.inf)) if len(good) else ACCEPT_NOTHING

@@ -14,6 +14,9 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
 
+ELSEWHERE_M = 5.0
+"""So far apart two hypotheses contradict one another."""
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -47,11 +50,23 @@ class Fix:
         """Of hypotheses in any order."""
         return cls(tuple(sorted(found, key=lambda one: -one.support)))
 
-    def runner_up(self, apart_m: float) -> float:
-        """Support of the best hypothesis that stands at least `apart_m` from the first; 0 without one."""
-        there = [one.world_T_query[:2, 3] for one in self.hypotheses[:1]]
-        others = (one for one in self.hypotheses if np.linalg.norm(one.world_T_query[:2, 3] - there[0]) >= apart_m)
-        return max((one.support for one in others), default=0.0)
+    @property
+    def overlap(self) -> float:
+        """Of the best hypothesis; 0 without one."""
+        return self.hypotheses[0].overlap if self.hypotheses else 0.0
+
+    @property
+    def runner_up(self) -> float:
+        """Support of the best hypothesis that stands elsewhere; 0 without one."""
+        places_m = np.array([one.world_T_query[:2, 3] for one in self.hypotheses]).reshape(-1, 2)
+        elsewhere = np.linalg.norm(places_m - places_m[:1], axis=1) >= ELSEWHERE_M
+        return max((one.support for one, other in zip(self.hypotheses, elsewhere, strict=True) if other), default=0.0)
+
+
+def poses(fixes: Sequence[Fix]) -> Poses:
+    """(q, 4, 4) of the best hypotheses; NaN without one."""
+    none = np.full((4, 4), np.nan)
+    return np.array([fix.hypotheses[0].world_T_query if fix.hypotheses else none for fix in fixes]).reshape(-1, 4, 4)
 
 
 @dataclass(frozen=True)

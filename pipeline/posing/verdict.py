@@ -1,5 +1,6 @@
 """Verdicts: the chance that a fix is right, and where a promise is kept; from held-out blocks (METHODS 9.5)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
+from pipeline.posing.fix import Fix
 
 PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
@@ -24,12 +26,11 @@ class Evidence:
     """(2 h, feature)."""
     right: NDArray[np.bool_]
     """(2 h,)."""
-    queries: int
-    """h."""
 
-    def weight(self, unseen_share: float) -> NDArray[np.float64]:
-        """(2 h,) how many real queries each stands for, when a share of them is to be expected unseen."""
-        return np.repeat([1 - unseen_share, unseen_share], self.queries)
+    @property
+    def queries(self) -> int:
+        """h."""
+        return len(self.right) // 2
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,12 @@ class Verdict:
 
     evidence: Evidence
     unseen_share: float
+    """Share of queries to expect from places that the map does not have."""
+
+    @property
+    def weight(self) -> NDArray[np.float64]:
+        """(2 h,) how many of h real queries each of the evidence stands for."""
+        return np.repeat([1 - self.unseen_share, self.unseen_share], self.evidence.queries)
 
     @cached_property
     def _model(self) -> Any:
@@ -45,21 +52,38 @@ class Verdict:
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        weight = self.evidence.weight(self.unseen_share)
         model = make_pipeline(StandardScaler(), LogisticRegression())
-        return model.fit(self.evidence.features, self.evidence.right, logisticregression__sample_weight=weight)
+        return model.fit(self.evidence.features, self.evidence.right, logisticregression__sample_weight=self.weight)
 
     def chance(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """That each fix (q,) is right, given its features (q, feature); its overlap where the evidence knows one outcome only."""
-        if self.evidence.right.all() or not self.evidence.right.any():
-            return features[:, 0]
+        """That each fix (q,) is right, given its features (q, feature); 0 without a pose.
+
+        Where all held-out fixes had one outcome, that is all that it tells.
+        """
+        outcomes = np.unique(self.evidence.right)
+        if len(outcomes) < 2:
+            return np.full(len(features), float(outcomes.any()))
         return np.where(features[:, 0] > 0, self._model.predict_proba(features)[:, 1], 0.0)
 
-    def thresholds(self, novelty: NDArray[np.float64], promises: tuple[float, ...] = PROMISES) -> list[float]:
-        """The novelty (2 h,) of the evidence to reject from, for each promise."""
-        weight = self.evidence.weight(self.unseen_share)
+    def threshold(self, novelty: NDArray[np.float64], promise: float) -> float:
+        """The novelty to reject from, given that of the evidence (2 h,), to keep a promise; it accepts nothing where none does.
+
+        It is kept even if one more of the accepted had been wrong: a promise of .99 takes 99 accepted queries. So conformal
+        prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
+        """
         rounded = novelty.astype(np.float32).astype(np.float64)
-        return [threshold_for(promise, rounded, self.evidence.right, weight) for promise in promises]
+        return threshold_for(promise, rounded, self.evidence.right, self.weight, wrong_besides=1.0)
+
+
+def features(fixes: Sequence[Fix]) -> NDArray[np.float64]:
+    """What speaks for each of q fixes (q, 4): overlap, structure, the support's lead over the runner-up's, and log₁₀ of the
+    spread in metres; 0 without a pose, but for the spread."""
+    found = np.zeros((len(fixes), 4))
+    for row, fix in zip(found, fixes, strict=True):
+        best = fix.hypotheses[0] if fix.hypotheses else None
+        row[:] = (best.overlap, best.structure, best.support - fix.runner_up, best.spread_m) if best else (0, 0, 0, 1)
+    found[:, 3] = np.log10(found[:, 3].clip(1e-4, 1))
+    return found
 
 
 def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:

@@ -2,8 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeVar
 
 from pipeline.errors import ConfigError
@@ -35,7 +37,7 @@ class Compute:
 
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
         workers = self.workers or CPU_COUNT
-        with self._scheduler() as get:
+        with self._scheduler(workers) as get:
             for first in range(0, len(spans), 2 * workers):
                 group = [dask.delayed(fn, pure=False)(*span) for span in spans[first : first + 2 * workers]]
                 yield from dask.compute(*group, scheduler=get, num_workers=workers)
@@ -45,16 +47,17 @@ class Compute:
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     @contextmanager
-    def _scheduler(self) -> Iterator[Callable[..., object]]:
+    def _scheduler(self, workers: int) -> Iterator[Callable[..., object]]:
         """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""
         if self.scheduler == "threads":
             from dask.threaded import get
 
             yield get
         elif self.scheduler == "processes":
-            from dask.multiprocessing import get
+            from dask.multiprocessing import get, get_context, initialize_worker_process
 
-            yield get
+            with ProcessPoolExecutor(workers, get_context(), initialize_worker_process) as pool:
+                yield partial(get, pool=pool, chunksize=1)  # Dask's own 6 would give all blocks to one process
         else:
             address = os.environ.get("DASK_SCHEDULER_ADDRESS")
             if not address:

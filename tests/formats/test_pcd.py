@@ -170,3 +170,21 @@ def test_a_block_that_claims_gigabytes_is_refused_before_they_are_taken(points: 
     head = header("binary_compressed", points=points).encode()
     with pytest.raises(LogError, match="claims that 1000 compressed bytes hold"):
         read(head + struct.pack("<II", 1000, 12 * points) + bytes(1000))
+
+
+def test_writers_that_leave_the_width_at_0_and_fill_a_page_with_zeros_are_read() -> None:
+    points = np.arange(6, dtype=np.float32).reshape(2, 3)
+    odd = written(points, "binary_compressed").replace(b"WIDTH 2\nHEIGHT 1", b"WIDTH 0\nHEIGHT 0") + bytes(100)
+    np.testing.assert_array_equal(read(odd), points)
+    with pytest.raises(LogError, match="the file is damaged"):
+        read(odd + b"\1")
+
+
+def test_real_key_frames_of_nclt_are_read(real: Path) -> None:
+    """METHODS 7.6: 498 to 5,435 points each, half of them 3,268 or fewer, the ground some .78 m below."""
+    paths = sorted((real / "nclt_keyframes").glob("*.pcd"))[::20]
+    clouds = [pcd.decode(path.read_bytes(), path, LARGEST) for path in paths]
+    counts = np.array([len(cloud) for cloud in clouds])
+    assert 498 <= counts.min() <= counts.max() <= 5435
+    assert 2800 < np.median(counts) < 3600
+    assert -1.0 < np.median([np.percentile(cloud[:, 2], 10) for cloud in clouds]) < -0.6

@@ -58,7 +58,7 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
 def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -> None:
     found = Fixer().fix(points_m, targets, [0, 1, 2])
     assert found.hypotheses == ()
-    assert found.runner_up(5.0) == 0.0
+    assert found.runner_up == 0.0
 
 
 def test_without_candidates_there_is_no_pose(targets: Targets) -> None:
@@ -77,9 +77,9 @@ def test_the_runner_up_stands_elsewhere() -> None:
         ]
     )
     assert [one.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4]
-    assert found.runner_up(5.0) == 0.5
-    assert found.runner_up(0.5) == 0.5
-    assert found.runner_up(20.0) == 0.0
+    assert found.overlap == 0.9
+    assert found.runner_up == 0.5
+    assert Fix.of(found.hypotheses[::2]).runner_up == 0.0
 
 
 def test_the_nearest_rows_come_in_the_order_of_the_positions(targets: Targets) -> None:

@@ -1,5 +1,7 @@
 """Blocks of rows: in order, complete, and the same in every mode."""
 
+import os
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -45,6 +47,14 @@ def test_later_blocks_wait_until_earlier_ones_are_taken() -> None:
     assert next(blocks) == 0
     assert len(begun) <= 4
     assert list(blocks) == list(range(1, 100))
+
+
+def test_processes_share_the_blocks() -> None:
+    def where(start: int, stop: int) -> int:
+        time.sleep(0.5)
+        return os.getpid()
+
+    assert len({os.getpid(), *Compute("processes", workers=2).rows(where, 8, 1)}) == 3
 
 
 def test_an_error_in_a_block_reaches_the_caller() -> None:
