@@ -101,16 +101,17 @@ FIXES = Schema(
     {
         **RANKINGS.columns,
         "world_T_query": Column("f8", ("query", "row", "col"), "the query's pose; NaN where it has too few points to tell"),
+        "covariance": Column("f8", ("query", "turn_step", "turn_step"), "of a turn in radians and a step in metres"),
     },
     {
         **RANKINGS.attrs,
         "promises": "precisions that a user may want",
         "promised": "reject from this novelty in use on to keep each of them, by held-out blocks of the training sequence",
         "held_out": "queries of those blocks, each asked with the map and without its surroundings",
+        "clear_m": "a hypothesis of less spread ended the search",
     },
 )
-ANSWERS = (RANKINGS, FIXES)
-"""Artifacts of the stages localize and poses."""
+ANSWERS = (RANKINGS, FIXES)  # of the stages localize and poses
 MAPS = Schema(
     "maps",
     1,

@@ -1,5 +1,6 @@
 """Rankings and the map → a pose of each query, its places re-ranked, and whether to believe it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from hydra.utils import instantiate
@@ -21,9 +22,9 @@ def main(cfg: DictConfig) -> str:
     compute, fixer, map_path = instantiate(cfg.compute), instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr")
     localizer, views = instantiate(cfg.method).localizer(store.read_model(cfg.model)), Rows.read(Path(cfg.views, map_path.name))
     asked = (localizer, views, labels.load("places"), cfg.k, compute, ProgressBar())
-    verdict = Verdict(instantiate(cfg.held_out).evidence(fixer, map_path, *asked), cfg.unseen_share)
-    posing = Posing(verdict, Places.read(labels), cfg.novelty, cfg.wanted_precision)
-    lines = [f"{verdict.evidence.queries} held-out queries"]
+    evidence, clear_m = instantiate(cfg.held_out).evidence(fixer, map_path, *asked)
+    posing = Posing(Verdict(evidence, cfg.unseen_share), Places.read(labels), cfg.novelty, cfg.wanted_precision, clear_m)
+    lines, fixer = [f"{evidence.queries} held-out queries, clear below {1e3 * clear_m:.1f} mm"], replace(fixer, clear_m=clear_m)
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)

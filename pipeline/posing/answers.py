@@ -20,7 +20,7 @@ from pipeline.store import Artifact
 OWN_KINDS = ("combined", "overlap")
 """Kinds of novelty that a fix adds: one minus the chance that it is right, and one minus its overlap."""
 UNREGISTERED = 1.0
-"""Cost from which the method's own answers follow those that were registered."""
+"""Cost from which the method's own answers follow those that were registered, whose cost is their spread in metres."""
 
 
 def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, chance: NDArray[np.float64]) -> Ranking:
@@ -35,15 +35,15 @@ def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, chance: NDArra
         if not fix.hypotheses:
             continue
         own = np.array([one.world_T_query for one in fix.hypotheses])
-        first = {"costs": [1 - one.support for one in fix.hypotheses], "xy_m": own[:, :2, 3], "heading_deg": np.rad2deg(yaw(own))}
-        first["places"] = places.at(own[:, :2, 3])
+        xy_m, spreads_m = own[:, :2, 3], [one.alignment.spread_m for one in fix.hypotheses]
+        first = {"places": places.at(xy_m), "costs": spreads_m, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))}
         then = {name: values[i] for name, values in answers.items()} | {"costs": UNREGISTERED + np.arange(k) / k}
         every = {name: np.concatenate([first[name], then[name]]) for name in answers}
         kept = np.sort(np.unique(every["places"], return_index=True)[1])[:k]
         for name, missing in (("places", -1), ("costs", np.inf), ("xy_m", np.nan), ("heading_deg", np.nan)):
             answers[name][i] = missing
             answers[name][i, : len(kept)] = every[name][kept]
-    overlap = np.array([fix.overlap for fix in fixes])
+    overlap = np.array([fix.alignment.overlap for fix in fixes])
     novelty = np.column_stack([1 - chance, 1 - overlap, ranking.novelty]).astype(np.float32)
     return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=chance.astype(np.float32))
 
@@ -57,6 +57,8 @@ class Posing:
     novelty: str
     """In use: one of OWN_KINDS."""
     wanted_precision: float
+    clear_m: float
+    """Below this spread the search ended."""
 
     def __post_init__(self) -> None:
         if self.novelty not in OWN_KINDS:
@@ -72,13 +74,14 @@ class Posing:
         thresholds |= dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
         promised = [self._reject_from(self.novelty, promise) for promise in PROMISES]
         rejection = {"kinds": answered.kinds, "thresholds": [thresholds[kind] for kind in answered.kinds]}
-        verdict = {"promises": PROMISES, "promised": promised, "held_out": self.verdict.evidence.queries}
+        verdict = {"promises": PROMISES, "promised": promised, "held_out": self.verdict.evidence.queries, "clear_m": self.clear_m}
         cases = {"cases": [asdict(Case())], "wanted_precision": self.wanted_precision}
         with store.write(path, schemas.FIXES, **rejection, **verdict, **cases) as out:
             for name in names:
                 out.put(name, getattr(answered, name))
             out.put("turned_deg", np.zeros(len(fixes), np.float32))
             out.put("world_T_query", poses(fixes))
+            out.put("covariance", np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6))
         accepted, found = answered.novelty[:, 0].astype(float) < promised[1], sum(bool(fix.hypotheses) for fix in fixes)
         return f"{path.stem}: {found} poses of {len(fixes)} queries, {accepted.sum()} with a promise of {PROMISES[1]}"
 

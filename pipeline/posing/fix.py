@@ -1,7 +1,8 @@
 """Fixes: the pose of a query, found from candidate places, and what speaks for it and for the runner-up (METHODS 9.4)."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from typing import Self
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.frames import Poses
-from pipeline.posing.registration import Alignment, Cloud, Points, Registration, moved
+from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration, moved
 from pipeline.posing.targets import Targets
 from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
+from pipeline.running.settings import check
 
 ELSEWHERE_M = 5.0
 """So far apart two hypotheses contradict one another."""
@@ -26,41 +28,34 @@ class Hypothesis:
     """The training submap that it was registered against."""
     world_T_query: NDArray[np.float64]
     """(4, 4)."""
-    overlap: float
-    """Share of the query's voxels that the training submap has too."""
+    alignment: Alignment
+    """With that submap: overlap, covariance and, of all signs the surest, spread."""
     structure: float
-    """Share of its walls that the submap has, among those that it has or contradicts (`verification`)."""
-    spread_m: float
-    """Standard deviation of the position, by the registration alone; infinite where a direction is open."""
-
-    @property
-    def support(self) -> float:
-        """What speaks for it: the mean of both shares."""
-        return (self.overlap + self.structure) / 2
+    """Share of the query's walls that the submap has, among those that it has or contradicts (`verification`)."""
 
 
 @dataclass(frozen=True)
 class Fix:
-    """All hypotheses of a query that were registered, the best first; none where it has too few points to tell."""
+    """All hypotheses of a query that were registered, that of the least spread first; none where too few points tell."""
 
     hypotheses: tuple[Hypothesis, ...] = ()
 
     @classmethod
     def of(cls, found: Sequence[Hypothesis]) -> Self:
         """Of hypotheses in any order."""
-        return cls(tuple(sorted(found, key=lambda one: -one.support)))
+        return cls(tuple(sorted(found, key=lambda one: one.alignment.spread_m)))
 
     @property
-    def overlap(self) -> float:
-        """Of the best hypothesis; 0 without one."""
-        return self.hypotheses[0].overlap if self.hypotheses else 0.0
+    def alignment(self) -> Alignment:
+        """Of the best hypothesis; NOWHERE without one."""
+        return self.hypotheses[0].alignment if self.hypotheses else NOWHERE
 
     @property
-    def runner_up(self) -> float:
-        """Support of the best hypothesis that stands elsewhere; 0 without one."""
+    def runner_up(self) -> Alignment:
+        """Of the best hypothesis that stands elsewhere; NOWHERE without one."""
         places_m = np.array([one.world_T_query[:2, 3] for one in self.hypotheses]).reshape(-1, 2)
-        elsewhere = np.linalg.norm(places_m - places_m[:1], axis=1) >= ELSEWHERE_M
-        return max((one.support for one, other in zip(self.hypotheses, elsewhere, strict=True) if other), default=0.0)
+        elsewhere = np.flatnonzero(np.linalg.norm(places_m - places_m[:1], axis=1) >= ELSEWHERE_M)
+        return self.hypotheses[elsewhere[0]].alignment if len(elsewhere) else NOWHERE
 
 
 def poses(fixes: Sequence[Fix]) -> Poses:
@@ -83,49 +78,54 @@ class Query:
 class Fixer:
     """How candidate places become a fix (conf/poses.yaml): walls, then a rough and a fine registration, of fewer each time."""
 
+    coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
+    """What the whole map is searched by, once the ranking has no more candidates."""
     walls: Walls = field(default_factory=Walls)
     rough: Registration = field(default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0))
     fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
-    first: int = 5
-    """Candidates that are looked at before all others; if one of them is clear, the others are left alone."""
+    rounds: Sequence[int] = (5, 20, 20)
+    """Candidates that are looked at in each round."""
     tries: int = 5
-    """Rough registrations in each of these two rounds, of the best matches of walls."""
+    """Rough registrations in each, of the best matches of walls."""
     refined: int = 2
     """Fine ones, of the best of these."""
-    clear_support: float = 0.75
-    """A hypothesis of so much support ends the search; chosen on the campus's training day, where no wrong one has it."""
-    apart_m: float = 5.0
-    """Candidates nearer to one another than this are one."""
+    clear_m: float = 0.0
+    """A hypothesis of less spread ends the search; learned from held-out blocks (`held_out`)."""
     widest_m: float = 0.5
     """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
 
     def __post_init__(self) -> None:
-        for name in ("first", "tries", "refined"):
-            if not getattr(self, name) >= 1:
+        check(self, "fixer")
+        object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
+        for name, least in (("tries", self.tries), ("refined", self.refined), ("rounds", min(self.rounds, default=0))):
+            if not least >= 1:
                 raise ConfigError(f"fixer.{name}={getattr(self, name)}: expected at least 1")
-        if not 0 < self.clear_support <= 1:
-            raise ConfigError(f"fixer.clear_support={self.clear_support}: expected a share above 0")
 
-    def fix(self, points_m: Points, targets: Targets, rows: Iterable[int]) -> Fix:
-        """The fix of a query's points (n, 3), z up from the ground, among training submaps, the likeliest row first.
+    def fix(
+        self, points_m: Points, targets: Targets, answers_m: NDArray[np.float64], left_out: NDArray[np.bool_] | None = None
+    ) -> Fix:
+        """The fix of a query's points (n, 3), z up from the ground, whose likeliest places lie at `answers_m` (k, 2).
 
-        It has no hypothesis where the points are too few or not finite.
+        Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis where the points are too few or
+        not finite.
         """
         try:
             query = Query(self.walls.turned(points_m), self.rough.prepare(points_m), self.fine.prepare(points_m))
         except InputError:
             return Fix()
+        left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
+        rows = chain(targets.nearest(answers_m, left_out), targets.alike(self.coarse, points_m, left_out))
         found: list[Hypothesis] = []
-        for hypothesis in self._hypotheses(query, targets, self._distinct(targets.world_T_anchor, rows)):
+        for hypothesis in self._hypotheses(query, targets, targets.apart(rows)):
             found.append(hypothesis)
-            if hypothesis.support >= self.clear_support:
+            if hypothesis.alignment.spread_m < self.clear_m:
                 break
         return Fix.of(found)
 
-    def _hypotheses(self, query: Query, targets: Targets, rows: list[int]) -> Iterator[Hypothesis]:
+    def _hypotheses(self, query: Query, targets: Targets, rows: Iterator[int]) -> Iterator[Hypothesis]:
         """Of candidate rows, each computed when it is asked for: the best match of walls first, then the best rough overlaps."""
-        for some in (rows[: self.first], rows[self.first :]):
-            matches = [(row, self.walls.match(targets.chart(self.walls, row), query.turned)) for row in some]
+        for count in self.rounds:
+            matches = [(row, self.walls.match(targets.chart(self.walls, row), query.turned)) for row in islice(rows, count)]
             likely = sorted(matches, key=lambda one: -one[1].score)[: self.tries]
             for few, refined in ((likely[:1], 1), (likely[1:], self.refined - 1)):
                 guesses = [(row, targets.aligned(self.rough, row, query.rough, match.target_T_query)) for row, match in few]
@@ -138,13 +138,4 @@ class Fixer:
         """What a fine registration against a row comes to."""
         moved_m, chart = moved(aligned.target_T_source, query.fine.xyz_m), targets.chart(self.walls, row)
         share = structure(moved_m, targets.cloud(self.fine, row), chart, self.walls, self.fine.inlier_m)
-        return Hypothesis(row, targets.world_T_anchor[row] @ aligned.target_T_source, aligned.overlap, share, aligned.spread_m)
-
-    def _distinct(self, world_T_anchor: Poses, rows: Iterable[int]) -> list[int]:
-        """The rows without those whose anchors lie near an earlier one's."""
-        kept: list[int] = []
-        for row in rows:
-            away = world_T_anchor[kept, :2, 3] - world_T_anchor[row, :2, 3]
-            if not kept or np.linalg.norm(away, axis=1).min() >= self.apart_m:
-                kept.append(int(row))
-        return kept
+        return Hypothesis(row, targets.world_T_anchor[row] @ aligned.target_T_source, aligned, share)

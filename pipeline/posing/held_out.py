@@ -1,6 +1,6 @@
 """Held-out fixes: what a fix is worth, learned on blocks of the training day that the map is asked about without them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 
+CLEAR = 0.01
+"""A hypothesis is clear if so few of the wrong ones have less spread."""
 PART = 16
 """Queries that a process takes at a time."""
 
@@ -39,8 +41,9 @@ class HeldOut:
     def evidence(
         self, fixer: Fixer, map_path: Path, localizer: Localizer, views: Rows, places: NDArray[np.int64], k: int,
         compute: Compute, progress: Progress,
-    ) -> Evidence:  # fmt: skip
-        """Fixes of held-out submaps, each with the others' map and without its surroundings.
+    ) -> tuple[Evidence, float]:  # fmt: skip
+        """Fixes of held-out submaps, each with the others' map and without its surroundings; and below which spread in metres
+        a hypothesis is clear.
 
         `views` and `places` (submap,) are the training day's, a row each as in the map.
         """
@@ -48,21 +51,21 @@ class HeldOut:
         rows = np.flatnonzero(held)
         answers_m = localizer(Rows(views.images[:][rows], views.stamps_ns[rows], views.world_T_anchor[rows]), k).xy_m
 
-        def fixes(part: slice) -> list[tuple[Fix, Fix]]:
-            targets = Targets(map_path)
-            return [self._twice(fixer, targets, held, row, xy_m) for row, xy_m in zip(rows[part], answers_m[part], strict=True)]
+        anchors_m, parts = views.world_T_anchor[:, :2, 3], [slice(first, first + PART) for first in range(0, len(rows), PART)]
 
-        parts = [slice(first, first + PART) for first in range(0, len(rows), PART)]
-        found = progress.track(compute.each(fixes, parts), len(parts), "fix held-out blocks")
-        pairs = [pair for part in found for pair in part]
-        both = [fix for fix, _ in pairs] + [fix for _, fix in pairs]
-        return Evidence(features(both), right(poses(both), np.concatenate([views.world_T_anchor[rows]] * 2)))
+        def asked(fixer: Fixer, around_m: float) -> list[Fix]:
+            def fixes(part: slice) -> list[Fix]:
+                targets, found = Targets(map_path), []
+                for row, xy_m in zip(rows[part], answers_m[part], strict=True):
+                    near = np.linalg.norm(anchors_m - anchors_m[row], axis=1) < around_m
+                    found.append(fixer.fix(targets.points_m(row), targets, xy_m, held | near))
+                return found
 
-    def _twice(
-        self, fixer: Fixer, targets: Targets, held: NDArray[np.bool_], row: int, answers_m: NDArray[np.float64]
-    ) -> tuple[Fix, Fix]:
-        """The fixes of one held-out row, whose answers lie at (k, 2)."""
-        anchors_m, points_m = targets.world_T_anchor[:, :2, 3], targets.points_m(row)
-        near = np.linalg.norm(anchors_m - anchors_m[row], axis=1) < self.around_m
-        seen, unseen = (fixer.fix(points_m, targets, targets.nearest(answers_m, out)) for out in (held, held | near))
-        return seen, unseen
+            done = progress.track(compute.each(fixes, parts), len(parts), f"held-out blocks without {around_m:g} m around")
+            return [fix for part in done for fix in part]
+
+        unseen = asked(fixer, self.around_m)
+        wrong_m = [one.alignment.spread_m for fix in unseen for one in fix.hypotheses]
+        clear_m = float(np.quantile(wrong_m, CLEAR)) if wrong_m else 0.0
+        both = asked(replace(fixer, clear_m=clear_m), 0.0) + unseen
+        return Evidence(features(both), right(poses(both), np.concatenate([views.world_T_anchor[rows]] * 2))), clear_m

@@ -35,7 +35,7 @@ class Queries:
         count = submaps["scans"].shape[0]
         points = submap_points(scans, submaps, slice(0, count))
         answers = zip(points, self._candidates_m(count, k), strict=True)
-        return [fixer.fix(points_m, targets, targets.nearest(xy_m).tolist()) for points_m, xy_m in answers]
+        return [fixer.fix(points_m, targets, xy_m) for points_m, xy_m in answers]
 
     def _candidates_m(self, count: int, k: int) -> NDArray[np.float64]:
         """Positions (query, candidate, 2): the first place of each ranking, then the second of each, and so on."""

@@ -1,6 +1,6 @@
 """Targets: the training submaps that queries are registered against, each thinned to one point a voxel (METHODS 9.1)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from pipeline.posing.walls import Chart, Walls
 from pipeline.store import Artifact
 
 GRAIN_M = 0.01
+APART_M = 5.0
+"""Candidates nearer to one another than this are one."""
 KEPT = 256
 """Prepared clouds in memory, at most half a megabyte each; charts are small, all are kept."""
 
@@ -67,12 +69,23 @@ class Targets:
         """The thinned points (n, 3) of a row, in its anchor's frame, z up from the ground."""
         return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
 
-    def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-        """The rows (n,) whose anchors are nearest to positions (n, 2), but for those left out (row,); without repetitions,
-        none of a position that is not finite, in the order of the positions."""
-        anchors_m = self.world_T_anchor[:, :2, 3]
-        if left_out is not None:
-            anchors_m = np.where(left_out[:, None], np.inf, anchors_m)
-        known = xy_m[np.isfinite(xy_m).all(axis=1)]
-        away_m = np.linalg.norm(anchors_m - known[:, None], axis=2)
-        return np.array(list(dict.fromkeys(away_m.argmin(axis=1).tolist())), np.int64)
+    def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
+        """The rows whose anchors are nearest to positions (n, 2), in their order, but for those left out (row,)."""
+        anchors_m = np.where(left_out[:, None], np.inf, self.world_T_anchor[:, :2, 3])
+        if not left_out.all():
+            known = xy_m[np.isfinite(xy_m).all(axis=1)]
+            yield from np.linalg.norm(anchors_m - known[:, None], axis=2).argmin(axis=1).tolist()
+
+    def alike(self, walls: Walls, points_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
+        """All rows but those left out (row,), those first whose walls fit those of a query's points (n, 3) best."""
+        turned, rows = walls.turned(points_m), self.apart(np.flatnonzero(~left_out))
+        matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
+        yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))
+
+    def apart(self, rows: Iterable[int]) -> Iterator[int]:
+        """The rows without those whose anchors lie near an earlier one's."""
+        anchors_m, kept = self.world_T_anchor[:, :2, 3], np.full((len(self.world_T_anchor), 2), np.inf)
+        for row in rows:
+            if np.linalg.norm(kept - anchors_m[row], axis=1).min() >= APART_M:
+                kept[row] = anchors_m[row]
+                yield row

@@ -16,6 +16,7 @@ PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
 RIGHT_M, RIGHT_DEG = 2.0, 5.0
 """A fix is right within these: the field's measure."""
+LEAST_SPREAD_M = 1e-4
 
 
 @dataclass(frozen=True)
@@ -76,13 +77,11 @@ class Verdict:
 
 
 def features(fixes: Sequence[Fix]) -> NDArray[np.float64]:
-    """What speaks for each of q fixes (q, 4): overlap, structure, the support's lead over the runner-up's, and log₁₀ of the
-    spread in metres; 0 without a pose, but for the spread."""
-    found = np.zeros((len(fixes), 4))
+    """What speaks for each of q fixes (q, 3): overlap, structure, and log₁₀ of the spread in metres; 0 without a pose."""
+    found = np.zeros((len(fixes), 3))
     for row, fix in zip(found, fixes, strict=True):
-        best = fix.hypotheses[0] if fix.hypotheses else None
-        row[:] = (best.overlap, best.structure, best.support - fix.runner_up, best.spread_m) if best else (0, 0, 0, 1)
-    found[:, 3] = np.log10(found[:, 3].clip(1e-4, 1))
+        for best in fix.hypotheses[:1]:
+            row[:] = best.alignment.overlap, best.structure, np.log10(max(best.alignment.spread_m, LEAST_SPREAD_M))
     return found
 
 

@@ -15,9 +15,9 @@ def structure(points_m: Points, target: Cloud, chart: Chart, walls: Walls, inlie
     standing_m = points_m[(points_m[:, 2] > walls.low_m) & (points_m[:, 2] < walls.high_m)]
     _, away_m = target.nearest(standing_m)
     cells = np.floor(standing_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
-    inside = ((cells >= 0) & (cells < len(chart))).all(axis=1)
+    inside = ((cells >= 0) & (cells < chart.shape[1])).all(axis=1)
     against = np.zeros(len(standing_m), bool)
-    against[inside] = chart[tuple(cells[inside].T)] == SEEN_THROUGH
+    against[inside] = chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
     has = away_m < inlier_m
     counted = has | against
     return float(has[counted].mean()) if counted.any() else 0.0

@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import pose
+from pipeline.posing.fix import Hypothesis
+from pipeline.posing.registration import Alignment
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
@@ -31,3 +33,8 @@ def seen_from(points_m: NDArray[np.float64], world_T_robot: NDArray[np.float64])
     """Points (n, 3) of the world in a robot's frame."""
     robot_T_world = np.linalg.inv(world_T_robot)
     return points_m @ robot_T_world[:3, :3].T + robot_T_world[:3, 3]
+
+
+def hypothesis(x_m: float, overlap: float, spread_m: float, yaw_deg: float = 0.0) -> Hypothesis:
+    """A hypothesis at (x, 0) of so much overlap and spread, whose walls the map has."""
+    return Hypothesis(0, planar(x_m, 0, yaw_deg), Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6)), 1.0)

@@ -10,14 +10,14 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.answers import OWN_KINDS, posed
-from pipeline.posing.fix import Fix, Hypothesis, poses
+from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import Evidence, Verdict, features
-from tests.posing.scene import planar
+from tests.posing.scene import hypothesis
 
 FIXES = [
-    Fix.of([Hypothesis(0, planar(25, 0, 90), 0.8, 0.9, 0.01), Hypothesis(3, planar(45, 0, 0), 0.3, 0.3, 0.02)]),
+    Fix.of([hypothesis(25, 0.8, 0.01, yaw_deg=90), hypothesis(45, 0.3, 0.02)]),
     Fix(),
-    Fix.of([Hypothesis(1, planar(95, 0, -45), 0.5, 0.7, 0.01)]),
+    Fix.of([hypothesis(95, 0.5, 0.1, yaw_deg=-45)]),
 ]
 RANKING = Ranking(
     *(np.array([[1, 4, 2, 0]] * 3), np.array([[0.1, 0.2, 0.3, 0.4]] * 3, np.float32), np.arange(24.0).reshape(3, 4, 2)),
@@ -34,6 +34,7 @@ def test_registered_places_lead_the_ranking() -> None:
     assert found.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
     assert found.xy_m[1].tolist() == RANKING.xy_m[1].tolist()
     assert (np.diff(found.costs, axis=1) >= 0).all()
+    assert found.costs[0, :2] == pytest.approx(np.array([0.01, 0.02]))
     headings_deg = [[90, 0, 7, np.nan], [7, 8, 9, np.nan], [-45, 7, 8, 9]]
     assert found.heading_deg == pytest.approx(np.array(headings_deg), nan_ok=True)
     assert found.kinds == (*OWN_KINDS, "entropy")
@@ -51,7 +52,7 @@ def test_a_place_that_is_named_twice_is_answered_once() -> None:
 
 def test_a_query_without_a_pose_has_none() -> None:
     assert np.isfinite(poses(FIXES)).all(axis=(1, 2)).tolist() == [True, False, True]
-    assert features(FIXES) == pytest.approx(np.array([[0.8, 0.9, 0.55, -2], [0, 0, 0, 0], [0.5, 0.7, 0.6, -2]]))
+    assert features(FIXES) == pytest.approx(np.array([[0.8, 1, -2], [0, 0, 0], [0.5, 1, -1]]))
 
 
 def evidence(n: int = 60) -> Evidence:

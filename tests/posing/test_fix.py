@@ -8,11 +8,13 @@ import pytest
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.frames import apart
-from pipeline.posing.fix import Fix, Fixer, Hypothesis
+from pipeline.posing.fix import Fix, Fixer
+from pipeline.posing.registration import NOWHERE
 from pipeline.posing.targets import GRAIN_M, Targets
-from tests.posing.scene import planar, scene, seen_from
+from tests.posing.scene import hypothesis, planar, scene, seen_from
 
 ANCHORS = [planar(0, 0, 0), planar(200, 0, 90), planar(400, 0, -30)]
+PLACES_M = np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]])
 
 
 @pytest.fixture(scope="module")
@@ -31,18 +33,20 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> Targets:
 @pytest.mark.parametrize(("row", "x_m", "y_m", "yaw_deg"), [(0, 2.0, -1.0, 130.0), (1, -3.0, 4.0, 0.0), (2, 0.0, 0.0, -60.0)])
 def test_the_pose_is_found_among_candidates(targets: Targets, row: int, x_m: float, y_m: float, yaw_deg: float) -> None:
     anchor_T_query = planar(x_m, y_m, yaw_deg)
-    found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, [2, 1, 0])
+    found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES_M)
     best = found.hypotheses[0]
     away_m, turn_deg = apart(best.world_T_query[None], (ANCHORS[row] @ anchor_T_query)[None])
     assert best.row == row
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3
-    assert best.support > 0.8
+    assert best.alignment.overlap > 0.8
+    assert best.structure > 0.8
 
 
 def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) -> None:
-    here, elsewhere = (Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, [0, 1, 2]) for seed in (0, 7))
-    assert elsewhere.hypotheses[0].support < 0.6 * here.hypotheses[0].support
+    here, elsewhere = (Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES_M) for seed in (0, 7))
+    assert elsewhere.alignment.overlap < 0.6 * here.alignment.overlap
+    assert elsewhere.alignment.spread_m > 2 * here.alignment.spread_m
 
 
 @pytest.mark.parametrize(
@@ -56,42 +60,53 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
     ids=["none", "12 points", "NaN", "one plane"],
 )
 def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -> None:
-    found = Fixer().fix(points_m, targets, [0, 1, 2])
+    found = Fixer().fix(points_m, targets, PLACES_M)
     assert found.hypotheses == ()
-    assert found.runner_up == 0.0
+    assert found.alignment is found.runner_up is NOWHERE
 
 
-def test_without_candidates_there_is_no_pose(targets: Targets) -> None:
-    assert Fixer().fix(scene(), targets, []) == Fix()
+def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
+    found = Fixer().fix(seen_from(scene(1), planar(1, 0, 90)), targets, np.full((5, 2), np.nan))
+    assert found.hypotheses[0].row == 1
+    assert found.alignment.overlap > 0.8
+
+
+def test_what_is_left_out_is_not_there(targets: Targets) -> None:
+    found = Fixer().fix(scene(1), targets, PLACES_M, left_out=np.array([False, True, False]))
+    assert {one.row for one in found.hypotheses} <= {0, 2}
+    assert Fixer().fix(scene(1), targets, PLACES_M, left_out=np.ones(3, bool)) == Fix()
 
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
-    assert all(one.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, [0, 1, 2]).hypotheses)
+    assert all(one.alignment.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES_M).hypotheses)
 
 
 def test_the_runner_up_stands_elsewhere() -> None:
-    found = Fix.of(
-        [
-            Hypothesis(i, planar(x_m, 0, 0), overlap, overlap, 0.01)
-            for i, (x_m, overlap) in enumerate([(0, 0.4), (1, 0.9), (9, 0.5)])
-        ]
-    )
-    assert [one.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4]
-    assert found.overlap == 0.9
-    assert found.runner_up == 0.5
-    assert Fix.of(found.hypotheses[::2]).runner_up == 0.0
+    found = Fix.of([hypothesis(0, 0.4, 0.03), hypothesis(1, 0.9, 0.01), hypothesis(9, 0.5, 0.02)])
+    assert [one.alignment.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4]
+    assert found.alignment.overlap == 0.9
+    assert found.runner_up.overlap == 0.5
+    assert Fix.of(found.hypotheses[::2]).runner_up is NOWHERE
+
+
+def test_a_clear_hypothesis_ends_the_search(targets: Targets) -> None:
+    query = seen_from(scene(1), planar(1, 0, 90))
+    every, clear = (Fixer(clear_m=clear_m).fix(query, targets, PLACES_M) for clear_m in (0.0, 0.1))
+    assert len(every.hypotheses) > len(clear.hypotheses) == 1
+    assert clear.hypotheses[0].row == every.hypotheses[0].row == 1
 
 
 def test_the_nearest_rows_come_in_the_order_of_the_positions(targets: Targets) -> None:
     positions_m = np.array([[390.0, 5.0], [10.0, 0.0], [np.nan, 0.0], [380.0, 0.0], [180.0, 0.0]])
-    assert targets.nearest(positions_m).tolist() == [2, 0, 1]
-    assert targets.nearest(positions_m, np.array([False, False, True])).tolist() == [1, 0]
+    rows = targets.nearest(positions_m, np.zeros(3, bool))
+    assert list(targets.apart(rows)) == [2, 0, 1]
+    assert list(targets.nearest(positions_m, np.array([False, False, True]))) == [1, 0, 1, 1]
 
 
 def test_settings_and_a_missing_map_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"fixer\.tries=0: expected at least 1"):
         Fixer(tries=0)
-    with pytest.raises(ConfigError, match=r"fixer\.clear_support=2"):
-        Fixer(clear_support=2)
+    with pytest.raises(ConfigError, match=r"fixer\.rounds=\(5, 0\): expected at least 1"):
+        Fixer(rounds=(5, 0))
     with pytest.raises(ArtifactError, match="no such artifact"):
         Targets(tmp_path / "none.zarr")

@@ -21,7 +21,7 @@ def test_heading_and_offset_are_found(x_m: float, y_m: float, yaw_deg: float) ->
 def test_a_chart_knows_walls_and_what_was_seen_through() -> None:
     walls = Walls(cell_m=1.0, margin_m=2.0)
     wall = np.column_stack([np.full(400, 20.5), np.linspace(-10, 10, 400), np.full(400, 2.0)])
-    chart, single = walls.chart(wall, single=False), walls.chart(wall, single=True)
+    chart, single = walls.chart(wall, single=False)[0], walls.chart(wall, single=True)[0]
     middle = walls.half
     assert chart[middle + 20, middle] == WALL
     assert single[middle + 10, middle] == SEEN_THROUGH
@@ -51,3 +51,12 @@ def test_settings_are_checked() -> None:
         Walls(low_m=2.0, high_m=1.0)
     with pytest.raises(ConfigError, match=r"walls\.cell_m=0"):
         Walls(cell_m=0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> None:
+    walls = Walls(cell_m=2.0, headings=24, offset_m=7.0)
+    chart, turned = walls.chart(scene(seed)), walls.turned(seen_from(scene(seed % 2), planar(3, -2, 50)))
+    shifted = turned[:, :, None, None] + np.stack(np.mgrid[-4:5, -4:5], axis=2)
+    sums = chart[0][shifted[..., 0], shifted[..., 1]].sum(axis=1, dtype=int)
+    assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])
