@@ -54,7 +54,7 @@ def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
 def test_the_page_holds_every_section_of_the_studies(built):
     page = (built.folder / "artifacts/report/page.html").read_text()
     town = ("town-10m-turned", "town-10m-stress", "town-10m-events", "town-cells")
-    for name in (*town, "campus-10m-ageing", "campus-10m-glance", "suburb-10m-viewpoints"):
+    for name in (*town, "campus-10m-ageing", "campus-10m-poses", "campus-10m-glance", "suburb-10m-viewpoints"):
         assert f'id="{name}"' in page
 
 

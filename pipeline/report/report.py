@@ -12,7 +12,7 @@ from pipeline.evaluation.events import Bands
 from pipeline.report import page, terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
-from pipeline.report.sections import cases, viewpoints, year
+from pipeline.report.sections import cases, poses, viewpoints, year
 from pipeline.report.study import Study
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
@@ -57,6 +57,7 @@ def write(
 def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], BirdView]) -> Iterator[Section]:
     if asks_about_the_year(study.words):
         yield from year.sections(study, folder)
+        yield from poses.sections(study, folder)
         yield from cases.sections(study, folder, bands)
     if methods := on_bird_views(study.words["methods"]):
         yield viewpoints.section(study, folder, view(methods[0]["view"]))

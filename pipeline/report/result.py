@@ -28,6 +28,11 @@ class Result:
         """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
         return f"{self.sequence[:10]}, {self.days:+d} d"
 
+    @property
+    def posed(self) -> bool:
+        """Whether its answers are poses."""
+        return not np.isnan(self.evaluation.promised)
+
     def number(self, protocol: str, name: str) -> float:
         """One number by one protocol; NaN where there is none."""
         return self.numbers.get((protocol, name), NONE)[0]

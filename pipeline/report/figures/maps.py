@@ -1,4 +1,4 @@
-"""Where queries were placed right, placed wrong, or rejected, by cells: the papers' protocol."""
+"""Where queries were placed right, placed wrong, or rejected: by cells, the papers' protocol, or by their poses."""
 
 from collections.abc import Sequence
 
@@ -22,18 +22,33 @@ OUTCOMES = (
 BOTTOM_UP = (0, 3, 1, 2)  # codes in the order they are drawn: right ones first, so that wrong ones lie above them
 
 
-@styled
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
+    names = [name for name, _, _ in OUTCOMES]
+    return _single(result, result.evaluation.cells.outcome, names, train_xy_m, f"{result.model} on {result.label}, by cells")
+
+
+def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
+    """The same, coloured by whether each pose is right and was accepted with a promise of .99."""
+    accepted, right = (flags.astype(np.int64) for flags in result.evaluation.fixes)
+    names = ("accepted, right", "rejected though right", "accepted, wrong", "rejected, wrong")
+    heading = f"{result.model} on {result.label}: poses, right within 2 m and 5°"
+    return _single(result, 2 * (1 - right) + (1 - accepted), names, train_xy_m, heading)
+
+
+@styled
+def _single(
+    result: Result, outcome: NDArray[np.integer], names: Sequence[str], train_xy_m: NDArray[np.float64], heading: str
+) -> Figure:
     box = _box([result], train_xy_m)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
-    fig = figure(width_in, height_in + 0.6, f"{result.model} on {result.label}, by cells")
+    fig = figure(width_in, height_in + 0.6, heading)
     axis = fig.subplots()
-    _map(axis, result, train_xy_m, box, size=6.0)
+    _map(axis, result.evaluation.xy_m, outcome, train_xy_m, box, size=6.0)
     _scale_bar(axis, box)
-    _legend(fig, [f"{name} {count}" for (name, _, _), count in zip(OUTCOMES, _counts(result), strict=True)])
+    _legend(fig, [f"{name} {count}" for name, count in zip(names, _counts(outcome), strict=True)])
     return fig
 
 
@@ -48,26 +63,34 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
-        _map(axis, result, train_xy_m, box, size=1.6)
+        outcome = result.evaluation.cells.outcome
+        _map(axis, result.evaluation.xy_m, outcome, train_xy_m, box, size=1.6)
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
             name = axis.text(-0.04, 0.5, folded(result.model), rotation=90, ha="right", va="center", transform=axis.transAxes)
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
-        for place, (count, (_, tint, _)) in enumerate(zip(_counts(result), OUTCOMES, strict=True)):
+        for place, (count, (_, tint, _)) in enumerate(zip(_counts(outcome), OUTCOMES, strict=True)):
             axis.text(0.2 + 0.2 * place, -0.02, str(count), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
     _scale_bar(axes[0], box)
     _legend(fig, [name for name, _, _ in OUTCOMES])
     return fig
 
 
-def _map(axis: Axes, result: Result, train_xy_m: NDArray[np.float64], box: NDArray[np.float64], size: float) -> None:
-    """The training path, and the queries as markers of `size` square points, which become pixels in an SVG."""
+def _map(
+    axis: Axes,
+    xy_m: NDArray[np.float64],
+    outcome: NDArray[np.integer],
+    train_xy_m: NDArray[np.float64],
+    box: NDArray[np.float64],
+    size: float,
+) -> None:
+    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels in an SVG."""
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
     for order, code in enumerate(BOTTOM_UP, start=2):
         _, tint, marker = OUTCOMES[code]
-        xy_m = result.evaluation.xy_m[result.evaluation.cells.outcome == code]
-        axis.scatter(xy_m[:, 0], xy_m[:, 1], size, tint, marker=marker, linewidths=0, zorder=order, rasterized=True)
+        x_m, y_m = xy_m[outcome == code].T
+        axis.scatter(x_m, y_m, size, tint, marker=marker, linewidths=0, zorder=order, rasterized=True)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
 
@@ -92,9 +115,9 @@ def _scale_bar(axis: Axes, box: NDArray[np.float64]) -> None:
     axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=7, color="0.25")
 
 
-def _counts(result: Result) -> list[int]:
+def _counts(outcome: NDArray[np.integer]) -> list[int]:
     """Queries of each outcome, in the order of `OUTCOMES`."""
-    return [int(number) for number in np.bincount(result.evaluation.cells.outcome, minlength=len(OUTCOMES))]
+    return [int(number) for number in np.bincount(outcome, minlength=len(OUTCOMES))]
 
 
 def _legend(fig: Figure, names: Sequence[str]) -> None:

@@ -1,0 +1,34 @@
+"""The section of poses: how near, how often, and whether the promise was kept; for the models of a study that have some."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.report import tables
+from pipeline.report.figures import maps, verdicts
+from pipeline.report.figures.style import illustrate
+from pipeline.report.render import anchor
+from pipeline.report.result import Result, by_model
+from pipeline.report.section import Illustration, Section
+from pipeline.report.study import Study
+
+
+def sections(study: Study, folder: Path) -> Iterator[Section]:
+    """Draw the figures into `folder` and yield the section, if any model of the study has poses."""
+    posed = [one for one in study.results if one.posed]
+    if posed:
+        yield Section(
+            anchor(study.name, study.grid, "poses"),
+            "poses",
+            values={"study": study},
+            illustrations=list(_illustrations(study, folder, posed)),
+            tables=[tables.poses(study, posed)],
+            sources=[study.source("evaluate", one.sequence, one.model) for one in posed],
+        )
+
+
+def _illustrations(study: Study, folder: Path, posed: list[Result]) -> Iterator[Illustration]:
+    for model, group in by_model(posed).items():
+        yield illustrate("verdicts", verdicts.verdicts(group), study, folder, name=f"verdicts_{model}", model=model)
+        last = group[-1]
+        of = {"model": model, "sequence": last.sequence, "label": last.label}
+        yield illustrate("fixes", maps.fix_map(last, study.train_xy_m), study, folder, name=f"fixes_{model}", **of)
