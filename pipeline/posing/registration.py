@@ -8,7 +8,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import positive
+from pipeline.running.settings import check, positive
 
 Points = NDArray[np.float64]
 LEAST_ALONG = 0.005
@@ -78,6 +78,7 @@ class Registration:
     """Clouds of fewer have too little to hold on to."""
 
     def __post_init__(self) -> None:
+        check(self, "registration")
         positive("registration", voxel_m=self.voxel_m, inlier_m=self.inlier_m, iterations=self.iterations)
         object.__setattr__(self, "reaches_m", tuple(self.reaches_m))  # a yaml has lists
         if not self.reaches_m or not all(reach > 0 for reach in self.reaches_m):
