@@ -66,8 +66,13 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
 
         return align
 
-    return {"yearloc": ours, "yearloc, one round": five, "ICP, point to point": icp("ICP"), "ICP, point to plane": icp("PLANE_ICP"),
-            "GICP": icp("GICP"), **_kiss(fixer, targets)}  # fmt: skip
+    kinds = {"ICP, point to point": "ICP", "ICP, point to plane": "PLANE_ICP", "GICP": "GICP"}
+    return {
+        "yearloc": ours,
+        "yearloc, one round": five,
+        **{name: icp(kind) for name, kind in kinds.items()},
+        **_kiss(fixer, targets),
+    }
 
 
 def _kiss(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
