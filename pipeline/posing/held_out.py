@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, InputError
 from pipeline.matching.holdout import blocks
 from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.fix import Fix, Fixer, poses
@@ -45,8 +45,12 @@ class HeldOut:
         """Fixes of held-out submaps, each with the others' map and without its surroundings; and below which spread in metres
         a hypothesis is clear.
 
-        `views` and `places` (submap,) are the training day's, a row each as in the map.
+        `views` and `places` (submap,) are the training day's, a row each as in the map; raises InputError for a map of others.
         """
+        mapped = Targets(map_path).world_T_anchor
+        if not np.array_equal(mapped, views.world_T_anchor):
+            submaps = f"{len(mapped)} submaps that are not the {len(views.world_T_anchor)} of the training views"
+            raise InputError(f"{map_path}: a map of {submaps}; is it of this data set?")
         held = blocks(views.world_T_anchor, places, self.every_m, self.length_m)
         rows = np.flatnonzero(held)
         answers_m = localizer(Rows(views.images[:][rows], views.stamps_ns[rows], views.world_T_anchor[rows]), k).xy_m

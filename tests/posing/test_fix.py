@@ -17,17 +17,24 @@ ANCHORS = [planar(0, 0, 0), planar(200, 0, 90), planar(400, 0, -30)]
 PLACES_M = np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]])
 
 
+def written(path: Path, seeds: range) -> Targets:
+    """A map of places, each another scene."""
+    clouds = [seen_from(scene(seed), planar(0, 0, 0)) for seed in seeds]
+    with store.write(path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
+        out.put("points", np.rint(np.concatenate([np.empty((0, 3)), *clouds]) / GRAIN_M).astype(np.int64))
+        out.put("offsets", np.cumsum([0, *map(len, clouds)]))
+        out.put("world_T_anchor", np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4))
+    return Targets(path)
+
+
 @pytest.fixture(scope="module")
 def targets(tmp_path_factory: pytest.TempPathFactory) -> Targets:
-    """Three places, each another scene."""
-    path = tmp_path_factory.mktemp("map") / "day.zarr"
-    clouds = [seen_from(scene(seed), planar(0, 0, 0)) for seed in range(3)]
-    offsets = np.cumsum([0, *map(len, clouds)])
-    with store.write(path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
-        out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
-        out.put("offsets", offsets)
-        out.put("world_T_anchor", np.array(ANCHORS))
-    return Targets(path)
+    """Three places."""
+    return written(tmp_path_factory.mktemp("map") / "day.zarr", range(3))
+
+
+def test_an_empty_map_gives_no_pose(tmp_path: Path) -> None:
+    assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES_M) == Fix()
 
 
 @pytest.mark.parametrize(("row", "x_m", "y_m", "yaw_deg"), [(0, 2.0, -1.0, 130.0), (1, -3.0, 4.0, 0.0), (2, 0.0, 0.0, -60.0)])
