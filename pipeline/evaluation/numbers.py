@@ -10,7 +10,10 @@ from pipeline.evaluation.counts import Counts, ExactCounts, right
 from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
 from pipeline.evaluation.protocols import Truth
 
-POSES = ("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99")
+POSES = (
+    *("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99"),
+    *("within_2m_5deg_same_heading", "within_2m_5deg_turned", "within_2m_5deg_beside"),
+)
 NUMBERS = (
     *("recall_at_1", "recall_at_5", "recall_at_25", "recall_at_1_same_heading", "recall_at_1_turned"),
     *("oracle", "oracle_same_heading", "oracle_turned"),
@@ -25,12 +28,14 @@ every threshold there is; of the oracle, which takes the distance to that anchor
 from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and given a heading, since
 an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
 wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
-than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within."""
+than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of
+those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
 SAME_HEADING_DEG = 45.0  # turned at most this far against the nearest training anchor, a query drives the street as training did
 GOOD_HEADING_DEG = 10.0
+BESIDE_M = 2.0
 WITHIN = {"within_2m_5deg": (2.0, 5.0), "within_05m_2deg": (0.5, 2.0)}
 
 Weight = NDArray[np.float64]  # (r, q) how often each of q queries counts in each of r resamples
@@ -105,6 +110,9 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     found |= {name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()}
     found["wrong_of_accepted_99"] = share(~right_there, accepted, weight)
     found["recall_99"] = share(accepted & right_there, truth.seen, weight)
+    same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
+    for name, some in (("same_heading", same), ("turned", ~same), ("beside", queries.nearest_m >= BESIDE_M)):
+        found[f"within_2m_5deg_{name}"] = share(right_there, truth.seen & some, weight)
     return found
 
 

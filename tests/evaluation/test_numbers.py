@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.evaluation.counts import count
 from pipeline.evaluation.curves import auc, precision_recall
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, measures, median, numbers
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES, Queries, measures, median, numbers
 from pipeline.evaluation.protocols import Truth
 from tests.evaluation.made import NOVELTY, SEEN, THRESHOLDS, TOY
 
@@ -63,14 +63,17 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
     found = told()
     assert found["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
     assert found["within_05m_2deg"] == 2 / 4
+    assert found["within_2m_5deg_same_heading"] == 1 / 2  # queries 0 and 1
+    assert found["within_2m_5deg_turned"] == 1.0  # queries 2 and 4
+    assert found["within_2m_5deg_beside"] == 2 / 3  # queries 1, 2 and 4
     assert (found["error_m"], found["error_deg"]) == (1.15, 1.25)
     assert found["wrong_of_accepted_99"] == 2 / 4  # accepted are 0, 1, 2 and, without a pose, 3
     assert found["recall_99"] == 2 / 4
     right_though_unseen = told(queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]]))
     assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
     without = told(queries=replace(QUERIES, promised=np.nan))
-    assert all(np.isnan(without[name]) for name in NUMBERS[-6:])
-    assert without == pytest.approx(found | dict.fromkeys(NUMBERS[-6:], np.nan), nan_ok=True)
+    assert all(np.isnan(without[name]) for name in POSES)
+    assert without == pytest.approx(found | dict.fromkeys(POSES, np.nan), nan_ok=True)
     none_accepted = told(queries=replace(QUERIES, promised=-1.0))
     assert np.isnan(none_accepted["wrong_of_accepted_99"])
     assert none_accepted["recall_99"] == 0
