@@ -68,10 +68,10 @@ def poses(fixes: Sequence[Fix]) -> Poses:
 class Query:
     """A query, ready to be laid on training submaps."""
 
-    turned: NDArray[np.int64]
-    """The cells of its walls at each heading (`Walls.turned`)."""
     rough: Cloud
     fine: Cloud
+    turned: NDArray[np.int64]
+    """The cells of its walls at each heading (`Walls.turned`)."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Fixer:
         not finite.
         """
         try:
-            query = Query(self.walls.turned(points_m), self.rough.prepare(points_m), self.fine.prepare(points_m))
+            query = Query(self.rough.prepare(points_m), self.fine.prepare(points_m), self.walls.turned(points_m))
         except InputError:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
