@@ -1,8 +1,9 @@
 """Poses of one test day by peers, from the same candidates: `python -m benchmarks.posing campus sci_ring 2013-04-05 [every]`.
 
-It reads artifacts that `dvc repro` built of a study with poses. Everyone gets the ranking's first five candidates; the three that
-need a first guess get the matches of walls. Peers take the candidate of the most inliers, as their own programs do; KISS-Matcher
-(`pip install .[kiss]`) is skipped where it is not installed. One thread, CPU time a query, from points to pose.
+It reads artifacts that `dvc repro` built of a study with poses. Everyone gets the ranking's first five candidates, only "yearloc"
+may go on to others and to the whole map; the three that need a first guess get the matches of walls. Peers take the candidate of
+the most inliers, as their own programs do; KISS-Matcher (`pip install .[kiss]`) is skipped where it is not installed. One thread,
+CPU time a query, from points to pose.
 """
 
 import os
@@ -25,27 +26,20 @@ from omegaconf import OmegaConf
 from pipeline import schemas, store
 from pipeline.frames import Poses, apart, pose
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.fix import Fixer
+from pipeline.posing.fix import Fixer, poses
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 
 VOXEL_M, REACHES_M = 0.5, (4.0, 1.0)
-Peer = Callable[[Points, NDArray[np.float64]], NDArray[np.float64] | None]
-"""Points (n, 3) of a query and its candidates (k, 2) → world_T_query (4, 4)."""
+Peer = Callable[[Points, NDArray[np.float64]], NDArray[np.float64]]
+"""Points (n, 3) of a query and its candidates (k, 2) → world_T_query (4, 4), NaN without one."""
 
 
 def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
     """Each by its name."""
 
-    def ours(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        found = fixer.fix(points_m, targets, answers_m).hypotheses
-        return found[0].world_T_query if found else None
-
-    first = replace(fixer, rounds=(5,))
-
-    def five(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        found = first.fix(points_m, targets, answers_m).hypotheses
-        return found[0].world_T_query if found else None
+    def ours(fixer: Fixer) -> Peer:
+        return lambda points_m, answers_m: poses([fixer.fix(points_m, targets, answers_m)])[0]
 
     def icp(kind: str) -> Peer:
         def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,8 +62,8 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
 
     kinds = {"ICP, point to point": "ICP", "ICP, point to plane": "PLANE_ICP", "GICP": "GICP"}
     return {
-        "yearloc": ours,
-        "yearloc, one round": five,
+        "yearloc": ours(fixer),
+        "yearloc, one round": ours(replace(fixer, rounds=(5,))),
         **{name: icp(kind) for name, kind in kinds.items()},
         **_kiss(fixer, targets),
     }
@@ -128,9 +122,8 @@ def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
         found, took = [], []
         for row in rows:
             start = time.process_time()
-            here = align(clouds[row], answers_m[row])
+            found.append(align(clouds[row], answers_m[row]))
             took.append(1e3 * (time.process_time() - start))
-            found.append(np.full((4, 4), np.nan) if here is None else here)
         print(line(name, np.array(found), world_T_true[rows], took), flush=True)
     if np.isfinite(heading_deg := rankings.load("heading_deg")[rows, 0]).any():
         turn = np.column_stack([np.zeros((len(rows), 2)), np.deg2rad(heading_deg)])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.counts import ExactCounts
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, WITHIN, curve
+from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
 from pipeline.schemas import EVALUATIONS
 from pipeline.store import Artifact
@@ -72,8 +72,7 @@ class Evaluation:
     @property
     def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which poses (q,) are accepted with a promise of .99, and which are right."""
-        far_m, far_deg = WITHIN["within_2m_5deg"]
-        right = (self.pose_error_m < far_m) & (self.pose_error_deg < far_deg)
+        right = within("within_2m_5deg", self.pose_error_m, self.pose_error_deg)
         return self.novelty[:, 0].astype(np.float64) < self.promised, right
 
     def protocol(self, name: str) -> Judgement:

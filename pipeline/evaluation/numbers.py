@@ -104,7 +104,7 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     if np.isnan(queries.promised):
         return dict.fromkeys(POSES, np.full(len(weight), np.nan))
     off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
-    good = {name: (off["error_m"] < far_m) & (off["error_deg"] < far_deg) for name, (far_m, far_deg) in WITHIN.items()}
+    good = {name: within(name, *off.values()) for name in WITHIN}
     accepted, right_there = queries.novelty[:, 0].astype(np.float64) < queries.promised, good["within_2m_5deg"]
     found = {name: share(flags, truth.seen, weight) for name, flags in good.items()}
     found |= {name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()}
@@ -114,6 +114,12 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     for name, some in (("same_heading", same), ("turned", ~same), ("beside", queries.nearest_m >= BESIDE_M)):
         found[f"within_2m_5deg_{name}"] = share(right_there, truth.seen & some, weight)
     return found
+
+
+def within(name: str, error_m: NDArray[np.float64], error_deg: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which poses (q,) are right by one of WITHIN, given their errors (q,); a missing pose, NaN, is not."""
+    far_m, far_deg = WITHIN[name]
+    return (error_m < far_m) & (error_deg < far_deg)
 
 
 def rejection(truth: Truth, exact: ExactCounts, reject_from: float, seen: Number) -> dict[str, Number]:

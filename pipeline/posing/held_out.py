@@ -54,7 +54,6 @@ class HeldOut:
         held = blocks(views.world_T_anchor, places, self.every_m, self.length_m)
         rows = np.flatnonzero(held)
         answers_m = localizer(Rows(views.images[:][rows], views.stamps_ns[rows], views.world_T_anchor[rows]), k).xy_m
-
         anchors_m, parts = views.world_T_anchor[:, :2, 3], [slice(first, first + PART) for first in range(0, len(rows), PART)]
 
         def asked(fixer: Fixer, around_m: float) -> list[Fix]:

@@ -20,7 +20,7 @@ GRAIN_M = 0.01
 APART_M = 5.0
 """Candidates nearer to one another than this are one."""
 KEPT = 256
-"""Prepared clouds in memory, at most half a megabyte each; charts are small, all are kept."""
+"""Prepared clouds in memory, each as large as its submap: gathered ones come to gigabytes; charts are small, all are kept."""
 
 
 def write_map(path: Path, scans: Artifact, submaps: Artifact, voxel_m: float, range_m: float) -> tuple[int, int]:
