@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ConfigError, InputError
 from pipeline.frames import Poses
 from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration, moved
-from pipeline.posing.targets import Targets
+from pipeline.posing.targets import Targets, around
 from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
 from pipeline.running.settings import check
@@ -109,6 +109,7 @@ class Fixer:
         Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis where the points are too few or
         not finite.
         """
+        points_m = around(points_m, targets.range_m)
         try:
             query = Query(self.rough.prepare(points_m), self.fine.prepare(points_m), self.walls.turned(points_m))
         except InputError:

@@ -19,24 +19,34 @@ from pipeline.store import Artifact
 GRAIN_M = 0.01
 APART_M = 5.0
 """Candidates nearer to one another than this are one."""
-KEPT = 256
-"""Prepared clouds in memory, each as large as its submap: gathered ones come to gigabytes; charts are small, all are kept."""
+KEPT = 128
+"""Prepared clouds in memory, of gathered submaps some 200 MB; charts are small, all are kept."""
 
 
-def write_map(path: Path, scans: Artifact, submaps: Artifact, voxel_m: float, range_m: float) -> tuple[int, int]:
-    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and points it has."""
+def write_map(
+    path: Path, scans: Artifact, submaps: Artifact, voxel_m: float, range_m: float, gathered_m: float
+) -> tuple[int, int]:
+    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and points it has.
+
+    Points farther from the anchor than `range_m` are left out, of submaps of several scans than `gathered_m`.
+    """
     world_T_anchor, offsets = submaps.load("world_T_anchor"), [0]
     single = bool((submaps.load("first") == submaps.load("scans")).all())
+    range_m = range_m if single else gathered_m
     attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
     with store.write(path, schemas.MAPS, **attrs) as out:
         for points_m in submap_points(scans, submaps, slice(0, len(world_T_anchor))):
-            near = np.hypot(points_m[:, 0], points_m[:, 1]) < range_m
-            thinned = np.asarray(small_gicp.voxelgrid_sampling(points_m[near], voxel_m).points())[:, :3]
+            thinned = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[:, :3]
             out.append("points", np.rint(thinned / GRAIN_M).astype(np.int64))
             offsets.append(offsets[-1] + len(thinned))
         out.put("offsets", np.array(offsets))
         out.put("world_T_anchor", world_T_anchor)
     return len(world_T_anchor), offsets[-1]
+
+
+def around(points_m: Points, range_m: float) -> Points:
+    """Points (n, 3) without those farther from the anchor, seen from above; what is not finite stays, to be refused."""
+    return points_m[~(np.hypot(points_m[:, 0], points_m[:, 1]) >= range_m)]
 
 
 class Targets:
@@ -47,6 +57,7 @@ class Targets:
         artifact = store.read(path, schemas.MAPS)
         self._points, self._offsets = artifact.load("points"), artifact.load("offsets")
         self._grain_m, self._single = float(artifact.attrs["grain_m"]), bool(artifact.attrs["single"])
+        self.range_m = float(artifact.attrs["range_m"])
         self.world_T_anchor: Poses = artifact.load("world_T_anchor")
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
         self.cloud: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
