@@ -17,7 +17,7 @@ from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import PROMISES, Verdict, features
 from pipeline.store import Artifact
 
-OWN_KINDS = ("combined", "overlap")
+OWN_KINDS = ("fix", "overlap")
 """Kinds of novelty that a fix adds: one minus the chance that it is right, and one minus its overlap."""
 UNREGISTERED = 1.0
 """Cost from which the method's own answers follow those that were registered, whose cost is their spread in metres."""

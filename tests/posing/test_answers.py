@@ -12,6 +12,7 @@ from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.answers import OWN_KINDS, posed
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import Evidence, Verdict, features
+from tests.methods.test_sci_ring import KINDS as RING_KINDS
 from tests.posing.scene import hypothesis
 
 FIXES = [
@@ -48,6 +49,11 @@ def test_a_place_that_is_named_twice_is_answered_once() -> None:
     assert found.costs[0, 3] == np.inf
     assert np.isnan(found.xy_m[0, 3]).all()
     assert np.isnan(found.heading_deg[0, 3])
+
+
+def test_no_novelty_of_the_ring_is_called_as_one_of_a_fix() -> None:
+    """Thresholds are looked up by their kinds."""
+    assert set(OWN_KINDS).isdisjoint(RING_KINDS)
 
 
 def test_a_query_without_a_pose_has_none() -> None:
