@@ -7,12 +7,13 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.mapping.scans import Intake
+from pipeline.readers.parts import open_part
 from stages import ProgressBar, stage
 
 
 @stage("scans")
 def main(cfg: DictConfig) -> str:
-    log = instantiate(cfg.dataset.reader).open(Path(cfg.root), cfg.sequence)
+    log = open_part(instantiate(cfg.dataset.reader), Path(cfg.root), cfg.sequence)
     intake = Intake(log, cfg.grain_m, cfg.every_m)
     with store.write(cfg.out, schemas.SCANS, grain_m=cfg.grain_m, skipped=intake.skipped, clipped=intake.clipped) as out:
         for points, offsets in intake.blocks(instantiate(cfg.compute), ProgressBar()):

@@ -96,7 +96,7 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    optional = {"parts", "views", "altered", "variants", "viewpoints", "robustness"}
+    optional = {"parts", "poses", "views", "altered", "variants", "viewpoints", "robustness"}
     needed = {"train", "tests", "submap", "grids", "methods", *([] if conf["simulated"] else ["expected"])}
     assert study.keys() - optional == needed
     assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()

@@ -72,8 +72,9 @@ def read_velodyne(path: str | Path) -> NDArray[np.float32]:
     """
     data = log.read_bytes(Path(path), kitti.RECORD_BYTES, "points")
     points: NDArray[np.float32] = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :3].copy()
-    if np.isfinite(points.sum(dtype=np.float64)):  # soonest asked: a sum is not finite if one of its numbers is not
-        return points
+    with np.errstate(invalid="ignore"):  # numpy warns of a signalling NaN
+        if np.isfinite(points.sum(dtype=np.float64)):  # soonest asked: a sum is not finite if one of its numbers is not
+            return points
     return points[np.isfinite(points).all(axis=1)]
 
 

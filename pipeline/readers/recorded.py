@@ -11,6 +11,7 @@ from pipeline.errors import LogError
 from pipeline.formats.changes import Change, read_changes, visible
 from pipeline.frames import days_between
 from pipeline.readers.log import Reader
+from pipeline.readers.parts import open_part
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 
@@ -30,7 +31,7 @@ class Recorded:
         The csv has a line per scan with a digest of its poses and points, so that it changes whenever the log does. Raises
         LogError for a log that cannot be opened; scans that cannot be read are counted.
         """
-        log = self.reader.open(Path(self.root), sequence)
+        log = open_part(self.reader, Path(self.root), sequence)
         skipped, rows = Counter(log.skipped), ["stamp_ns,points,digest\n"]
         for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
             try:
@@ -50,5 +51,5 @@ class Recorded:
         if self.events is None:
             return []
         root = Path(self.root)
-        trained, driven = (self.reader.open(root, name).stamps_ns[0] for name in (train, sequence))
+        trained, driven = (open_part(self.reader, root, name).stamps_ns[0] for name in (train, sequence))
         return visible(read_changes(Path(self.events)), days_between(trained, driven))

@@ -11,6 +11,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
+from pipeline.readers.parts import names
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C ten times as fast, where it was built
@@ -65,9 +66,10 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
     train, tests = study["train"], list(study["tests"])
-    if study.get("parts"):
-        log = options.get("log", train.partition("-")[0] if train.partition("-")[0] in whole else (whole or [""])[0])
-        train, tests, whole = f"{log}-a", [f"{log}-b"], [f"{log}-a", f"{log}-b"] if log in whole else []
+    if rule := options.get("parts", study.get("parts")):
+        log = options.get("log", train.partition("-")[0] if train and train.partition("-")[0] in whole else (whole or [""])[0])
+        parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
+        train, tests, whole = parts[0], parts[1:], parts if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
     trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
     if len(trained) > 1:

@@ -71,14 +71,14 @@ class _Indented(yaml.SafeDumper):
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, world, budget, question and seeds, and with commas train, tests,
-    methods, variants, altered, cells and poses.
+    """The study of data set `name`; options are root, log, parts, world, budget, question and seeds, and with commas train,
+    tests, methods, variants, altered, cells and poses.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
     allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses"}
-    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "train"}
+    allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
     study = dataset["study"]

@@ -1,5 +1,6 @@
 """Small logs in the data sets' own formats, made by hand."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -78,4 +79,34 @@ def folder_log(
     for name, text in (("poses.txt", poses), ("times.txt", times)):
         if text is not None:
             (root / "drive" / name).write_text(text)
+    return root
+
+
+def flaser(ranges_m: Sequence[float], robot: str, stamp: float, laser: str | None = None, kind: str = "FLASER") -> str:
+    """A CARMEN record of one sweep; poses are x y heading."""
+    return f"{kind} {len(ranges_m)} {' '.join(map(str, ranges_m))} {laser or robot} {robot} {stamp} robot {stamp}\n"
+
+
+def carmen_log(root: Path, stamps: bool = True, name: str = "drive.log") -> Path:
+    """A corrected log: six sweeps a metre apart along x, whose odometry goes 1.5 m ahead and .25 m aside from one to the next."""
+    lines = ["# CARMEN\nPARAM robot_front_laser_max 50.0 1 host 1\n"]
+    for i in range(6):
+        lines.append(f"ODOM {i + 0.5} 0.25 0 1 0 0 {i} host {i}\n" if i else "")
+        lines += [flaser([1, 2, 50], f"{i} 0 0", 10 + i if stamps else 0), f"ODOM {i} 0 0 1 0 0 {i} host {i}\n"]
+    root.mkdir(parents=True, exist_ok=True)
+    (root / name).write_text("".join(lines))
+    return root
+
+
+def key_frames(root: Path) -> Path:
+    """Four key frames 0 to 3, a metre apart along −y, a second each; the clouds hold a point 2 m along −y."""
+    folder = root / "run"
+    folder.mkdir(parents=True)
+    rows = []
+    for i in range(4):
+        poses = " ".join(f"{source} {-i} 0 0 0 0 1" for source in range(4))
+        rows.append(f"{i} {100 + i} 0 1 1 {poses}\n")
+        head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n"
+        (folder / f"{i}.pcd").write_text(f"{head}0 -2 {i}\n")
+    (folder / "keyframes.txt").write_text("".join(rows))
     return root

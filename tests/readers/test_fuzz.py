@@ -1,5 +1,6 @@
 """Damaged files: a reader returns a log that keeps its promises, or raises one line; it never needs more than a gigabyte."""
 
+import gzip
 import io
 import itertools
 import resource
@@ -14,14 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import LogError, YearlocError
+from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder, read_scan, read_tum
+from pipeline.readers.keyframes import KeyFrames
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Reader
 from pipeline.readers.nclt import Nclt, read_packets, read_poses, read_velodyne_sync
 from pipeline.readers.robotcar import RobotCar, read_sweep
 from tests.readers import robotcar_drive
 from tests.readers.damage import damaged, one_line, opened
-from tests.readers.logs import DATE, START, folder_log, kitti_log, nclt_log, nclt_row, packet
+from tests.readers.logs import DATE, START, carmen_log, folder_log, key_frames, kitti_log, nclt_log, nclt_row, packet
 
 COUNT = itertools.count()
 
@@ -55,6 +58,17 @@ def robotcar(root: Path) -> Path:
     return robotcar_drive.drive(root, sweeps, {**sweeps, 475: beams})
 
 
+def carmen_pair(root: Path) -> Path:
+    return carmen_log(carmen_log(root), name="drive.gfs.log")
+
+
+def carmen_packed(root: Path) -> Path:
+    log = carmen_log(root) / "drive.log"
+    (root / "drive.log.gz").write_bytes(gzip.compress(log.read_bytes(), mtime=0))
+    log.unlink()
+    return root
+
+
 TUM, KITTI = (Folder(poses_format=form, odometry="odometry.txt") for form in ("tum", "kitti"))
 DRIVE, BOTH = robotcar_drive.DATE, RobotCar(("lms_front", "lms_rear"))
 SCAN = f"lms_front/{robotcar_drive.START + 350_000}.bin"
@@ -72,6 +86,10 @@ LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
     (lambda root: own_folder(root, "kitti"), KITTI, "drive", "drive/", ("poses.txt", "times.txt")),
     (robotcar, BOTH, DRIVE, f"{DRIVE}/", ("vo/vo.csv", "gps/ins.csv", "lms_front.timestamps", SCAN)),
     (robotcar, BOTH, DRIVE, "extrinsics/", ("lms_front.txt", "ins.txt")),
+    (carmen_log, Carmen(), "drive", "", ("drive.log",)),
+    (carmen_pair, Carmen(corrected="{sequence}.gfs.log"), "drive", "", ("drive.gfs.log",)),
+    (carmen_packed, Carmen(), "drive", "", ("drive.log.gz",)),
+    (key_frames, KeyFrames(), "run", "run/", ("keyframes.txt", "2.pcd")),
 ]
 FILES = [(make, reader, sequence, folder + file) for make, reader, sequence, folder, files in LOGS for file in files]
 

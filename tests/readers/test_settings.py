@@ -9,14 +9,16 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.bag import Bag
+from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder
+from pipeline.readers.keyframes import KeyFrames
 from pipeline.readers.robotcar import RobotCar
 from tests.readers.damage import one_line
 
 CONF = Path(__file__).parents[2] / "conf" / "dataset"
 
 
-@pytest.mark.parametrize("reader", [Bag, Folder, RobotCar])
+@pytest.mark.parametrize("reader", [Bag, Carmen, Folder, RobotCar])
 def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type) -> None:
     settings = yaml.safe_load((CONF / f"{reader.__name__.lower()}.yaml").read_text())["reader"]
     assert settings.pop("_target_") == f"{reader.__module__}.{reader.__name__}"
@@ -31,6 +33,11 @@ def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type
         (Bag, {"odometry": 3}, "reader.odometry=3"),
         (Bag, {"truth": "tf:map"}, "reader.truth=tf:map: expected tf:PARENT>CHILD"),
         (Bag, {"body_T_lidar": [1, 2, 3]}, "reader.body_T_lidar"),
+        (Carmen, {"lasers": ["left"]}, r"lasers=\['left'\]: expected front, rear or both"),
+        (Carmen, {"corrected": "{sequence}.relations"}, "expected the name of a corrected log; .relations hold no poses"),
+        (Carmen, {"corrected": "../{sequence}.log"}, "expected the name"),
+        (Carmen, {"sweep_s": 0}, "sweep_s=0"),
+        (KeyFrames, {"truth": "odometry"}, "truth=odometry: expected rtk, optimised_1 or optimised_2"),
         (Folder, {"columns": 2}, "columns=2: expected 3 or more"),
         (Folder, {"columns": 4.0}, "columns=4.0: expected a whole number"),
         (Folder, {"stamps": "ms"}, "stamps=ms: expected s, us or ns"),

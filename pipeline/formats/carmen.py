@@ -1,0 +1,131 @@
+"""CARMEN logs of 2-D lasers: text, one record a line, words by blanks (METHODS 7.5)."""
+
+import gzip
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+
+SUFFIXES = (".log.gz", ".log", ".clf.gz", ".clf")
+LARGEST_BYTES = 2**29
+"""Limit for a log, packed and unpacked."""
+CHUNK = 2**20
+MOST_BEAMS = 10_000
+FOV_RAD = np.pi
+"""Of FLASER and RLASER records, which do not say it."""
+Laser = Literal["front", "rear"]
+LASERS: dict[str, Laser] = {"FLASER": "front", "RLASER": "rear", "ROBOTLASER1": "front", "ROBOTLASER2": "rear"}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One reading of a laser."""
+
+    laser: Laser
+    ranges_m: NDArray[np.float64]
+    """(beam,) from right to left."""
+    angles_rad: NDArray[np.float64]
+    """(beam,) counter-clockwise from the laser's x axis."""
+    limit_m: float
+    """The largest range that the record declares; NaN where it declares none."""
+    laser_pose: NDArray[np.float64]
+    """x, y in metres and heading in radians (3,), in the log's frame."""
+    robot_pose: NDArray[np.float64]
+    stamp_s: float
+    odometry: int
+    """How many odometry readings the log has before it."""
+
+
+@dataclass
+class Records:
+    """What a log holds."""
+
+    params: dict[str, str] = field(default_factory=dict)
+    sweeps: list[Sweep] = field(default_factory=list)
+    odometry: list[NDArray[np.float64]] = field(default_factory=list)
+    """x, y, heading of each reading."""
+    skipped: Counter[str] = field(default_factory=Counter)
+
+
+def read(path: Path) -> Records:
+    """All records of a log, plain or gzipped; those that are cut short or hold other words are counted.
+
+    Raises LogError for a file that is missing, damaged or larger than LARGEST_BYTES, or without a sweep.
+    """
+    records = Records()
+    for line in _text(path).splitlines():
+        kind, *words = line.split() or [""]
+        try:
+            if kind == "PARAM":
+                records.params[words[0]] = words[1]
+            elif kind == "ODOM":
+                records.odometry.append(_numbers(words, 0, 3))
+            elif kind in LASERS:
+                parse = _flaser if kind.endswith("LASER") else _robotlaser
+                records.sweeps.append(parse(LASERS[kind], words, len(records.odometry)))
+        except (ValueError, IndexError):
+            records.skipped["broken record"] += 1
+    if not records.sweeps:
+        raise LogError(f"{path}: no readable {', '.join(LASERS)} record; is it a CARMEN log?")
+    return records
+
+
+def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
+    """FLASER and RLASER: n, n ranges, the laser's pose, the robot's, stamp, host, stamp."""
+    beams = _count(words[0])
+    poses = _numbers(words, 1 + beams, 7)
+    angles_rad = np.linspace(-FOV_RAD / 2, FOV_RAD / 2, beams)
+    return Sweep(laser, _ranges(words, 1, beams), angles_rad, np.nan, poses[:3], poses[3:6], float(poses[6]), odometry)
+
+
+def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
+    """ROBOTLASER1 and 2: type, first angle, field of view, step, largest range, accuracy, mode, n, n ranges, m, m remissions, the
+    laser's pose, the robot's, five numbers of its motion, stamp, host, stamp."""
+    start, _, step, limit_m = _numbers(words, 1, 4)
+    beams = _count(words[7])
+    after = 8 + beams
+    poses = _numbers(words, after + 1 + _count(words[after]), 12)
+    angles_rad = start + step * np.arange(beams)
+    return Sweep(laser, _ranges(words, 8, beams), angles_rad, float(limit_m), poses[:3], poses[3:6], float(poses[11]), odometry)
+
+
+def _text(path: Path) -> str:
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            data = b"".join(islice(iter(lambda: file.read(CHUNK), b""), LARGEST_BYTES // CHUNK + 1))
+    except (FileNotFoundError, IsADirectoryError):
+        raise LogError(f"{path}: no such file") from None
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(f"{path}: no whole gzip file ({error}); fetch it anew") from None
+    if len(data) > LARGEST_BYTES:
+        raise LogError(f"{path}: unpacks to more than {LARGEST_BYTES >> 20} MiB; split the log")
+    return data.decode("utf-8", "replace")
+
+
+def _count(word: str) -> int:
+    if not (word.isascii() and word.isdecimal() and len(word) < 6 and int(word) <= MOST_BEAMS):
+        raise ValueError
+    return int(word)
+
+
+def _numbers(words: list[str], start: int, count: int) -> NDArray[np.float64]:
+    """So many finite numbers; raises ValueError."""
+    numbers = np.array(words[start : start + count], np.float64)
+    if len(numbers) < count or not np.isfinite(numbers).all():
+        raise ValueError
+    return numbers
+
+
+def _ranges(words: list[str], start: int, beams: int) -> NDArray[np.float64]:
+    """Ranges may be NaN or infinite; raises ValueError for other words, or for fewer."""
+    ranges_m = np.array(words[start : start + beams], np.float64)
+    if len(ranges_m) < beams:
+        raise ValueError
+    return ranges_m

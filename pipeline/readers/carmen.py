@@ -1,0 +1,180 @@
+"""CARMEN logs of a robot with 2-D lasers, as Freiburg, MIT and others published them (METHODS 7.5).
+
+ROOT/NAME.log, .log.gz or .clf is the sequence NAME. Its sweeps carry corrected poses, the truth; the odometry readings between
+them jump to each corrected pose and drift from there, so their steps are what the wheels measured.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats import carmen
+from pipeline.formats.carmen import Laser, Records, Sweep
+from pipeline.frames import Poses, Stamps, pose
+from pipeline.readers import log
+from pipeline.readers.log import Log
+from pipeline.running import settings
+
+LIMIT_PARAMS: dict[Laser, str] = {"front": "robot_front_laser_max", "rear": "robot_rear_laser_max"}
+NEAR_LIMIT_M = 0.02
+"""Ranges are written with two digits."""
+
+
+@dataclass(frozen=True)
+class Carmen:
+    """A folder of CARMEN logs."""
+
+    lasers: Sequence[Laser] = ("front",)
+    corrected: str | None = None
+    """The corrected log beside a raw one, such as {sequence}.gfs.log; matched by stamp, or by order where stamps stand still."""
+    limit_m: float | None = None
+    """Ranges from here on are no hits; None: as the log declares it."""
+    lift_m: float = 7.0
+    """Added to z: the height that stands for an occupied spot."""
+    sweep_s: float = 1.0
+    """Time between two sweeps of a log whose stamps stand still."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "reader")
+        settings.positive("reader", sweep_s=self.sweep_s, limit_m=1.0 if self.limit_m is None else self.limit_m)
+        if not self.lasers or not set(self.lasers) <= {"front", "rear"}:
+            raise ConfigError(f"reader.lasers={list(self.lasers)}: expected front, rear or both")
+        if self.corrected is not None and ("/" in self.corrected or not self.corrected.endswith(carmen.SUFFIXES)):
+            raise ConfigError(
+                f"reader.corrected={self.corrected}: expected the name of a corrected log; .relations hold no poses"
+            )
+
+    def open(self, root: Path, sequence: str) -> Log:
+        path = self._files(root).get(sequence)
+        if path is None:
+            raise LogError(f"{root / sequence}: no such log ({', '.join(carmen.SUFFIXES)})")
+        records = carmen.read(path)
+        sweeps = [one for one in records.sweeps if one.laser in self.lasers and len(one.ranges_m)]
+        records.skipped["sweep of another laser, or without beams"] += len(records.sweeps) - len(sweeps)
+        if not sweeps:
+            raise LogError(f"{path}: no sweep of a {' or '.join(self.lasers)} laser; reader.lasers says which to read")
+        stamps_ns, order, notes = self._stamps(path, sweeps, records.skipped)
+        sweeps = [sweeps[row] for row in order]
+        odom_T_scan = _odometry(records, sweeps, raw=self.corrected is not None)
+        world_T_scan = _planar([one.robot_pose for one in sweeps])
+        if self.corrected is not None:
+            other = path.with_name(self.corrected.format(sequence=sequence))
+            world_T_scan = self._truth(other, stamps_ns, bool(notes), records.skipped)
+        placed: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
+        log.refuse_poses(path, world_T_scan, placed)
+        limits_m = [self._limit_m(records, one) for one in sweeps]
+        beyond = sum(int((one.ranges_m >= limit_m).sum()) for one, limit_m in zip(sweeps, limits_m, strict=True))
+        beams = sum(len(one.ranges_m) for one in sweeps)
+        notes += (f"{beyond} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: no hits",)
+        if self.corrected is None and not _repeated(records, sweeps):
+            notes += (
+                "no reading of the odometry repeats a sweep's pose: is it a raw log? Then reader.corrected names its truth",
+            )
+        known = np.flatnonzero(placed | np.isfinite(odom_T_scan).all(axis=(1, 2)))
+
+        def points(row: int) -> NDArray[np.float64]:
+            return sweep_points(sweeps[known[row]], limits_m[known[row]], self.lift_m)
+
+        return Log(stamps_ns[known], world_T_scan[known], odom_T_scan[known], points, +records.skipped, notes)
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        needed = {name: self.corrected and self.corrected.format(sequence=name) for name in self._files(root)}
+        return {name: [file] if file and not (root / file).is_file() else [] for name, file in sorted(needed.items())}
+
+    def _files(self, root: Path) -> dict[str, Path]:
+        """The logs below the root by their names; those of corrected poses are no sequences."""
+        found = {path.name.removesuffix(end): path for end in carmen.SUFFIXES for path in root.glob(f"*{end}") if path.is_file()}
+        corrected = {self.corrected.format(sequence=name) for name in found} if self.corrected else set()
+        return {name: path for name, path in found.items() if path.name not in corrected}
+
+    def _stamps(
+        self, path: Path, sweeps: Sequence[Sweep], skipped: Counter[str]
+    ) -> tuple[Stamps, NDArray[np.int64], tuple[str, ...]]:
+        """Stamps that increase, the sweeps that have them, and what to tell of them."""
+        stamps_s = np.array([one.stamp_s for one in sweeps])
+        if not (np.abs(stamps_s) < log.LATEST_NS / 1e9).all():
+            raise LogError(f"{path}: a sweep is stamped {stamps_s[np.abs(stamps_s).argmax()]:g}, which is no time in s")
+        if stamps_s.min() == stamps_s.max() and len(sweeps) > 1:
+            stamps_ns = np.rint(np.arange(len(sweeps)) * self.sweep_s * 1e9).astype(np.int64)
+            return stamps_ns, np.arange(len(sweeps)), (f"its stamps stand still: sweeps are counted, {self.sweep_s:g} s each",)
+        stamps_ns = np.rint(stamps_s * 1e9).astype(np.int64)
+        latest = np.maximum.accumulate(np.concatenate([[stamps_ns[0] - 1], stamps_ns[:-1]]))
+        fresh = np.flatnonzero(stamps_ns > latest)
+        skipped["stamp of an earlier one"] += len(sweeps) - len(fresh)
+        return stamps_ns[fresh], fresh, ()
+
+    def _truth(self, path: Path, stamps_ns: Stamps, by_order: bool, skipped: Counter[str]) -> Poses:
+        """Corrected poses (sweep, 4, 4) of a second file; NaN where it has none."""
+        sweeps = [one for one in carmen.read(path).sweeps if one.laser in self.lasers]
+        poses = _planar([one.robot_pose for one in sweeps])
+        if by_order:
+            if len(sweeps) != len(stamps_ns):
+                raise LogError(f"{path}: {len(sweeps)} corrected poses for {len(stamps_ns)} sweeps without stamps")
+            return poses
+        rows = {round(one.stamp_s * 1e3): row for row, one in enumerate(sweeps)}
+        wanted = [rows.get(round(stamp / 1e6)) for stamp in stamps_ns.tolist()]
+        skipped["no corrected pose"] += wanted.count(None)
+        if not any(row is not None for row in wanted):
+            raise LogError(f"{path}: no corrected pose has the stamp of a sweep")
+        return np.stack([np.full((4, 4), np.nan) if row is None else poses[row] for row in wanted])
+
+    def _limit_m(self, records: Records, sweep: Sweep) -> float:
+        """The range from which a laser saw nothing."""
+        if self.limit_m is not None:
+            return self.limit_m
+        declared = sweep.limit_m
+        if np.isnan(declared):
+            try:
+                declared = float(records.params.get(LIMIT_PARAMS[sweep.laser], "nan"))
+            except ValueError:
+                declared = np.nan
+        return declared - NEAR_LIMIT_M if declared > NEAR_LIMIT_M else np.inf
+
+
+def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.float64]:
+    """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, all at height `lift_m`."""
+    hit = (sweep.ranges_m > 0) & (sweep.ranges_m < limit_m)
+    ranges_m, angles_rad = sweep.ranges_m[hit], sweep.angles_rad[hit]
+    robot_T_laser = np.linalg.inv(_planar([sweep.robot_pose])[0]) @ _planar([sweep.laser_pose])[0]
+    across = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
+    xy_m = across @ robot_T_laser[:2, :2].T + robot_T_laser[:2, 3]
+    return np.column_stack([xy_m, np.full(len(xy_m), lift_m)])
+
+
+def _planar(xy_heading: Sequence[NDArray[np.float64]]) -> Poses:
+    """Poses (n, 4, 4) of x, y in metres and heading in radians (n, 3)."""
+    rows = np.reshape(xy_heading, (-1, 3))
+    zeros = np.zeros(len(rows))
+    return pose(np.column_stack([rows[:, :2], zeros]), np.column_stack([zeros, zeros, rows[:, 2]]))
+
+
+def _repeated(records: Records, sweeps: Sequence[Sweep]) -> bool:
+    """Whether the odometry says again where a sweep was, as it does in corrected logs; true where there is none."""
+    after = [(one, records.odometry[one.odometry]) for one in sweeps if one.odometry < len(records.odometry)]
+    return not after or any(np.allclose(one.robot_pose, reading, atol=1e-4) for one, reading in after)
+
+
+def _odometry(records: Records, sweeps: Sequence[Sweep], raw: bool) -> Poses:
+    """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it.
+
+    In a raw log the sweeps' own poses are readings too. In a corrected one they are the truth, and the reading that follows
+    repeats it: that step is the correction, not the robot's.
+    """
+    if raw:
+        return _planar([one.robot_pose for one in sweeps])
+    if not records.odometry:
+        return np.full((len(sweeps), 4, 4), np.nan)
+    readings, corrections = _planar(records.odometry), {one.odometry for one in sweeps}
+    steps = [np.eye(4), *(np.linalg.inv(a) @ b for a, b in pairwise(readings))]
+    travelled = np.full((len(readings) + 1, 4, 4), np.nan)
+    at = np.eye(4)
+    for row, step in enumerate(steps):
+        at = at if row in corrections else at @ step
+        travelled[row + 1] = at
+    return travelled[[one.odometry for one in sweeps]]

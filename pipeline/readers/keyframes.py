@@ -1,0 +1,83 @@
+"""Key frames of a SLAM run: clouds N.pcd and keyframes.txt with four poses each, as published of NCLT's 2013-01-10 (METHODS 7.6).
+
+ROOT/SEQUENCE/keyframes.txt    id, stamp in s, three flags, then x y z qx qy qz qw by odometry, RTK, and two optimisations
+ROOT/SEQUENCE/0.pcd …
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import LogError
+from pipeline.frames import Poses
+from pipeline.readers import log
+from pipeline.readers.folder import read_scan
+from pipeline.readers.log import Log
+from pipeline.running import settings
+
+FILE = "keyframes.txt"
+COLUMNS = 33
+"""Numbers of a row."""
+MOST = 10**9
+"""Clouds are numbered below it."""
+POSES = {"odometry": 5, "rtk": 12, "optimised_1": 19, "optimised_2": 26}
+"""First column of each pose."""
+
+
+@dataclass(frozen=True)
+class KeyFrames:
+    """A folder of such runs."""
+
+    truth: Literal["rtk", "optimised_1", "optimised_2"] = "optimised_2"
+    """Which poses are the truth; the odometry is the run's own."""
+    body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    """x, y, z in metres and roll, pitch, yaw in degrees of the stored frame in the body's: x forward, y left, z up."""
+    lift_m: float = 0.0
+    """Height of the body's origin above the ground, added to z."""
+
+    def __post_init__(self) -> None:
+        settings.check(self, "reader")
+        log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+
+    def open(self, root: Path, sequence: str) -> Log:
+        folder, skipped = root / sequence, Counter[str]()
+        rows = log.table(folder / FILE, COLUMNS)
+        odd = np.flatnonzero(~((rows[:, 0] >= 0) & (rows[:, 0] < MOST)) | (rows[:, 0] % 1 != 0))
+        if len(odd):
+            raise LogError(f"{folder / FILE}: row {odd[0] + 1} names cloud {rows[odd[0], 0]:g}; expected a whole number")
+        paths = [folder / f"{number:.0f}.pcd" for number in rows[:, 0]]
+        there = np.array([path.is_file() for path in paths])
+        skipped["no such file"] += int((~there).sum())
+        if not there.any():
+            raise LogError(f"{folder}: none of the {len(rows)} clouds that {FILE} names")
+        rows, kept = rows[there], [path for path, found in zip(paths, there, strict=True) if found]
+        stamps_ns = log.nanoseconds(folder / FILE, rows[:, 1], "s", 10**9)
+        body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        truth, odometry = (
+            log.lifted(_poses(folder / FILE, rows, name) @ np.linalg.inv(body_T_lidar), self.lift_m)
+            for name in (self.truth, "odometry")
+        )
+        vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
+        return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], 4, vehicle_T_lidar), +skipped)
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}
+
+
+def _poses(path: Path, rows: NDArray[np.float64], name: str) -> Poses:
+    """Poses (n, 4, 4) of one source; raises LogError naming the row that is none."""
+    numbers = rows[:, POSES[name] : POSES[name] + 7]
+    odd = np.flatnonzero(~(np.abs(np.linalg.norm(numbers[:, 3:].clip(-2, 2), axis=1) - 1) < 1e-3))
+    if len(odd):
+        raise LogError(f"{path}: row {odd[0] + 1} has a quaternion of {name} whose length is not 1")
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(numbers[:, 3:]).as_matrix()
+    poses[:, :3, 3] = numbers[:, :3]
+    log.refuse_poses(path, poses, np.ones(len(poses), bool))
+    return poses

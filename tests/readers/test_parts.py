@@ -1,0 +1,82 @@
+"""Parts of a log: by path, by time, cut, or by visits; none shows what another has just shown."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.readers.log import Log
+from pipeline.readers.parts import Part, names, open_part
+from tests.readers.damage import one_line
+
+LAP = 100
+XYZ_M = np.column_stack([20 * np.cos(t := np.arange(250) * 2 * np.pi / LAP), 20 * np.sin(t), np.zeros(250)])
+"""Two and a half laps of a circle of 20 m, 100 scans a lap, one a second."""
+
+
+class Laps:
+    """A reader of one log."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        poses = np.tile(np.eye(4), (250, 1, 1))
+        poses[:, :3, 3] = XYZ_M
+        return Log(np.arange(250) * 10**9, poses, poses.copy(), lambda row: np.full((1, 3), float(row)), Counter())
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        return {"laps": []}
+
+
+def part(name: str) -> Log:
+    return open_part(Laps(), Path("root"), f"laps+{name}")
+
+
+def seconds(name: str) -> list[int]:
+    return (part(name).stamps_ns // 10**9).tolist()
+
+
+@pytest.mark.parametrize(
+    ("rule", "rows"),
+    [
+        ("path:2:0", [range(125), range(125, 250)]),
+        ("time:5:10", [range(50), range(59, 100), range(109, 150), range(159, 200), range(209, 250)]),
+        ("cut:100s", [range(100), range(129, 250)]),
+        ("cut:100m:0", [range(80), range(80, 250)]),  # 1.2564 m a second
+        # Within 5 m of the start from 96 s on; what is left out is less than 10 s after a place never seen.
+        ("visits:10", [range(97), range(106, 250)]),
+    ],
+)
+def test_a_rule_makes_sequences_and_they_are_parts(rule: str, rows: list[range]) -> None:
+    assert [seconds(name.removeprefix("laps+")) for name in names("laps", rule)] == [list(part) for part in rows]
+
+
+def test_the_whole_log_is_a_sequence_too() -> None:
+    assert len(open_part(Laps(), Path("root"), "laps").stamps_ns) == 250
+
+
+def test_points_and_breaks_are_of_the_part() -> None:
+    found = part("later+10s")
+    assert found.points(0).tolist() == [[106.0] * 3]
+    assert "144 of the 250 scans of laps" in found.notes
+    again = Part("later", apart_s=10).rows(np.arange(250) * 10**9, np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M))
+    assert 200 not in again
+
+
+def test_the_odometry_breaks_where_scans_are_left_out() -> None:
+    there_and_back = np.column_stack([np.abs(np.arange(-60, 61.0)), np.zeros((121, 2))])
+    rows = Part("first", apart_s=5).rows(np.arange(121) * 10**9, there_and_back)
+    assert rows.tolist() == list(range(61))  # a revisit is within 5 m, more than 5 s later
+
+
+@pytest.mark.parametrize("rule", ["halves?", "path:1", "path", "time:2:x", "cut:5", "visits:-1"])
+def test_another_rule_is_refused(rule: str) -> None:
+    with one_line(ConfigError, "expected path:2, time:3, cut:440m, cut:400s or visits"):
+        names("laps", rule)
+
+
+def test_a_part_that_is_not_there_is_one_line() -> None:
+    with one_line(ConfigError, "part 3 of 2"):
+        part("path3of2")
+    with one_line(LogError, r"no scan is in its part from900s; the log has 250"):
+        part("from900s")
