@@ -11,7 +11,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies report test dashboard benchmarks clean
+.PHONY: demo studies real report test dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
@@ -23,6 +23,15 @@ studies: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
 	@yearloc use town world=demo question=robustness variants=engaged altered=turned cells= --add
+	@yearloc unchanged || $(REPRO)
+	@yearloc results
+
+# Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, or both are fetched into data/.
+real: .venv/ready
+	@yearloc repair
+	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
+	@yearloc use nclt_keyframes root=$(or $(DATA),data)
+	@yearloc use carmen root=$(or $(DATA),data)/carmen --add
 	@yearloc unchanged || $(REPRO)
 	@yearloc results
 

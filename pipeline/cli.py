@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     fetch = commands.add_parser(
         "fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them"
     )
-    fetch.add_argument("dataset", help="nclt: a file in conf/fetch")
+    fetch.add_argument("dataset", help="nclt, carmen or nclt_keyframes: a file in conf/fetch")
     fetch.add_argument("words", nargs="*", metavar="SEQUENCE|KEY=VALUE", help="dates; root=FOLDER (data/DATASET), base=ADDRESS")
     look = commands.add_parser("inspect", help="say what a file or artifact is: ranges, counts, frames, provenance, warnings")
     look.add_argument("path", type=Path, metavar="FILE-OR-ARTIFACT")
@@ -103,11 +103,11 @@ def _fetch(given: argparse.Namespace) -> None:
     sequences = [word for word in given.words if "=" not in word]
     if unknown := sorted(set(options) - {"root", "base"}):
         raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
-    if not sequences:
-        raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
     root = Path(options.pop("root", f"data/{given.dataset}")).expanduser()
     publisher = Publisher.of({**yaml.safe_load(path.read_text()), **options})
-    for line in publisher.fetch(root, sequences, _Bytes()):
+    if not (sequences or publisher.sequences):
+        raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
+    for line in publisher.fetch(root, sequences or publisher.sequences, _Bytes()):
         print(f"  {line}", flush=True)
     print(f"next: yearloc use {given.dataset} root={root}")
 

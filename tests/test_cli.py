@@ -181,7 +181,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus budget=rich", "tiny, demo or full"),
         ("inspect nothing.bin", "nothing.bin"),
         ("results", "dvc repro"),
-        ("fetch kitti", "expected one of nclt"),
+        ("fetch kitti", "expected one of carmen, nclt, nclt_keyframes"),
         ("fetch nclt", "for example, 2012-01-15"),
         ("fetch nclt 2012-01-15 base=http://127.0.0.1:9/", "cannot be reached"),
         ("inspect monday --save robot.yaml", "conf/dataset/NAME.yaml"),  # `use` would not find it

@@ -8,7 +8,7 @@ import hashlib
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin, urlsplit
@@ -32,15 +32,30 @@ class Archive:
     """The file or folder in the sequence's folder that exists once the archive is fetched and, if a .tar.gz, unpacked."""
     swells: float = 1.0
     """Estimate of the unpacked bytes per byte."""
+    numbers: int = 0
+    """So many files, numbered from 0: {number} in path and holds stands for each."""
+    nbytes: int = 0
+    """Estimate of the bytes of one, so that the server need not be asked; 0: it is asked."""
+    together: str = ""
+    """sha256 of the lines `DIGEST  NAME` of all numbered files, where the publisher's are known."""
 
     def __post_init__(self) -> None:
         settings.check(self, "archives")
         settings.positive("archives", swells=self.swells)
+        if not re.fullmatch("([0-9a-f]{64})?", self.together):
+            raise ConfigError(f"archives.together={self.together}: expected 64 hexadecimal digits")
         if not self.path or self.path[0] == "/" or ".." in self.path or not re.fullmatch(r"[\w{}.-]+", self.holds):
             raise ConfigError(f"archives.path={self.path}, holds={self.holds}: expected a path below the base and a name")
 
-    def of(self, sequence: str) -> "Archive":
-        return Archive(self.path.replace("{sequence}", sequence), self.holds.replace("{sequence}", sequence), self.swells)
+    def of(self, sequence: str) -> list["Archive"]:
+        """Those of a sequence: one, or all numbered ones."""
+
+        def named(number: int) -> "Archive":
+            given = (self.path, self.holds)
+            path, holds = (text.replace("{sequence}", sequence).replace("{number}", str(number)) for text in given)
+            return replace(self, path=path, holds=holds, numbers=0, together="")
+
+        return [named(number) for number in range(max(self.numbers, 1))]
 
     @property
     def name(self) -> str:
@@ -59,6 +74,10 @@ class Publisher:
     archives: Sequence[Archive]
     sequence: str = r"\w[\w.+-]*"
     """A regular expression for the names of the sequences; {sequence} in the paths is replaced by such a name."""
+    sequences: Sequence[str] = ()
+    """Fetched where none is named."""
+    licence: str = ""
+    """Said after fetching, and kept as LICENCE.txt beside the data."""
     sha256: Mapping[str, str] = field(default_factory=dict)
     """Path -> digest, where the publisher gives one."""
     tries: int = 20
@@ -99,6 +118,9 @@ class Publisher:
             store.mkdir(parents=True, exist_ok=True)
             with FileLock(store / ".lock", timeout=0):
                 yield from self._fetch(root, store, list(dict.fromkeys(sequences)), watch)
+                if self.licence:
+                    (root / "LICENCE.txt").write_text(f"{self.licence}\nFrom {self.base}\n")
+                    yield self.licence
         except Timeout:
             raise LogError(f"{store}: another fetch is at work there; wait for it") from None
         except OSError as error:
@@ -106,33 +128,50 @@ class Publisher:
 
     def _fetch(self, root: Path, store: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
-        lacking: list[tuple[Path, Archive]] = []
-        for sequence in sequences:
-            for archive in (archive.of(sequence) for archive in self.archives):
-                if (root / sequence / archive.holds).exists():
-                    yield f"{archive.name}: here already"
-                else:
-                    lacking.append((root / sequence, archive))
-        self._check_disk(downloader, store, [archive for _, archive in lacking], watch)
-        for folder, archive in lacking:
-            path = store / archive.name
-            if not path.is_file():
-                downloader.fetch(urljoin(self.base, archive.path), path, watch)
-            nbytes, digest = path.stat().st_size, self._verified(path, archive)
-            folder.mkdir(exist_ok=True)
-            files = unpack(path, folder, archive.holds) if archive.packed else 1
-            record(path).write_text(f"{digest}  {archive.name}\n")
-            path.unlink() if archive.packed else path.replace(folder / archive.holds)
-            yield f"{archive.name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
+        groups = [(root / sequence, group, group.of(sequence)) for sequence in sequences for group in self.archives]
+        missing = [[one for one in archives if not (folder / one.holds).exists()] for folder, _, archives in groups]
+        self._check_disk(downloader, store, [archive for lacking in missing for archive in lacking], watch)
+        for (folder, group, archives), lacking in zip(groups, missing, strict=True):
+            name = f"{archives[0].name} … {archives[-1].name}" if group.numbers else archives[0].name
+            if not lacking:
+                yield f"{name}: here already"
+                continue
+            nbytes, files, digest = 0, 0, ""
+            for archive in lacking:
+                path = store / archive.name
+                if not path.is_file():
+                    downloader.fetch(urljoin(self.base, archive.path), path, watch)
+                nbytes, digest = nbytes + path.stat().st_size, self._verified(path, archive)
+                folder.mkdir(exist_ok=True)
+                files += unpack(path, folder, archive.holds) if archive.packed else 1
+                record(path).write_text(f"{digest}  {archive.name}\n")
+                path.unlink() if archive.packed else path.replace(folder / archive.holds)
+            digest = self._together(store, folder, group, archives) if group.together else digest
+            yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
+
+    def _together(self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]) -> str:
+        """The digest of all numbered files; removes them and raises LogError if it is not the publisher's."""
+        digest = hashlib.sha256("".join(record(store / archive.name).read_text() for archive in archives).encode()).hexdigest()
+        if digest != group.together:
+            for archive in archives:
+                record(store / archive.name).unlink()
+                (folder / archive.holds).unlink()
+            name = f"{archives[0].name} … {archives[-1].name}"
+            raise LogError(f"{folder}: {name} have the sha256 {digest}, expected {group.together}; removed, fetch them anew")
+        return digest
 
     def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress) -> None:
-        """Raise LogError unless the disk has room for all unpacked files, and for the largest archive beside them."""
+        """Raise LogError unless the disk has room for these files unpacked, and for the largest archive beside them."""
         unpacked, packed = 0.0, 0
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
             here = path.stat().st_size if path.is_file() else part.arrived
-            whole = here if path.is_file() else part.total or downloader.length(urljoin(self.base, archive.path), watch)
+            whole = (
+                here
+                if path.is_file()
+                else part.total or archive.nbytes or downloader.length(urljoin(self.base, archive.path), watch)
+            )
             unpacked += whole * archive.swells
             packed = max(packed, whole - here if archive.packed else 0)
         free = shutil.disk_usage(store).free

@@ -1,7 +1,7 @@
 """CARMEN logs of a robot with 2-D lasers, as Freiburg, MIT and others published them (METHODS 7.5).
 
-ROOT/NAME.log, .log.gz or .clf is the sequence NAME. Its sweeps carry corrected poses, the truth; the odometry readings between
-them jump to each corrected pose and drift from there, so their steps are what the wheels measured.
+ROOT/NAME.log, .log.gz or .clf, or the same in a folder below ROOT, is the sequence NAME. Its sweeps carry corrected poses, the
+truth; the odometry readings between them jump to each corrected pose and drift from there: their steps are what wheels measured.
 """
 
 from collections import Counter
@@ -84,12 +84,14 @@ class Carmen:
         return Log(stamps_ns[known], world_T_scan[known], odom_T_scan[known], points, +records.skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        needed = {name: self.corrected and self.corrected.format(sequence=name) for name in self._files(root)}
-        return {name: [file] if file and not (root / file).is_file() else [] for name, file in sorted(needed.items())}
+        found = sorted(self._files(root).items())
+        needed = {name: path.with_name((self.corrected or path.name).format(sequence=name)) for name, path in found}
+        return {name: [] if path.is_file() else [path.name] for name, path in needed.items()}
 
     def _files(self, root: Path) -> dict[str, Path]:
         """The logs below the root by their names; those of corrected poses are no sequences."""
-        found = {path.name.removesuffix(end): path for end in carmen.SUFFIXES for path in root.glob(f"*{end}") if path.is_file()}
+        paths = [(end, path) for end in carmen.SUFFIXES for place in ("*/*", "*") for path in root.glob(place + end)]
+        found = {path.name.removesuffix(end): path for end, path in paths if path.is_file()}
         corrected = {self.corrected.format(sequence=name) for name in found} if self.corrected else set()
         return {name: path for name, path in found.items() if path.name not in corrected}
 

@@ -561,6 +561,32 @@ def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(nclt: Ser
     assert not (tmp_path / "root").exists()
 
 
+NUMBERED = {"path": "frames/{number}.pcd", "holds": "{number}.pcd", "numbers": 3, "nbytes": 1}
+
+
+def test_numbered_files_are_fetched_and_checked_together(served: Served, tmp_path: Path) -> None:
+    served.files = {f"frames/{i}.pcd": bytes([i]) for i in range(3)}
+    lines = "".join(f"{hashlib.sha256(bytes([i])).hexdigest()}  {i}.pcd\n" for i in range(3))
+    known = NUMBERED | {"together": hashlib.sha256(lines.encode()).hexdigest()}
+    run = publisher(served, archives=[known], sequence="run", licence="For research.")
+    first, licence = run.fetch(tmp_path, ["run"], Progress())
+    assert first.startswith("0.pcd … 2.pcd: 0.0 MB, files: 3, sha256")
+    assert (licence, (tmp_path / "LICENCE.txt").read_text()) == ("For research.", f"For research.\nFrom {served.address}\n")
+    assert [(tmp_path / f"run/{i}.pcd").read_bytes() for i in range(3)] == [bytes([i]) for i in range(3)]
+    assert {method for method, _, _ in served.seen} == {"GET"}  # their length is known
+    (tmp_path / "run/1.pcd").unlink()
+    assert next(run.fetch(tmp_path, ["run"], Progress())).startswith("0.pcd … 2.pcd: 0.0 MB, files: 1")
+    assert next(run.fetch(tmp_path, ["run"], Progress())) == "0.pcd … 2.pcd: here already"
+
+
+def test_numbered_files_of_another_sum_are_removed(served: Served, tmp_path: Path) -> None:
+    served.files = {f"frames/{i}.pcd": bytes([i]) for i in range(3)}
+    run = publisher(served, archives=[NUMBERED | {"together": "0" * 64}], sequence="run")
+    with one_line(LogError, "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them anew"):
+        list(run.fetch(tmp_path, ["run"], Progress()))
+    assert list((tmp_path / "run").iterdir()) == []
+
+
 def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"groundtruth_2012-01-09.csv: the server says 404 .*is there such a sequence"):
         fetch(nclt, tmp_path / "root", "2012-01-09")
@@ -579,6 +605,7 @@ def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) 
         ({"archives": [{"path": "../x", "holds": "x"}]}, "expected a path below the base"),
         ({"archives": [{"path": "x", "holds": "../x"}]}, "expected a path below the base"),
         ({"archives": [{"path": "x"}]}, "missing 1 required"),
+        ({"archives": [{"path": "x", "holds": "x", "together": "12"}]}, "archives.together=12: expected 64"),
     ],
 )
 def test_a_setting_that_cannot_be_is_named(served: Served, change: dict[str, Any], says: str) -> None:
@@ -589,4 +616,4 @@ def test_a_setting_that_cannot_be_is_named(served: Served, change: dict[str, Any
 def test_the_projects_own_setting_is_the_official_one() -> None:
     official = Publisher.of(conf())
     assert official.base == "https://s3.us-east-2.amazonaws.com/nclt.perl.engin.umich.edu/"
-    assert Archive(**conf()["archives"][2]).of(DATE).path == f"velodyne_data/{DATE}_vel.tar.gz"
+    assert Archive(**conf()["archives"][2]).of(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"
