@@ -136,7 +136,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    5,
+    6,
     {
         "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
@@ -147,9 +147,7 @@ EVALUATIONS = Schema(
         "recall": _judged("f8", ("protocol", "top_n", "threshold"), "cells: hits / (hits + misses); distance: hits / seen"),
         "auc": _judged("f8", ("protocol", "top_n"), "area under precision over recall through these thresholds"),
         "auc_exact": _judged("f8", ("protocol", "top_n"), "the same through every distinct novelty"),
-        "recall_at": _judged(
-            "f8", ("protocol", "top_n"), "share of the seen queries with a true place among the first n; NaN of none"
-        ),
+        "recall_at": _judged("f8", ("protocol", "top_n"), "share of the seen with a true place among the first n; NaN of none"),
         "true_rank": _judged("i8", ("protocol", "query"), "0-based rank of the first true place; −1 if unseen or not ranked"),
         "seen": _judged("?", ("protocol", "query"), "training went there"),
         "unseen": _judged("?", ("protocol", "query"), "training never went there; a query that is neither is not judged"),
@@ -187,6 +185,7 @@ EVALUATIONS = Schema(
         "reject_from": "novelty from which the model rejects, for each kind",
         "wanted_precision": "that it was chosen for",
         "promised": "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
+        "blind": "by protocol, recall@1 of one and the same answer to every query; null of none seen",
         "distance": "the distances of the protocol by distance, in metres",
         "bootstrap": "how the intervals were computed",
     },

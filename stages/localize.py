@@ -37,8 +37,8 @@ def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, fol
         for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             out.put(column, getattr(ranking, column))
     rejected = int((ranking.novelty[: len(driven.stamps_ns), 0].astype(float) >= thresholds[0]).sum())
-    altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
-    return f"{sequence}: {ranking.places.shape[1]} places for {len(driven.stamps_ns)} queries{altered}, {rejected} rejected"
+    altered, said = f" in {len(cases)} cases" if len(cases) > 1 else "", rejection.summary(model, ranking.kinds[0], rejected)
+    return f"{sequence}: {ranking.places.shape[1]} places for {len(driven.stamps_ns)} queries{altered}, {said}"
 
 
 if __name__ == "__main__":

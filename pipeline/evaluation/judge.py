@@ -12,6 +12,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
 from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
+from pipeline.evaluation.doubts import blind
 from pipeline.evaluation.judgement import CORRECT_REJECTION, FALSE_ALARM, HIT, MISS, NOT_JUDGED, Evaluation, Judgement
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
@@ -74,6 +75,7 @@ def judge(
         answer_xy_m=answer_xy_m,
         kinds=ranking.kinds,
         days=days,
+        blind=blind(labels.places, labels.nearest_m, xy_m, distance),
     )
 
 

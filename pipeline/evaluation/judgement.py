@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.counts import ExactCounts
+from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
 from pipeline.schemas import EVALUATIONS
@@ -68,6 +69,7 @@ class Evaluation:
     reject_from: tuple[float, ...]
     promised: float
     days: int
+    blind: Mapping[str, float]
 
     @property
     def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -78,6 +80,11 @@ class Evaluation:
     def protocol(self, name: str) -> Judgement:
         """The judgement by one of PROTOCOLS."""
         return {"cells": self.cells, "distance": self.distance}[name]
+
+    def doubts(self, name: str) -> dict[str, float]:
+        """What makes the numbers by that protocol say little, or nothing."""
+        seen = int(self.protocol(name).seen.sum())
+        return doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], seen)
 
     def truth(self, name: str) -> Truth:
         """What that judgement took as true of the queries."""
@@ -109,6 +116,7 @@ class Evaluation:
         promised = artifact.attrs["promised"]
         own |= {"kinds": tuple(artifact.attrs["kinds"]), "reject_from": tuple(map(float, artifact.attrs["reject_from"]))}
         own["promised"] = np.nan if promised is None else float(promised)
+        own["blind"] = {by: np.nan if share is None else float(share) for by, share in artifact.attrs["blind"].items()}
         return cls(**own, days=int(artifact.attrs["days"]))
 
 
@@ -126,7 +134,7 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
     first = next(iter(evaluations.values()))
     names = {"protocols": list(PROTOCOLS), "numbers": list(NUMBERS), "measures": list(MEASURES), "kinds": list(first.kinds)}
     promised = None if np.isnan(first.promised) else first.promised
-    own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised}
+    own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised, "blind": _valid(first.blind)}
     return {"cases": [asdict(case) for case in evaluations], **own, **names}
 
 
@@ -136,10 +144,11 @@ def summary(evaluation: Evaluation) -> dict[str, Any]:
     for protocol in PROTOCOLS:
         by = evaluation.protocol(protocol)
         values = {name: evaluation.number(protocol, name)[0] for name in NUMBERS} | {"threshold": evaluation.reject_from[0]}
-        found[protocol] = {"seen": int(by.seen.sum()), "unseen": int(by.unseen.sum())} | _valid(values)
+        counts = {"seen": int(by.seen.sum()), "unseen": int(by.unseen.sum())}
+        found[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
     found["calibration"] = _valid(dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True)))
     return found
 
 
-def _valid(numbers: dict[str, float]) -> dict[str, float | None]:
+def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
     return {name: number if abs(number) < np.finfo(np.float64).max else None for name, number in numbers.items()}

@@ -1,5 +1,6 @@
 """The numbers that are compared, from weighted queries: weights of one give the estimate, a bootstrap's give its spread."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.counts import Counts, ExactCounts, right
 from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
+from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.protocols import Truth
 
 POSES = (
@@ -167,7 +169,9 @@ def where(whole: Number, value: Number) -> Number:
     return np.where(whole > 0, value, np.nan)
 
 
-def line(numbers: dict[str, float | None]) -> str:
-    """A few of the numbers, as a line has room for."""
+def line(numbers: Mapping[str, float | None]) -> str:
+    """A few of the numbers, as a line has room for, and what makes them doubtful."""
     shown = ("auc_top1", "recall_at_1", "auroc")
-    return " ".join(f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none" for name in shown)
+    known = (f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none" for name in shown)
+    doubted = [name.removeprefix("doubt_").replace("_", " ") for name in (VOID, *DOUBTS) if name in numbers]
+    return " ".join(known) + (f" ({', '.join(doubted)})" if doubted else "")

@@ -49,7 +49,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
         numbers = dict(zip(NUMBERS, by.numbers, strict=True))
         known = {name: values for name, values in numbers.items() if name not in POSES or not np.isnan(evaluation.promised)}
-        yield from several(parts, protocol, counts | shares | known)
+        yield from several(parts, protocol, counts | shares | known | ({} if case.change else evaluation.doubts(protocol)))
         for kind, measures in () if case.change else zip(evaluation.kinds, by.rejection, strict=True):
             own = parts | {"case": f"novelty {kind}", "kind": kind}
             yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)))

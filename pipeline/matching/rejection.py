@@ -87,6 +87,15 @@ class Rejection:
         evidence = Evidence.of(model)
         return [threshold_for(self.wanted_precision, *evidence.queries(kind, self.unseen_share)) for kind in kinds]
 
+    def summary(self, model: Model, kind: str, rejected: int) -> str:
+        """How many queries are rejected; where all must be, which precision can be kept instead."""
+        evidence = Evidence.of(model)
+        best = best_precision(*evidence.queries(kind, self.unseen_share))
+        if best >= self.wanted_precision:
+            return f"{rejected} rejected"
+        held_out = f"no threshold keeps {self.wanted_precision:g} on {len(evidence.right)} held-out queries"
+        return f"all rejected: {held_out}; the best keeps {best:.3f}: rejection.wanted_precision={np.floor(100 * best) / 100:g}"
+
 
 def threshold_for(
     precision: float,
@@ -100,10 +109,22 @@ def threshold_for(
     A query (n,) is accepted below the threshold, and then is `right` or a false alarm; `weight` (n,) says how many real
     queries each stands for. As many as `wrong_besides` are counted as false alarms besides.
     """
+    novelties, hits, accepted = _accepted(novelty, right, weight)
+    good = np.flatnonzero(hits >= precision * (accepted + wrong_besides))
+    return float(np.nextafter(novelties[good[-1]], np.inf)) if len(good) else ACCEPT_NOTHING
+
+
+def best_precision(novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]) -> float:
+    """The highest precision that any threshold keeps among what it accepts; 0 of no query."""
+    _, hits, accepted = _accepted(novelty, right, weight)
+    return float((hits / accepted).max(initial=0.0))
+
+
+def _accepted(
+    novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Each distinct novelty in rising order, and the weights of the hits and of all that are accepted up to it."""
     order = np.argsort(novelty, kind="stable")
-    ordered = novelty[order]
-    accepted = np.cumsum(weight[order])
-    kept = (accepted > 0) & (np.cumsum((weight * right)[order]) >= precision * (accepted + wrong_besides))
-    last = np.append(ordered[1:] > ordered[:-1], True)
-    good = np.flatnonzero(kept & last)
-    return float(np.nextafter(ordered[good[-1]], np.inf)) if len(good) else ACCEPT_NOTHING
+    ordered, accepted, hits = novelty[order], np.cumsum(weight[order]), np.cumsum((weight * right)[order])
+    last = np.append(ordered[1:] > ordered[:-1], True)[: len(ordered)] & (accepted > 0)
+    return ordered[last], hits[last], accepted[last]

@@ -5,12 +5,15 @@ Every value is a row of the table of results, or a mean of such rows over the te
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.paired import COMPARED, LEVEL
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
 from pipeline.report.result import Values, by_model
 from pipeline.report.study import Study, against, indexed
@@ -46,6 +49,23 @@ def answer(study: Study) -> Finding:
     budget = float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
     about = {"where": study.where, "train": study.train[:10], "tests": len(groups[study.best]), "budget": budget}
     return Finding("answer", **about, near_m=study.distance.correct_m, cell_m=study.cell_m, first=first, others=others)
+
+
+def doubts(study: Study) -> list[Finding]:
+    """A finding a model and protocol: what makes its numbers say little or nothing, and on which test sequences."""
+    found = []
+    for (model, group), by in product(by_model(study.results).items(), PROTOCOLS):
+        doubted = {name: [one for one in group if (by, name) in one.numbers] for name in (VOID, *DOUBTS)}
+        listed = [
+            {"name": name, "on": [one.sequence for one in ones], "value": max(one.number(by, name) for one in ones)}
+            for name, ones in doubted.items()
+            if ones
+        ]
+        if listed:
+            blind = max(one.number(by, BLIND) for one in group)
+            about = {"blind": blind, "wanted": group[0].wanted_precision, "best": study.held_out_best(model), "tests": len(group)}
+            found.append(Finding("doubts", model=model, protocol=by, listed=listed, **about))
+    return found
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:

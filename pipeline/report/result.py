@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import Evaluation
 
 Values = tuple[float, float, float]  # a number and its 95 % interval, lowest and highest; NaN where there is none
@@ -32,6 +33,10 @@ class Result:
     def posed(self) -> bool:
         """Whether its answers are poses."""
         return not np.isnan(self.evaluation.promised)
+
+    def void(self, protocol: str) -> bool:
+        """Whether the numbers by that protocol mean nothing: one answer to every query would do as well, or none is seen."""
+        return (protocol, VOID) in self.numbers
 
     def number(self, protocol: str, name: str) -> float:
         """One number by one protocol; NaN where there is none."""

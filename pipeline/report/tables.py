@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -78,8 +79,7 @@ def poses(study: Study, posed: Sequence[Result]) -> Table:
     rows, days = [], dates(posed)
     for one in posed:
         cells = [number(one.number("distance", name), digits, one.interval("distance", name)) for _, name, digits in POSES]
-        source = study.source("evaluate", one.sequence, one.model)
-        rows.append((one.model, Cell(days[one.sequence], source=source), *cells))
+        rows.append((one.model, Cell(days[one.sequence], source=study.source("evaluate", one.sequence, one.model)), *cells))
     return table("poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2)
 
 
@@ -90,7 +90,8 @@ def main(study: Study, protocol: str, name: str) -> Table:
 
     def entry(one: Result) -> Cell:
         mark, source = marks.get((one.model, one.sequence), ""), study.source("evaluate", one.sequence, one.model)
-        return number(one.number(protocol, name), 3, one.interval(protocol, name), mark, source)
+        known = number(one.number(protocol, name), 3, one.interval(protocol, name), mark, source)
+        return Cell(VOID, source=source) if one.void(protocol) else known
 
     rows, best = [], []
     for sequence, group in by_sequence(study.results).items():

@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Iterator
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report import tables, viewpoint_tables
-from pipeline.report.render import caption, words
+from pipeline.report import findings, tables, viewpoint_tables
+from pipeline.report.render import caption, sentence, words
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
@@ -25,6 +25,8 @@ def _blocks(study: Study) -> Iterator[str]:
             for one in (tables.main(study, protocol, number) for number in tables.MAIN):
                 yield from (_wrapped(caption(one)), one.text())
         yield from (tables.means(study).text(), _wrapped(words("terminal")) + "\n")
+        if doubted := [_wrapped(sentence(one)) for one in findings.doubts(study)]:
+            yield "\n".join(doubted) + "\n"
     if on_bird_views(study.words["methods"]):
         yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
         yield from (one.text() for one in viewpoint_tables.over(study))

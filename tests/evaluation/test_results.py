@@ -84,7 +84,8 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
     novelties = [f"novelty {kind}" for kind in one.kinds]
     assert list(found) == [
         *(key for by in ("cells", "distance") for key in (
-            *(("", by, name) for name in names), *((case, by, name) for case in novelties for name in MEASURES))),
+            *(("", by, name) for name in (*names, *one.doubts(by))),
+            *((case, by, name) for case in novelties for name in MEASURES))),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
     ]  # fmt: skip
     told = {name: found["", "cells", name]["value"] for name in names}

@@ -36,7 +36,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     rests = {"protocol by distance": vars(study.distance), "bootstrap": vars(study.bootstrap), "budget": study.words["budget"]}
     trained = [study.source("train", model=model) for model in study.families]
     judged = [study.source("evaluate", one.sequence, one.model) for one in study.results]
-    yield Section(f"{name}-answer", "answer", "answer", values, [findings.answer(study)])
+    yield Section(f"{name}-answer", "answer", "answer", values, [findings.answer(study), *findings.doubts(study)])
     unfolded: Any = {"folded": False, "parameters": rests}
     setup = [one for one in (tables.setup(study), tables.sequences(study), tables.costs(study)) if one]
     yield Section(f"{name}-setup", "setup", "setup", values, tables=setup, sources=trained, **unfolded)

@@ -1,0 +1,51 @@
+"""Doubts: what makes a score say little, or nothing at all; they are rows of the table of results like any number."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipeline.evaluation.protocols import Distance
+from pipeline.matching.rejection import ACCEPT_NOTHING
+
+BLIND = "blind_recall_at_1"
+"""What one and the same answer to every query would reach: half of it all, and the score is void."""
+VOID = "void"
+HALF, FEW = 0.5, 30
+DOUBTS = ("doubt_one_answer", "doubt_few_seen", "doubt_all_rejected", "doubt_none_rejected", "doubt_no_threshold")
+"""Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
+seen, if FEW or fewer; 1 where all are rejected, none is, or no threshold kept the wanted precision on held-out blocks."""
+
+
+def blind(
+    places: NDArray[np.int64], nearest_m: NDArray[np.float64], xy_m: NDArray[np.float64], distance: Distance
+) -> dict[str, float]:
+    """By protocol, the share of seen queries that one answer to all would be right for; NaN of none seen.
+
+    `places` (q,) are true ones, −1 unseen, `nearest_m` (q,) the distances to training, `xy_m` (q, 2) where queries were taken.
+
+    By cells that is the commonest place, by distance a position where a query was taken.
+    """
+    there, near = places[places >= 0], xy_m[nearest_m < distance.seen_m]
+    commonest = np.bincount(there).max() / len(there) if len(there) else np.nan
+    around = (
+        KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max() / len(near) if len(near) else np.nan
+    )
+    return {"cells": float(commonest), "distance": float(around)}
+
+
+def doubts(
+    blind: float, answers: NDArray[np.int64], novelty: NDArray[np.floating], reject_from: float, seen: int
+) -> dict[str, float]:
+    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,) and the threshold in use."""
+    _, counts = np.unique(answers, return_counts=True)
+    one = counts.max(initial=0) / max(len(answers), 1)
+    rejected = novelty.astype(np.float64) >= reject_from
+    applies = {
+        "doubt_one_answer": (one, one >= HALF),
+        "doubt_few_seen": (seen, seen <= FEW),
+        "doubt_all_rejected": (1.0, rejected.all() and reject_from > ACCEPT_NOTHING),
+        "doubt_none_rejected": (1.0, not rejected.any()),
+        "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),
+        VOID: (1.0, not blind < HALF),
+    }
+    return {BLIND: blind, **{name: float(value) for name, (value, there) in applies.items() if there}}

@@ -1,0 +1,41 @@
+"""Scores that say little: one answer to all, a site within the tolerance, thresholds that reject all or nothing."""
+
+import numpy as np
+import pytest
+
+from pipeline.evaluation.doubts import BLIND, VOID, blind, doubts
+from pipeline.evaluation.protocols import Distance
+from pipeline.matching.rejection import ACCEPT_NOTHING
+
+NOVELTY = np.linspace(0, 1, 40)
+MANY = np.arange(40)
+
+
+def test_what_one_answer_to_all_would_reach() -> None:
+    # By cells place 1 is right for two of the three seen; by distance 10 m is within 15 m of three of the four near ones.
+    xy_m = np.array([[0.0, 0], [10, 0], [20, 0], [90, 0], [200, 0]])
+    found = blind(np.array([1, 1, 2, -1, -1]), np.array([0, 1, 2, 3, 100.0]), xy_m, Distance())
+    assert found == {"cells": 2 / 3, "distance": 3 / 4}
+    nothing = blind(np.array([-1]), np.array([100.0]), xy_m[:1], Distance())
+    assert np.isnan([*nothing.values()]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "applies"),
+    [
+        ({}, {}),
+        ({"blind": 0.5}, {VOID: 1}),
+        ({"blind": np.nan, "seen": 0}, {VOID: 1, "doubt_few_seen": 0}),
+        ({"answers": np.minimum(MANY, 21)}, {}),
+        ({"answers": np.minimum(MANY, 20)}, {"doubt_one_answer": 0.5}),
+        ({"seen": 30}, {"doubt_few_seen": 30}),
+        ({"reject_from": -0.1}, {"doubt_all_rejected": 1}),
+        ({"reject_from": 1.1}, {"doubt_none_rejected": 1}),
+        ({"reject_from": ACCEPT_NOTHING}, {"doubt_no_threshold": 1}),
+    ],
+)
+def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
+    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "seen": 31}
+    found = doubts(**usual | change)
+    assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
+    assert found == applies
