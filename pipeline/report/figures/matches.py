@@ -108,8 +108,8 @@ class Training:
     xy_m: NDArray[np.float64]  # (submap, 2)
 
     def answered(self, place: int, xy_m: NDArray[np.float64]) -> int:
-        """The submap of a place that lies nearest to the answer's position (2,)."""
-        rows = np.flatnonzero(self.places == place)
+        """The submap of a place that lies nearest to the answer's position (2,); of them all for a place that is none, −1."""
+        rows = np.flatnonzero((self.places == place) | (place < 0))
         return int(rows[np.linalg.norm(self.xy_m[rows] - xy_m, axis=1).argmin()])
 
     def nearest(self, xy_m: NDArray[np.float64]) -> int:

@@ -67,6 +67,7 @@ def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_t
     training = Training(None, TRAIN_PLACES, TRAIN_XY_M)
     assert training.answered(3, TRAIN_XY_M[15:20].mean(axis=0)) == 17  # submaps 15 to 19
     assert [training.answered(3, TRAIN_XY_M[row]) for row in (18, 40)] == [18, 19]
+    assert training.answered(-1, TRAIN_XY_M[40]) == 40  # a pose in a cell where training never went
     assert training.nearest(np.array([20.0, 50.0])) == 10  # at 10 · 100/49 = 20.4 m
 
 
