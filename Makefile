@@ -2,6 +2,7 @@
 SHELL := /bin/bash
 PYTHON ?= python3
 PORT ?= 5000
+BUDGET ?= demo
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 export DVC_NO_ANALYTICS := 1
@@ -26,12 +27,12 @@ studies: .venv/ready
 	@yearloc unchanged || $(REPRO)
 	@yearloc results
 
-# Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, or both are fetched into data/.
+# Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, or both are fetched into data/; BUDGET=full trains ten times longer.
 real: .venv/ready
 	@yearloc repair
 	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
-	@yearloc use nclt_keyframes root=$(or $(DATA),data)
-	@yearloc use carmen root=$(or $(DATA),data)/carmen --add
+	@yearloc use nclt_keyframes root=$(or $(DATA),data) budget=$(BUDGET)
+	@yearloc use carmen root=$(or $(DATA),data)/carmen budget=$(BUDGET) --add
 	@yearloc unchanged || $(REPRO)
 	@yearloc results
 

@@ -1,6 +1,7 @@
 """The `yearloc` command."""
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -68,6 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except YearlocError as error:
         print(f"yearloc {given.command}: {error}", file=sys.stderr)
         sys.exit(1)
+    except BrokenPipeError:  # a reader such as head has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _use(given: argparse.Namespace) -> None:

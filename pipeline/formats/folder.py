@@ -1,6 +1,7 @@
 """Scan files (.bin, .npy, .pcd) and TUM pose files of a robot that belongs to no published data set."""
 
 import io
+import math
 from decimal import Decimal
 from pathlib import Path
 
@@ -75,10 +76,11 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
         shape, by_columns, kind = read(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
-    if len(shape) != 2 or shape[1] < 3 or kind.kind not in "fiu" or kind.itemsize > 8:
+    if len(shape) < 2 or shape[-1] < 3 or kind.kind not in "fiu" or kind.itemsize > 8:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {kind}{shape}")
-    body, wanted = memoryview(data)[file.tell() :], shape[0] * shape[1] * kind.itemsize
+    body, wanted = memoryview(data)[file.tell() :], math.prod(shape) * kind.itemsize
     if len(body) != wanted:
         raise LogError(f"{path}: {len(body)} bytes of points, {wanted} for its shape {shape}; the file is damaged")
     flat = np.frombuffer(body, kind) if wanted else np.empty(0)
-    return flat.reshape(shape, order="F" if by_columns else "C")[:, :3].astype(np.float64)
+    rows = flat.reshape(shape, order="F" if by_columns else "C").reshape(-1, shape[-1])  # a range image has rows and columns
+    return rows[:, :3].astype(np.float64)

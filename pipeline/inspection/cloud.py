@@ -13,6 +13,8 @@ from pipeline.inspection.inspection import Inspection, metres, typographic
 MANY = 1_000
 """A scan of a spinning LiDAR has at least so many points."""
 UNKNOWN = (float("nan"),) * 3
+RAISED_M = 0.5
+"""A ground so far from z = 0 was not put there; below, the origin is taken for the sensor."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,17 @@ class Diagnosis:
             ("ground", _known(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m")),
         ]
         if np.isfinite(self.sensor_m):
-            rows.append(("sensor", f"{self.sensor_m:.2f} m over the ground (estimated)"))
+            source = "estimated" if self.ground_m >= -RAISED_M else "if it is the origin"
+            rows.append(("sensor", f"{self.sensor_m:.2f} m over the ground ({source})"))
         found.add(title, *rows)
         found.warnings += self.warnings
 
 
-def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = None) -> Diagnosis:
+def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = None, mounted_m: float = np.nan) -> Diagnosis:
     """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame: x forward, y left, z up, ground at z = 0.
 
-    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are estimated.
+    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are estimated. `mounted_m` is
+    the z of the sensor, where it is known.
     """
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
@@ -90,13 +94,15 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
         found = find_beams(points, ground, -1.0 if down else 1.0)
         if found is not None:
             beams, sensor = beams or found[0], abs(found[1] - ground)
+        if ground < -RAISED_M or np.isfinite(mounted_m):
+            sensor = np.nan_to_num(mounted_m) - ground  # the points' origin is the sensor
         warn(
             down,
             f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every highest z is the ground's: "
             "turn it by (x, −y, −z)",
         )
         warn(
-            abs(ground) > 0.5,
+            abs(ground) > RAISED_M,
             f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as much; "
             f"raise the points by {_signed(-ground)} m (lidar_height_m, lift_m of the dataset's yaml)",
         )

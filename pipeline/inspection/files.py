@@ -75,7 +75,7 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
     found.warn(lost, f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
     outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
     found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
-    diagnose(points + np.array([0.0, 0.0, height_m])).add_to(found)
+    diagnose(points + np.array([0.0, 0.0, height_m]), mounted_m=height_m).add_to(found)
 
 
 def _packets(path: Path, found: Inspection) -> None:
@@ -126,12 +126,13 @@ def array_file(path: Path, found: Inspection) -> None:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         raise LogError(f"{path}: not a whole .npy file of numbers ({type(error).__name__}); save it anew") from None
-    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu" or not len(array):
+    if array.ndim < 2 or array.shape[-1] < 3 or array.dtype.kind not in "fiu" or not array.size:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
+    shape, array = array.shape, array.reshape(-1, array.shape[-1])
     stride = max(1, len(array) // MOST_POINTS)
     found.describe(
         "array of points",
-        ("shape", f"{array.dtype}{array.shape}"),
+        ("shape", f"{array.dtype}{shape}"),
         ("size", nbytes(path.stat().st_size)),
         *([("inspected", f"every {stride}th point")] if stride > 1 else []),
         ("frame", "taken as x forward, y left, z up, in metres"),

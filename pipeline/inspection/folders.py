@@ -6,17 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
-from pipeline.formats import kitti, nclt
+from pipeline.formats import carmen, kitti, nclt
 from pipeline.inspection.cloud import survey
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.files import FORMATS, format_of
 from pipeline.inspection.inspection import Inspection, clock, duration, metres, nbytes
 from pipeline.readers import log
+from pipeline.readers.carmen import Carmen
+from pipeline.readers.keyframes import KeyFrames
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Log, Reader
 from pipeline.readers.nclt import Nclt, read_velodyne_sync
 from pipeline.readers.robotcar import RobotCar
 
+FRAMES = "key frames"
+SHOWN = 20  # names of a folder
 RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 
 
@@ -72,7 +76,13 @@ def sequence(path: Path, found: Inspection) -> None:
 
 def root(path: Path, found: Inspection) -> None:
     """The root of a data set: its sequences, and the files that each lacks; raises LogError if there is no sequence."""
-    readers: dict[str, Reader] = {"KITTI": Kitti(), "NCLT": Nclt(), "RobotCar": RobotCar()}
+    readers: dict[str, Reader] = {
+        "KITTI": Kitti(),
+        "NCLT": Nclt(),
+        "RobotCar": RobotCar(),
+        "CARMEN": Carmen(),
+        FRAMES: KeyFrames(),
+    }
     held = {name: reader.sequences(path) for name, reader in readers.items()}
     name, sequences = next((item for item in held.items() if item[1]), ("", {}))
     if not sequences:
@@ -96,12 +106,32 @@ def describe_opened(found: Inspection, kind: str, root: Path, reader: Reader, ti
     """
     found.path = path = found.path.resolve()
     names = sorted(file.name + ("/" if file.is_dir() else "") for file in path.iterdir())
-    found.describe(f"{kind} sequence {path.name}", ("holds", ", ".join(names)), ("root", str(root.resolve())))
+    more = f", and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
+    found.describe(f"{kind} sequence {path.name}", ("holds", ", ".join(names[:SHOWN]) + more), ("root", str(root.resolve())))
     try:
         log = reader.open(root, path.name)
     except LogError as error:
         found.warn(True, f"the reader refuses the sequence: {error}")
         return None
+    describe_log(found, log, title, scans)
+    return log
+
+
+def key_frames(path: Path, found: Inspection) -> None:
+    """A folder with keyframes.txt and its clouds, as they lie in the file."""
+    if log := describe_opened(found, FRAMES, path.resolve().parent, KeyFrames(), "as its reader opens it"):
+        survey(found, len(log.stamps_ns), log.points, "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them")
+
+
+def carmen_log(path: Path, found: Inspection) -> None:
+    """A CARMEN log, with the reader's usual settings."""
+    name = next(path.name.removesuffix(end) for end in carmen.SUFFIXES if path.name.endswith(end))
+    found.describe("CARMEN log", ("size", nbytes(path.stat().st_size)))
+    describe_log(found, Carmen().open(path.parent, name), "as its reader opens it", "sweeps")
+
+
+def describe_log(found: Inspection, log: Log, title: str, scans: str) -> None:
+    """The content of a log, whose rows are called `scans`; warns of what is missing."""
     found.warnings += tuple(f"{lost:,} {scans} are skipped: {reason}" for reason, lost in sorted(log.skipped.items()))
     found.warnings += log.notes
     count, placed = len(log.stamps_ns), int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
@@ -117,7 +147,6 @@ def describe_opened(found: Inspection, kind: str, root: Path, reader: Reader, ti
         ("odometry", f"at {posed:.3g} % of the {scans}"),
     )
     found.warn(not placed, "no scan has a true pose: do the stamps of the scans and of the ground truth share a clock?")
-    return log
 
 
 def rate(found: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:

@@ -4,16 +4,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.formats import carmen
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection import artifacts, bags, files, folders, robotcar, tracks
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.origin import add_provenance
+from pipeline.readers import keyframes
 
 KNOWN = (
     ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib; TUM poses), .npy, .pcd, "
-    ".bag, .mcap, .db3, or a folder of these"
+    ".bag, .mcap, .db3, .log and .clf (CARMEN), or a folder of these"
 )
+FOREIGN = {
+    ".pcap": "packets of a lidar: play them through its driver, and record the points topic with `ros2 bag record`",
+    ".osf": "Ouster's recording: `ouster-cli source FILE save clouds.bag` makes a bag of it",
+    ".las": "a surveyor's map, not scans: yearloc learns from scans and where each was taken",
+    ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
+}
+FOREIGN[".laz"] = FOREIGN[".las"]
+"""What files that are no scans of ours hold, and what to do."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
     "*.safetensors": artifacts.model,
     **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
@@ -60,6 +70,8 @@ def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
         robotcar.sequence(path, found)
     elif path.name in LASERS:
         robotcar.sweeps(path, found)
+    elif (path / keyframes.FILE).is_file():
+        folders.key_frames(path, found)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
         bags.bags(path, found)
     elif is_scans:
@@ -80,5 +92,9 @@ def _file(path: Path, as_format: str | None, found: Inspection) -> None:
         tracks.kitti_poses(path, found)
     elif path.suffix in (".txt", ".tum") and tracks.is_tum(path):
         tracks.tum_poses(path, found)
+    elif path.name.endswith(carmen.SUFFIXES):
+        folders.carmen_log(path, found)
+    elif path.suffix in FOREIGN:
+        raise ConfigError(f"{path}: {FOREIGN[path.suffix]}")
     else:
         raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {KNOWN}")

@@ -17,6 +17,7 @@ LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank"
 LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound3": 3, "confidence2": 2}
 ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
 ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}, "grain_m": 0.005, "skipped": {}, "clipped": 0}
+ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1)}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ROWS = 10
 SCHEMAS = {schema.kind: schema for schema in ALL}
@@ -179,12 +180,14 @@ def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
         ("a.zarr", ArtifactError, "dvc repro"),
         ("a.bin", LogError, "no such file"),
         ("notes.md", ConfigError, "no kind of file"),
+        ("a.laz", ConfigError, "a surveyor's map, not scans"),
+        ("a.pcap", ConfigError, "ros2 bag record"),
         ("bad.safetensors", ArtifactError, "not a safetensors"),
         ("", LogError, r"no artifact, folder of scans.*notes.md"),
     ],
 )
 def test_what_is_missing_or_unknown_is_one_line(tmp_path: Path, name: str, kind: type, says: str) -> None:
-    for there in ("notes.md", "bad.safetensors"):
+    for there in ("notes.md", "bad.safetensors", "a.laz", "a.pcap"):
         (tmp_path / there).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)

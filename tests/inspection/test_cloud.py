@@ -24,6 +24,11 @@ def test_beams_are_counted_from_the_points_alone(beams: int) -> None:
     assert diagnose(scan(beams)).beams == beams
 
 
+def test_the_sensor_stands_over_the_ground_by_what_is_known() -> None:
+    assert diagnose(scan(ground_m=-1.73)).sensor_m == pytest.approx(1.73, abs=0.05)  # its points start at it
+    assert diagnose(scan(), mounted_m=1.9).sensor_m == pytest.approx(1.9, abs=0.05)
+
+
 def test_laser_ids_overrule_the_estimate() -> None:
     points = scan(16)
     assert diagnose(points, np.resize(np.arange(32, dtype=np.uint8), len(points))).beams == 32

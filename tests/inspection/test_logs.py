@@ -10,6 +10,7 @@ from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
+from tests.readers.logs import carmen_log, key_frames
 
 START_US = 1_326_652_795_000_000
 
@@ -181,3 +182,13 @@ def test_a_pcd_is_described_with_its_fields_and_points(tmp_path: Path) -> None:
     path.write_bytes(HEAD.format(n=1).encode() + np.full(6, np.nan, "<f4").tobytes())
     with one_line(LogError, "none of its 1 points has finite x, y and z"):
         inspect(path)
+
+
+def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(tmp_path: Path) -> None:
+    log = inspect(carmen_log(tmp_path / "logs") / "drive.log")
+    assert_says(log, "CARMEN log", "sweeps    6, 6 with a true pose", "odometry  at 83.3 % of the sweeps")
+    assert any("6 of 18 ranges reached the laser's limit" in warning for warning in log.warnings)
+    assert_says(inspect(tmp_path / "logs"), "CARMEN root, sequences: 1", "drive  can be read")
+    run = key_frames(tmp_path / "runs") / "run"
+    assert_says(inspect(run), "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m")
+    assert_says(inspect(tmp_path / "runs"), "key frames root, sequences: 1", "run  can be read")

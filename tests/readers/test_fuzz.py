@@ -171,6 +171,13 @@ def test_a_damaged_scan_is_read_or_refused(
     assert read is not own_scan or np.isfinite(found).all()
 
 
+def test_a_range_image_is_points(tmp_path: Path) -> None:
+    np.save(tmp_path / "1.npy", np.arange(24.0).reshape(2, 3, 4))
+    assert own_scan(tmp_path / "1.npy")[:, 0].tolist() == [0, 4, 8, 12, 16, 20]
+    np.save(tmp_path / "1.npy", np.asfortranarray(np.arange(24.0).reshape(2, 3, 4)))
+    assert own_scan(tmp_path / "1.npy")[:, 0].tolist() == [0, 4, 8, 12, 16, 20]
+
+
 def npy_header(shape: str, kind: str = "<f4", body: bytes = bytes(24), version: int = 1) -> bytes:
     head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY" + bytes([version, 0]) + len(head).to_bytes(2 if version == 1 else 4, "little") + head + body
