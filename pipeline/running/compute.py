@@ -1,12 +1,14 @@
 """Everything parallel goes through here: blocks of rows, computed by Dask, delivered in order."""
 
+import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, TypeVar
+from threading import Thread
+from typing import Any, Literal, TypeVar
 
 from pipeline.errors import ConfigError
 from pipeline.running.settings import check
@@ -56,7 +58,7 @@ class Compute:
         elif self.scheduler == "processes":
             from dask.multiprocessing import get, get_context, initialize_worker_process
 
-            with ProcessPoolExecutor(workers, get_context(), initialize_worker_process) as pool:
+            with ProcessPoolExecutor(workers, get_context(), _initialize, (initialize_worker_process,)) as pool:
                 yield partial(get, pool=pool, chunksize=1)  # Dask's own 6 would give all blocks to one process
         else:
             address = os.environ.get("DASK_SCHEDULER_ADDRESS")
@@ -68,3 +70,14 @@ class Compute:
 
             with Client(address, set_as_default=False) as client:
                 yield client.get
+
+
+def _initialize(dask_s: Callable[[], None]) -> None:
+    """Dask's own start of a worker; and the worker ends when its stage is killed, else it would keep its memory for ever."""
+
+    def end_with(stage: Any) -> None:
+        stage.join()
+        os._exit(1)
+
+    dask_s()
+    Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()

@@ -1,10 +1,14 @@
 """Blocks of rows: in order, complete, and the same in every mode."""
 
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from pipeline.errors import ConfigError
@@ -55,6 +59,30 @@ def test_processes_share_the_blocks() -> None:
         return os.getpid()
 
     assert len({os.getpid(), *Compute("processes", workers=2).rows(where, 8, 1)}) == 3
+
+
+def test_workers_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
+    code = (
+        "import os, pathlib, sys, time\nfrom pipeline.running.compute import Compute\n"
+        "def work(start, stop):\n    pathlib.Path(sys.argv[1], str(os.getpid())).touch()\n    time.sleep(60)\n"
+        "if __name__ == '__main__':\n    list(Compute('processes', workers=2).rows(work, 2, 1))\n"
+    )
+    script = tmp_path / "stage.py"
+    script.write_text(code.replace("sys.argv[1]", repr(str(tmp_path))))
+    stage = subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
+    assert _within(30, lambda: len([path for path in tmp_path.iterdir() if path.name.isdecimal()]) == 2)
+    workers = [int(path.name) for path in tmp_path.iterdir() if path.name.isdecimal()]
+    stage.kill()
+    stage.wait()
+    assert _within(10, lambda: not any(psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie" for pid in workers))
+
+
+def _within(seconds: float, there: Callable[[], bool]) -> bool:
+    """Whether something comes true in time."""
+    until = time.monotonic() + seconds
+    while not there() and time.monotonic() < until:
+        time.sleep(0.05)
+    return there()
 
 
 def test_an_error_in_a_block_reaches_the_caller() -> None:
