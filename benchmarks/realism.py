@@ -1,0 +1,81 @@
+"""How real simulated scans are: `python -m benchmarks.realism [picture.png] ARTIFACTS/STUDY/SEQUENCE …`, recorded and simulated.
+
+Of the first submaps of each sequence it cuts each to 3,000 points, draws Scan Contexts and prints how full they are; how fast
+they change along the path, as the median distance of two that are so many metres apart; and how alike different places look:
+the distance that one in twenty pairs over 100 m apart stays below. Where that is high, a world is easier than real ones.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline import schemas, store
+from pipeline.mapping.gathering import submap_points
+from pipeline.matching.shifts import Spectra
+from pipeline.views.scan_context import ScanContext
+
+POINTS, SUBMAPS, QUERIES = 3000, 400, 60
+APART_M = (1, 2, 3, 5, 8, 12, 20, 30, 50)
+FAR_M = 100.0
+VIEW = ScanContext(voxel_m=0.0, min_points=1, beyond="drop")
+
+
+def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
+    """A line of text on one sequence, and its distances at APART_M."""
+    artifacts, study, sequence = place.parents[1], place.parent.name, place.name
+    scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
+    submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
+    count, rng = submaps["scans"].shape[0], np.random.default_rng(0)
+    first = min(count, SUBMAPS)
+    clouds = list(submap_points(scans, submaps, slice(0, first)))
+    thin = [cloud[rng.permutation(len(cloud))[:POINTS]] for cloud in clouds]
+    heights_m = np.stack([VIEW(cloud) for cloud in thin])
+    xy_m = submaps.load("world_T_anchor")[:first, :2, 3]
+    spectra, rows = Spectra.learned(heights_m), np.arange(first)
+    asked = np.linspace(0, first - 1, min(QUERIES, first)).astype(int)
+    distances = np.stack([spectra.compare(heights_m[i], rows)[0] for i in asked])
+    away_m = np.linalg.norm(xy_m[asked, None] - xy_m, axis=2)
+    near = [(away_m > 0.7 * apart) & (away_m < 1.3 * apart) for apart in APART_M]
+    curve = np.array([np.median(distances[pairs]) if pairs.any() else np.nan for pairs in near])
+    far = distances[away_m > FAR_M]
+    numbers = {
+        "points": np.median([len(cloud) for cloud in clouds]),
+        "empty bins": (heights_m == 0).mean(),
+        "empty sectors": (heights_m == 0).all(axis=1).mean(),
+        "95 % height": np.percentile(np.concatenate(thin)[:, 2], 95),
+        "far, 5 %": np.quantile(far, 0.05) if len(far) else np.nan,
+    }
+    told = "  ".join(f"{name} {value:7.3g}" for name, value in numbers.items())
+    steps = "  ".join(f"{value:.2f}" for value in curve)
+    return f"{f'{study} {sequence}':44} {told}   at {', '.join(map(str, APART_M))} m: {steps}", curve
+
+
+def draw(curves: dict[str, NDArray[np.float64]], path: Path) -> None:
+    """The distances over the metres between."""
+    fig = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axis = fig.subplots()
+    for name, curve in curves.items():
+        axis.plot(APART_M, curve, marker="o", markersize=3, label=name)
+    axis.set(xscale="log", xlabel="metres between two submaps", ylabel="Scan Context distance, median", ylim=(0, None))
+    axis.set_xticks(APART_M, [str(apart) for apart in APART_M])
+    axis.legend(fontsize=7)
+    fig.savefig(path, dpi=120)
+
+
+def main(*words: str) -> None:
+    """Print a line a sequence; draw them where a picture is named."""
+    pictures = [word for word in words if word.endswith((".png", ".svg"))]
+    curves = {}
+    for word in words:
+        if word not in pictures:
+            line, curves[" ".join(Path(word).parts[-2:])] = measured(Path(word))
+            print(line, flush=True)
+    for picture in pictures:
+        draw(curves, Path(picture))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
