@@ -49,7 +49,7 @@ COSTS = (
 def setup(study: Study, longest: int = 400) -> Table:
     """A row a model: what it is, what it looks at, how much of its own full training it had, and its size."""
     rows = []
-    for model, learned in study.models.items():
+    for model, learned in ((model, study.models[model]) for model in study.families if model in study.trained):
         recipe, source = learned.recipe, study.source("train", model=model)
         what = shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …") or MISSING
         best = "" if learned.best_round is None else f", no. {learned.best_round + 1} kept"
