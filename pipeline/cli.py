@@ -24,7 +24,6 @@ This command chooses what the chain runs on, and looks at what it made.
   yearloc use kitti root=/data/kitti log=00  KITTI odometry: the first part of one log against the rest
   yearloc fetch nclt 2012-01-15              the official archives
   yearloc inspect bags/monday --save conf/dataset/robot.yaml
-  yearloc inspect artifacts/scans/campus/2012-01-15.zarr
   yearloc inspect 1326652795280148.bin --format nclt
   yearloc results                            the table, and where the figures are
 """
@@ -36,8 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
-        "names of files in conf/dataset, and root, log, train, tests, methods, world, budget, question, seeds, variants;"
-        " without any, the studies in use"
+        "names of files in conf/dataset, and root, log, parts, train, tests, methods, world, budget, question, seeds, variants,"
+        " poses; without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
@@ -98,12 +97,10 @@ def _use(given: argparse.Namespace) -> None:
 def _fetch(given: argparse.Namespace) -> None:
     from pipeline.fetching.archives import Publisher
 
-    path = _conf() / "fetch" / f"{given.dataset}.yaml"
-    if not path.is_file():
+    if not (path := _conf() / "fetch" / f"{given.dataset}.yaml").is_file():
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no archives of {given.dataset}: expected one of {known}")
-    options = dict(word.split("=", 1) for word in given.words if "=" in word)
-    sequences = [word for word in given.words if "=" not in word]
+    options, sequences = dict(word.split("=", 1) for word in given.words if "=" in word), [w for w in given.words if "=" not in w]
     if unknown := sorted(set(options) - {"root", "base"}):
         raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
     root = Path(options.pop("root", f"data/{given.dataset}")).expanduser()

@@ -15,7 +15,7 @@ from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
-from pipeline.report.result import Values, by_model
+from pipeline.report.result import Values, by_model, day
 from pipeline.report.study import Study, against, indexed
 from pipeline.report.table import average
 from pipeline.report.tables import TITLES
@@ -47,7 +47,7 @@ def answer(study: Study) -> Finding:
 
     learned, (first, *others) = study.models[study.best], map(shares, study.ranked)
     budget = float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
-    about = {"where": study.where, "train": study.train[:10], "tests": len(groups[study.best]), "budget": budget}
+    about = {"where": study.where, "train": day(study.train), "tests": len(groups[study.best]), "budget": budget}
     return Finding("answer", **about, near_m=study.distance.correct_m, cell_m=study.cell_m, first=first, others=others)
 
 
@@ -75,7 +75,7 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
         verdicts, known = [], group.set_index(["number", "sequence"])["value"]
         for number in COMPARED:
             values, p = known[f"{number}_difference"], known[f"{number}_difference_p"]
-            better, worse = ([one[:10] for one in values.index[(p < LEVEL) & (sign * values > 0)]] for sign in (1, -1))
+            better, worse = ([day(one) for one in values.index[(p < LEVEL) & (sign * values > 0)]] for sign in (1, -1))
             verdicts.append(
                 {"title": TITLES[number], "mean": values.mean(), "better": better, "worse": worse, "tests": len(values)}
             )
@@ -177,7 +177,7 @@ def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -
     """How much there is to see: the changes, and the seen queries near one."""
     counts = {kind: int(rows.loc[rows["number"] == f"{kind}_changes", "value"].sum()) for kind in kinds}
     near = rows[rows["number"] == "seen_near_a_change"].set_index("sequence")["value"]
-    most = {} if near.empty or not near.max() else {"sequence": near.idxmax(), "seen": int(near.max())}
+    most = {} if near.empty or not near.max() else {"sequence": day(near.idxmax()), "seen": int(near.max())}
     return Finding("changes_counted", counts=counts, seen=int(near.sum()), within_m=within_m, most=most)
 
 

@@ -1,5 +1,6 @@
 """One model on one test sequence, and how such results are grouped."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import Evaluation
 
 Values = tuple[float, float, float]  # a number and its 95 % interval, lowest and highest; NaN where there is none
+DATE = re.compile(r"\d{4}-\d\d-\d\d")
 NONE: Values = (np.nan, np.nan, np.nan)
 
 
@@ -27,7 +29,7 @@ class Result:
     @property
     def label(self) -> str:
         """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
-        return f"{self.sequence[:10]}, {self.days:+d} d"
+        return f"{day(self.sequence)}, {self.days:+d} d"
 
     @property
     def posed(self) -> bool:
@@ -71,7 +73,12 @@ def _by_day(results: Sequence[Result]) -> list[Result]:
     return sorted(results, key=lambda one: (one.days, one.sequence))
 
 
+def day(sequence: str) -> str:
+    """The date that a sequence is named by, without its time of day; its whole name, where that is no date."""
+    return sequence[:10] if DATE.match(sequence) else sequence
+
+
 def dates(results: Sequence[Result]) -> dict[str, str]:
     """Each sequence's name without its time of day, unless two were driven on one day."""
     names = list(by_sequence(results))
-    return {name: name[:10] if len({name[:10] for name in names}) == len(names) else name for name in names}
+    return {name: day(name) if len(set(map(day, names))) == len(names) else name for name in names}

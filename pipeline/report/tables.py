@@ -13,7 +13,7 @@ from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
-from pipeline.report.result import NONE, Result, by_model, by_sequence, dates
+from pipeline.report.result import NONE, Result, by_model, by_sequence, dates, day
 from pipeline.report.study import Study, against, indexed
 from pipeline.report.table import MISSING, Cell, Table, average, count, difference, number, spread, table
 from pipeline.studies import catalogue
@@ -158,7 +158,7 @@ def novelties(study: Study, protocol: str) -> Table:
         for k, kind in enumerate(group[0].evaluation.kinds):
             auroc = values[:, k, MEASURES.index("auroc")]
             at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
-            worst = replace(number(auroc[at], 3), small=f"on {group[at].sequence[:10]}" * bool(np.isfinite(auroc[at])))
+            worst = replace(number(auroc[at], 3), small=f"on {day(group[at].sequence)}" * bool(np.isfinite(auroc[at])))
             cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
             rows.append((model, kind + ("" if k else ", in use"), *cells, worst))
     return table("novelties", ("model", "novelty", *shown, "worst AUROC"), rows, words=2, protocol=protocol)

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -77,7 +78,7 @@ def _initialize(dask_s: Callable[[], None]) -> None:
 
     def end_with(stage: Any) -> None:
         stage.join()
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
 
     dask_s()
     Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()

@@ -11,7 +11,7 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, FAR, RECALL
 from pipeline.report.figures.panels import balanced, in_corner, name_ends, oracle_line, panels, precision_axes, share_limits
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
-from pipeline.report.result import Result, by_model, by_sequence
+from pipeline.report.result import Result, by_model, by_sequence, day
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -24,7 +24,7 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 def year(results: Sequence[Result], train: str) -> Figure:
     """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the oracle's recall@1 in grey."""
     groups, looks, measures = by_model(results), look(by_model(results)), (AUC, RECALL, FAR)
-    fig = figure(WIDTH_IN, 6.2, f"The year after training on {train[:10]}")
+    fig = figure(WIDTH_IN, 6.2, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, sharex=True)
     for axis, measure in zip(axes, measures, strict=True):
         lines, protocol = [], measure.protocol
@@ -44,7 +44,7 @@ def year(results: Sequence[Result], train: str) -> Figure:
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
         name_ends(axis, lines, gap=0.088)
-    shown = {result.days: result.sequence[:10] for result in results}  # two sequences of one day share a label
+    shown = {result.days: day(result.sequence) for result in results}  # two sequences of one day share a label
     axes[-1].set_xticks(list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor")
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig

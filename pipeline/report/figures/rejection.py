@@ -14,7 +14,7 @@ from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.figures.panels import balanced, panels, points, share_limits
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
-from pipeline.report.result import Result, of_one_model
+from pipeline.report.result import Result, day, of_one_model
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -88,7 +88,7 @@ def rejection(results: Sequence[Result]) -> Figure:
     for column, protocol in zip(axes.T, PROTOCOLS, strict=True):
         column[0].set_title(f"by {protocol}", pad=6)
         column[0].axhline(wanted, **MARK)
-        ticks = [result.sequence[:10] for result in group]
+        ticks = [day(result.sequence) for result in group]
         column[1].set_xticks(range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor")
     fig.align_ylabels(axes[:, 0])
     names = [kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1) for i, kind in enumerate(kinds)]

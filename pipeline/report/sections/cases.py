@@ -17,6 +17,7 @@ from pipeline.report.figures import events, robustness
 from pipeline.report.figures.style import illustrate
 from pipeline.report.findings import Finding
 from pipeline.report.render import anchor
+from pipeline.report.result import day
 from pipeline.report.section import Illustration, Section
 from pipeline.report.study import Study, indexed
 from pipeline.report.table import Table
@@ -112,7 +113,7 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
 
 def _stress(study: Study, folder: Path, comparison: Comparison, stress: Mapping[str, str]) -> Section:
     """Sequences that are hard as they are."""
-    named = {one: f"{one[:10]}, {stress[one]}" for one in comparison.sequences}
+    named = {one: f"{day(one)}, {stress[one]}" for one in comparison.sequences}
     figure = robustness.sequences(comparison, named, f"Sequences of stress, {study.name}")
     about = (verdicts.nearly_always(comparison, Kind()), verdicts.chance(comparison, Kind()))
     found = (verdicts.leader(comparison, Kind(), RECALL), verdicts.best_on_each(comparison, named))
