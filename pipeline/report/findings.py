@@ -5,7 +5,6 @@ Every value is a row of the table of results, or a mean of such rows over the te
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
-from pipeline.report.result import Values, by_model, day
+from pipeline.report.result import Result, Values, by_model, day
 from pipeline.report.study import Study, against, indexed
 from pipeline.report.table import average
 from pipeline.report.tables import TITLES
@@ -52,20 +51,22 @@ def answer(study: Study) -> Finding:
 
 
 def doubts(study: Study) -> list[Finding]:
-    """A finding a model and protocol: what makes its numbers say little or nothing, and on which test sequences."""
+    """A finding a model, or two where protocols differ: what makes its numbers say little or nothing, and on which tests."""
     found = []
-    for (model, group), by in product(by_model(study.results).items(), PROTOCOLS):
-        doubted = {name: [one for one in group if (by, name) in one.numbers] for name in (VOID, *DOUBTS)}
-        listed = [
-            {"name": name, "on": [one.sequence for one in ones], "value": max(one.number(by, name) for one in ones)}
-            for name, ones in doubted.items()
-            if ones
-        ]
-        if listed:
-            blind = max(one.number(by, BLIND) for one in group)
-            about = {"blind": blind, "wanted": group[0].wanted_precision, "best": study.held_out_best(model), "tests": len(group)}
-            found.append(Finding("doubts", model=model, protocol=by, listed=listed, **about))
+    for model, group in by_model(study.results).items():
+        every = {by: [one for name in (VOID, *DOUBTS) if (one := _doubted(group, by, name))["on"]] for by in PROTOCOLS}
+        same = every["cells"] == every["distance"]
+        for by, listed in {"both protocols": every["cells"]}.items() if same else every.items():
+            blind = max(one.number(protocol, BLIND) for one in group for protocol in PROTOCOLS if same or protocol == by)
+            about = {"wanted": group[0].wanted_precision, "best": study.held_out_best(model), "tests": len(group), "blind": blind}
+            found += [Finding("doubts", model=model, protocol=by, listed=listed, **about)] if listed else []
     return found
+
+
+def _doubted(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
+    """On which test sequences a doubt applies, and its largest value."""
+    found = {one.sequence: one.number(protocol, name) for one in group if (protocol, name) in one.numbers}
+    return {"name": name, "on": list(found), "value": max(found.values(), default=0)}
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:

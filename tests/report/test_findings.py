@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.rows import row, table
 from pipeline.report import case_findings as cases
 from pipeline.report import findings
@@ -20,6 +21,7 @@ from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compar
 
 NAN = np.nan
 DRIVEN = Kind()
+DAYS_AFTER = (20, 152)
 
 
 def reporting(study: Study, given: Sequence[Result], rounds: int = 0) -> Study:
@@ -57,6 +59,24 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(stu
     assert "with 50 %; the other has 40 %." in sentence(findings.answer(reporting(study, [*best, *others[:2]])))
     assert "with 50 %; the others lie between 30 % and 40 %." in sentence(findings.answer(reporting(study, [*best, *others])))
     assert percent(NAN) == "–"
+
+
+def test_doubts_are_said_once_where_both_protocols_share_them(study: Study) -> None:
+    def doubted(model: str, sequence: int, **doubts: tuple[float, float]) -> Result:
+        known = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **doubts)
+        own = {key: values for key, values in known.numbers.items() if key[1] in doubts or key[1] not in (VOID, *DOUBTS)}
+        return replace(known, sequence=DAYS[sequence], days=DAYS_AFTER[sequence], numbers=own)
+
+    sure, small = doubted("sci", 0), doubted("b", 0, void=(NAN, 1.0))
+    del small.numbers["cells", VOID]  # type: ignore[attr-defined]
+    several = [sure, doubted("a", 0, doubt_one_answer=(0.8, 0.8), doubt_no_threshold=(1, 1)), small, doubted("b", 1)]
+    found = findings.doubts(reporting(study, several))
+    assert [sentence(one) for one in found] == [
+        "Doubtful: `a`, by both protocols: 80 % of the queries get one and the same answer; no threshold kept a precision of 0.9 "
+        "on held-out blocks, so every query is rejected.",
+        "Doubtful: `b`, by distance: **void**, as one and the same answer to every query would have a recall@1 of 0.750 "
+        f"({DAYS[0]}).",
+    ]
 
 
 def against(sequence: str, recall: tuple[float, float], auc: tuple[float, float]) -> list[dict[str, Any]]:
