@@ -54,6 +54,12 @@ def flip_ned(poses: Poses) -> Poses:
     return NED_FLIP @ poses @ NED_FLIP
 
 
+def turns(left_rad: NDArray[np.float64]) -> Poses:
+    """Rotations (n, 4, 4) of a robot to the left (n,) on the spot."""
+    still = np.zeros((len(left_rad), 3))
+    return pose(still, np.column_stack([still[:, :2], left_rad]))
+
+
 def transform(a_T_b: NDArray[np.float64], points_b: NDArray[np.float32]) -> NDArray[np.float32]:
     """Points (n, 3) of frame b in frame a, computed in float64."""
     return (points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]).astype(np.float32)

@@ -13,7 +13,7 @@ from pipeline.posing.answers import Posing
 from pipeline.posing.fix import Fix, Fixer
 from pipeline.posing.queries import Queries
 from pipeline.posing.verdict import Verdict
-from stages import ProgressBar, stage
+from stages import ProgressBar, build, stage
 
 
 @stage("poses")
@@ -36,7 +36,9 @@ def main(cfg: DictConfig) -> str:
 
 def fixes(cfg: DictConfig, fixer: Fixer, map_path: Path, sequence: str) -> list[Fix]:
     """The fixes of one sequence; it may run in a process of its own."""
-    return Queries(sequence, cfg.scans, cfg.submaps, (cfg.rankings, *cfg.others.split())).fixes(fixer, map_path, cfg.k)
+    alterations = [build("alteration", name) for name in (cfg.alterations or "").split()]
+    rankings = (cfg.rankings, *cfg.others.split())
+    return Queries(sequence, cfg.scans, cfg.submaps, rankings, alterations).fixes(fixer, map_path, cfg.k)
 
 
 if __name__ == "__main__":

@@ -121,6 +121,10 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     assert (values["pose", "recall_at_1"] > values["", "recall_at_1"]).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
+    altered = table[(table["variant"] == "pose") & (table["number"] == "within_2m_5deg") & (table["protocol"] == "distance")]
+    found = altered[altered["change"] != ""].set_index("change")["value"]
+    assert set(found.index) == {"turned", "demolition", "construction"}
+    assert found["turned"] > 0.6  # its truth is turned with it
     assert not (built.folder / "artifacts/report/campus/10m/history_scan_context-pose.svg").exists()
 
 

@@ -51,3 +51,8 @@ class Alteration(Protocol):
         """Points (m, 3) of one query of (n, 3), z up from the ground around the sensor, and by how many radians the robot is
         turned to the left; a turned robot's points are given in its own frame. A case as driven returns the points themselves,
         a turned one no others than these."""
+
+
+def generator(alteration: Alteration, stamp_ns: int) -> np.random.Generator:
+    """The random numbers of one query and case, given the stamp of the query's anchor."""
+    return np.random.default_rng((alteration.seed, int(stamp_ns)))

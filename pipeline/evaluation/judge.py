@@ -16,7 +16,7 @@ from pipeline.evaluation.doubts import blind
 from pipeline.evaluation.judgement import CORRECT_REJECTION, FALSE_ALARM, HIT, MISS, NOT_JUDGED, Evaluation, Judgement
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
-from pipeline.frames import Poses, apart, wrapped_deg, yaw
+from pipeline.frames import Poses, apart, turns, wrapped_deg, yaw
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import LABELS
@@ -46,8 +46,10 @@ def judge(
     if turned_deg is not None:
         turn_deg, true_deg = wrapped_deg(turn_deg + turned_deg), true_deg + turned_deg
     xy_m, answer_xy_m = world_T_anchor[:, :2, 3].astype(np.float64), ranking.xy_m[:, 0].astype(np.float64)
-    none = np.full(len(xy_m), np.nan)
-    pose_error_m, pose_error_deg = (none, none) if world_T_query is None else apart(world_T_query, world_T_anchor)
+    none, standing = np.full(len(xy_m), np.nan), world_T_anchor
+    if turned_deg is not None:
+        standing = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
+    pose_error_m, pose_error_deg = (none, none) if world_T_query is None else apart(world_T_query, standing)
     queries = Queries(
         novelty=np.asarray(ranking.novelty, np.float32),
         reject_from=tuple(map(float, reject_from)),

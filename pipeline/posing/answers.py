@@ -1,14 +1,13 @@
 """Answers with poses: the ranking of a method, led by what was registered, and how new each query then looks (METHODS 9.6)."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
-from pipeline.alterations import Case
 from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.places import Places
@@ -65,9 +64,9 @@ class Posing:
             raise ConfigError(f"novelty={self.novelty}: expected {' or '.join(OWN_KINDS)}")
 
     def write(self, path: Path, rankings: Artifact, fixes: Sequence[Fix]) -> str:
-        """The fixes (q,) of the queries as driven, which are the first of a ranking's; returns what was done, in a line."""
+        """The fixes (q,) of a ranking's queries, in all its cases; returns what was done, in a line."""
         names = [one.name for one in fields(Ranking) if one.name != "kinds"]
-        arrays = {name: np.asarray(rankings[name][: len(fixes)]) for name in names}
+        arrays = {name: rankings.load(name) for name in names}
         ranking = Ranking(**arrays, kinds=tuple(rankings.attrs["kinds"]))
         answered = posed(ranking, fixes, self.places, self.verdict.chance(features(fixes))).by(self.novelty)
         thresholds = {kind: self._reject_from(kind, self.wanted_precision) for kind in OWN_KINDS}
@@ -75,11 +74,11 @@ class Posing:
         promised = [self._reject_from(self.novelty, promise) for promise in PROMISES]
         rejection = {"kinds": answered.kinds, "thresholds": [thresholds[kind] for kind in answered.kinds]}
         verdict = {"promises": PROMISES, "promised": promised, "held_out": self.verdict.evidence.queries, "clear_m": self.clear_m}
-        cases = {"cases": [asdict(Case())], "wanted_precision": self.wanted_precision}
+        cases = {"cases": rankings.attrs["cases"], "wanted_precision": self.wanted_precision}
         with store.write(path, schemas.FIXES, **rejection, **verdict, **cases) as out:
             for name in names:
                 out.put(name, getattr(answered, name))
-            out.put("turned_deg", np.zeros(len(fixes), np.float32))
+            out.put("turned_deg", rankings.load("turned_deg"))
             out.put("world_T_query", poses(fixes))
             out.put("covariance", np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6))
         accepted, found = answered.novelty[:, 0].astype(float) < promised[1], sum(bool(fix.hypotheses) for fix in fixes)

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
+from pipeline.alterations import Alteration, Case, generator, read_cases
 from pipeline.errors import InputError
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.fix import Fix, Fixer
+from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.store import Artifact, Schema
 
@@ -24,27 +26,41 @@ class Queries:
     submaps: str
     rankings: Sequence[str]
     """The method's own; then others, whose places are candidates too."""
+    alterations: Sequence[Alteration] = ()
+    """Those that the altered cases of the rankings come from."""
 
     def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[Fix]:
-        """A fix of each query as driven, from the first `k` places of each ranking.
+        """A fix of each query in each case of the rankings, case by case, from the first `k` places of each ranking.
 
-        Raises InputError where a ranking is not of these submaps.
+        Raises InputError where a ranking is not of these submaps in these cases, or no alteration has such a case.
         """
         targets = Targets(map_path)
         scans, submaps = self._read(self.scans, schemas.SCANS), self._read(self.submaps, schemas.SUBMAPS)
-        count = submaps["scans"].shape[0]
-        points = submap_points(scans, submaps, slice(0, count))
-        answers = zip(points, self._candidates_m(count, k), strict=True)
-        return [fixer.fix(points_m, targets, xy_m) for points_m, xy_m in answers]
+        stamps_ns, cases = submaps.load("stamps_ns"), read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
+        candidates_m = self._candidates_m(len(stamps_ns) * len(cases), k).reshape(len(cases), len(stamps_ns), -1, 2)
+        found: list[list[Fix]] = [[] for _ in cases]
+        for row, points_m in enumerate(submap_points(scans, submaps, slice(0, len(stamps_ns)))):
+            for case, fixes, answers_m in zip(cases, found, candidates_m[:, row], strict=True):
+                fixes.append(fixer.fix(self._altered(points_m, case, stamps_ns[row]), targets, answers_m))
+        return [fix for fixes in found for fix in fixes]
+
+    def _altered(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
+        """Points (n, 3) as the query of a case sees them."""
+        if case == Case():
+            return points_m
+        alteration = next((one for one in self.alterations if case in one.cases), None)
+        if alteration is None:
+            raise InputError(f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes")
+        return np.asarray(alteration.alter(case, points_m, generator(alteration, stamp_ns))[0])
 
     def _candidates_m(self, count: int, k: int) -> NDArray[np.float64]:
         """Positions (query, candidate, 2): the first place of each ranking, then the second of each, and so on."""
         every = []
         for folder in self.rankings:
             xy_m = self._read(folder, schemas.RANKINGS).load("xy_m")
-            if len(xy_m) < count:
-                raise InputError(f"{folder}: a ranking of {len(xy_m)} queries for {count} submaps")
-            every.append(xy_m[:count, :k])
+            if len(xy_m) != count:
+                raise InputError(f"{folder}: a ranking of {len(xy_m)} queries; the submaps make {count} in all cases")
+            every.append(xy_m[:, :k])
         return np.stack(every, axis=2).reshape(count, -1, 2)
 
     def _read(self, folder: str, schema: Schema) -> Artifact:

@@ -118,7 +118,7 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}
         if answers.posed:
             lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
-            lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {"tests": asked["tests"]}
+            lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {name: asked[name] for name in ("tests", "alterations")}
 
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import TURNED, Alteration, Case
-from pipeline.frames import Poses, Stamps, pose
+from pipeline.alterations import TURNED, Alteration, Case, generator
+from pipeline.frames import Poses, Stamps, turns
 from pipeline.store import Artifact
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing, View
@@ -44,18 +44,12 @@ def altered(scans: Artifact, submaps: Artifact, view: View, alteration: Alterati
     return {case: AlteredRows(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in left_rad}
 
 
-def turns(left_rad: NDArray[np.float64]) -> Poses:
-    """Rotations (n, 4, 4) of a robot to the left (n,) on the spot."""
-    still = np.zeros((len(left_rad), 3))
-    return pose(still, np.column_stack([still[:, :2], left_rad]))
-
-
 def _from_points(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> Iterator[Image]:
     """Each submap's points are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
         for case in alteration.cases[1:]:
-            left, left_rad = alteration.alter(case, points, _rng(alteration, stamps_ns[row]))
+            left, left_rad = alteration.alter(case, points, generator(alteration, stamps_ns[row]))
             yield row, case, view(left), left_rad
 
 
@@ -68,15 +62,10 @@ def _from_maps(scans: Artifact, submaps: Artifact, view: BirdView, alteration: A
     for world, cases in worlds.items():
 
         def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:
-            return alteration.alter(world, points, _rng(alteration, stamps_ns[scan]))[0]
+            return alteration.alter(world, points, generator(alteration, stamps_ns[scan]))[0]
 
         for row, (points, grown, standing) in enumerate(MappedViews(scans, submaps, view, seen).maps()):
             for case in cases:
-                rng = _rng(alteration, stamps_ns[anchors[row]])
+                rng = generator(alteration, stamps_ns[anchors[row]])
                 left_rad = alteration.alter(case, points, rng)[1] if case in turned else 0.0
                 yield row, case, view.draw(grown, standing @ turns(np.array([left_rad]))[0], row), left_rad
-
-
-def _rng(alteration: Alteration, stamp_ns: np.int64) -> np.random.Generator:
-    """A fresh generator for each query and case: see pipeline.alterations."""
-    return np.random.default_rng((alteration.seed, int(stamp_ns)))

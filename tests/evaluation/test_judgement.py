@@ -16,6 +16,7 @@ from pipeline.evaluation.judge import judge, judge_cases, outcomes
 from pipeline.evaluation.judgement import HIT, MISS, Evaluation, Judgement, columns, summary
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
+from pipeline.frames import turns
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.schemas import EVALUATIONS
@@ -215,6 +216,13 @@ def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path, name: str) 
     artifact = write(tmp_path / "a.zarr", {Case(): drive()}, **{name: ["other"]})
     with pytest.raises(ArtifactError, match=rf"a.zarr: its {name} are not this version's; `dvc repro` it"):
         Evaluation.read(artifact)
+
+
+def test_a_turned_robot_has_a_turned_pose() -> None:
+    true = standing(XY_M, YAW_DEG)
+    turned = true @ turns(np.deg2rad(LEFT_DEG))
+    assert drive(TURNED, turned_deg=LEFT_DEG, poses=turned).pose_error_deg == pytest.approx(0, abs=1e-4)
+    assert drive(TURNED, turned_deg=LEFT_DEG, poses=true).pose_error_deg == pytest.approx(np.abs(LEFT_DEG), abs=1e-4)
 
 
 def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
