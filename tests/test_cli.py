@@ -9,6 +9,7 @@ import yaml
 
 from pipeline.cli import main
 from pipeline.evaluation.rows import COLUMNS, row, table
+from tests.readers.logs import carmen_log
 
 ROOT = Path(__file__).parents[1]
 SAD = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
@@ -130,6 +131,19 @@ def test_use_kitti_splits_one_log(project):
     kitti(project / "kitti", "07")
     main(["use", "kitti", f"root={project / 'kitti'}"])
     assert (study(project)["train"], study(project)["tests"]) == ("07-a", ["07-b"])
+
+
+def test_use_splits_one_log_as_asked(project, capsys):
+    carmen_log(project / "logs", name="drive.log")
+    main(["use", "carmen", f"root={project / 'logs'}"])
+    assert (study(project)["train"], study(project)["tests"]) == ("drive+path1of2+30s", ["drive+path2of2+30s"])
+    main(["use", "carmen", f"root={project / 'logs'}", "parts=visits:60"])
+    assert (study(project)["train"], study(project)["tests"]) == ("drive+first+60s", ["drive+later+60s"])
+    main(["use", "carmen", f"root={project / 'logs'}", "train=drive+path1of4", "tests=drive+path3of4,drive+path4of4"])
+    assert (study(project)["train"], study(project)["tests"]) == ("drive+path1of4", ["drive+path3of4", "drive+path4of4"])
+    refusals = {"parts=halved": "expected path:2, time:3", "train=drive+path1of4 tests=drive": "holds what the training sequence"}
+    for words, part in refusals.items():
+        assert part in refused(capsys, "use", "carmen", f"root={project / 'logs'}", *words.split())
 
 
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):

@@ -11,7 +11,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
-from pipeline.readers.parts import names
+from pipeline.readers.parts import Part, names
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C ten times as fast, where it was built
@@ -66,17 +66,25 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     whole = [sequence for sequence, missing in lacking.items() if not missing]
     notes = [f"{sequence}: lacks {', '.join(missing)}" for sequence, missing in lacking.items() if missing]
     train, tests = study["train"], list(study["tests"])
-    if rule := options.get("parts", study.get("parts")):
+    asked = [name for option in ("train", "tests") for name in options.get(option, "").replace(",", " ").split()]
+    own = [name for name in dict.fromkeys(asked) if (part := Part.named(name))[1] and part[0] in whole]
+    if (rule := options.get("parts", study.get("parts"))) and whole:
         log = options.get("log", train.partition("-")[0] if train and train.partition("-")[0] in whole else (whole or [""])[0])
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         train, tests, whole = parts[0], parts[1:], parts if log in whole else []
         notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
+    whole = list(dict.fromkeys([*whole, *own]))
     trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
     if len(trained) > 1:
         notes += [f"{sequence}: not below {root}, not trained on" for sequence in trained if sequence not in whole]
         trained = [sequence for sequence in trained if sequence in whole]
     train = " ".join(trained)
-    tests = options["tests"].split(",") if "tests" in options else tests or [name for name in whole if name not in trained]
+    of = [Part.named(sequence)[0] for sequence in trained]
+    if held := [name for name in asked if name in of and name not in trained]:
+        raise ConfigError(f"tests={held[0]}: holds what the training sequence {train} is a part of; give another part")
+    tests = (
+        options["tests"].split(",") if "tests" in options else tests or [name for name in whole if name not in (*trained, *of)]
+    )
     why = "".join(f"; {note}" for note in notes)
     if not trained or not set(trained) <= set(whole):
         known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
