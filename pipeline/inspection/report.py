@@ -18,7 +18,7 @@ KNOWN = (
 )
 FOREIGN = {
     ".pcap": "packets of a lidar: play them through its driver, and record the points topic with `ros2 bag record`",
-    ".osf": "Ouster's recording: `ouster-cli source FILE save clouds.bag` makes a bag of it",
+    ".osf": "Ouster's recording: save it as a bag with Ouster's own tools, and inspect that",
     ".las": "a surveyor's map, not scans: yearloc learns from scans and where each was taken",
     ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
 }

@@ -34,11 +34,11 @@ class Carmen:
     corrected: str | None = None
     """The corrected log beside a raw one, such as {sequence}.gfs.log; matched by stamp, or by order where stamps stand still."""
     limit_m: float | None = None
-    """Ranges from here on are no hits; None: as the log declares it."""
+    """Ranges in metres from here on are no hits; None: as the log declares it."""
     lift_m: float = 7.0
-    """Added to z: the height that stands for an occupied spot."""
+    """Metres added to z: the height that stands for an occupied spot."""
     sweep_s: float = 1.0
-    """Time between two sweeps of a log whose stamps stand still."""
+    """Seconds between two sweeps of a log whose stamps stand still."""
 
     def __post_init__(self) -> None:
         settings.check(self, "reader")
@@ -172,7 +172,7 @@ def _odometry(records: Records, sweeps: Sequence[Sweep], raw: bool) -> Poses:
         return _planar([one.robot_pose for one in sweeps])
     if not records.odometry:
         return np.full((len(sweeps), 4, 4), np.nan)
-    readings, corrections = _planar(records.odometry), {one.odometry for one in sweeps}
+    readings, corrections = _planar(records.odometry), {one.odometry for one in records.sweeps}  # of either laser
     steps = [np.eye(4), *(np.linalg.inv(a) @ b for a, b in pairwise(readings))]
     travelled = np.full((len(readings) + 1, 4, 4), np.nan)
     at = np.eye(4)

@@ -150,6 +150,11 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
         raise LogError(f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after the row before it")
+    return stamps_ns, from_quaternions(path, rows)
+
+
+def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
+    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN; raises LogError naming a wrong row."""
     known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
     odd = np.flatnonzero(known & ~(np.abs(norms - 1) < 1e-3))
@@ -161,7 +166,7 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
         poses[known, :3, :3] = Rotation.from_quat(rows[known, 3:]).as_matrix()
     poses[known, :3, 3] = rows[known, :3]
     log.refuse_poses(path, poses, known)
-    return stamps_ns, poses
+    return poses
 
 
 def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:

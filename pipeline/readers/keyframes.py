@@ -11,13 +11,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pipeline.errors import LogError
-from pipeline.frames import Poses
 from pipeline.readers import log
-from pipeline.readers.folder import read_scan
+from pipeline.readers.folder import from_quaternions, read_scan
 from pipeline.readers.log import Log
 from pipeline.running import settings
 
@@ -59,25 +56,10 @@ class KeyFrames:
         rows, kept = rows[there], [path for path, found in zip(paths, there, strict=True) if found]
         stamps_ns = log.nanoseconds(folder / FILE, rows[:, 1], "s", 10**9)
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
-        truth, odometry = (
-            log.lifted(_poses(folder / FILE, rows, name) @ np.linalg.inv(body_T_lidar), self.lift_m)
-            for name in (self.truth, "odometry")
-        )
+        world_T_lidar = (from_quaternions(folder / FILE, rows[:, POSES[name] :][:, :7]) for name in (self.truth, "odometry"))
+        truth, odometry = (log.lifted(poses @ np.linalg.inv(body_T_lidar), self.lift_m) for poses in world_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], 4, vehicle_T_lidar), +skipped)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}
-
-
-def _poses(path: Path, rows: NDArray[np.float64], name: str) -> Poses:
-    """Poses (n, 4, 4) of one source; raises LogError naming the row that is none."""
-    numbers = rows[:, POSES[name] : POSES[name] + 7]
-    odd = np.flatnonzero(~(np.abs(np.linalg.norm(numbers[:, 3:].clip(-2, 2), axis=1) - 1) < 1e-3))
-    if len(odd):
-        raise LogError(f"{path}: row {odd[0] + 1} has a quaternion of {name} whose length is not 1")
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(numbers[:, 3:]).as_matrix()
-    poses[:, :3, 3] = numbers[:, :3]
-    log.refuse_poses(path, poses, np.ones(len(poses), bool))
-    return poses

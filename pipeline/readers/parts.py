@@ -21,7 +21,7 @@ SHARE = r"(?P<by>path|time)(?P<number>[1-9]\d?)of(?P<of>[1-9]\d?)"
 CUT = r"(?P<side>until|from)(?P<at>\d{1,9})(?P<unit>[ms])"
 NAME = re.compile(rf"(?P<log>.+?)\+(?:{SHARE}|{CUT}|(?P<visit>first|later))(?:\+(?P<apart>\d{{1,6}})s)?")
 RULE = re.compile(r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)(?::(?P<apart>\d{1,6}))?")
-APART_S = 30
+APART_S = 30  # a robot at a walk is out of sight of most of what it saw, a car long before
 NEAR_M = 5.0
 """A place that the log was so near to before is visited again."""
 
@@ -38,7 +38,7 @@ class Part:
     at: float | None = None
     """Metres or seconds where the second of two parts begins; None: parts are equally long."""
     apart_s: int = APART_S
-    """Scans less than this after an earlier part's are left out: they show what it shows."""
+    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out: they show what those show."""
 
     @classmethod
     def named(cls, sequence: str) -> tuple[str, Self | None]:

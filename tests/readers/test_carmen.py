@@ -25,6 +25,16 @@ def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(tmp
     assert log.notes == ("6 of 18 ranges reached the laser's limit of 49.98 m: no hits",)
 
 
+def test_the_step_to_a_correction_is_no_motion_whichever_laser_it_follows(tmp_path: Path) -> None:
+    readings = [f"ODOM {x} 0 0 1 0 0 1 host 1\n" for x in (0, 0, 1, 5, 6)]
+    rear = flaser([1], "5 0 0", 2, kind="RLASER")
+    lines = [readings[0], flaser([1], "0 0 0", 1), *readings[1:3], rear, *readings[3:], flaser([1], "6 0 0", 3)]
+    (tmp_path / "a.log").write_text("".join(lines))
+    log = opened(Carmen(), tmp_path, "a")
+    assert log is not None
+    assert log.odom_T_scan[:, 0, 3].tolist() == [0, 2]  # a metre before the rear sweep's correction and one after
+
+
 def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
     log = opened(Carmen(sweep_s=2), carmen_log(tmp_path, stamps=False), "drive")
     assert log is not None
