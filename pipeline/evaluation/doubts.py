@@ -21,16 +21,16 @@ def blind(
 ) -> dict[str, float]:
     """By protocol, the share of seen queries that one answer to all would be right for; NaN of none seen.
 
-    `places` (q,) are true ones, −1 unseen, `nearest_m` (q,) the distances to training, `xy_m` (q, 2) where queries were taken.
-
-    By cells that is the commonest place, by distance a position where a query was taken.
+    By cells that is the commonest of the true `places` (q,), −1 unseen; by distance the position of a seen query, given where all
+    were taken, `xy_m` (q, 2), and how far they are from training, `nearest_m` (q,).
     """
     there, near = places[places >= 0], xy_m[nearest_m < distance.seen_m]
-    commonest = np.bincount(there).max() / len(there) if len(there) else np.nan
-    around = (
-        KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max() / len(near) if len(near) else np.nan
-    )
-    return {"cells": float(commonest), "distance": float(around)}
+    found = {"cells": np.nan, "distance": np.nan}
+    if len(there):
+        found["cells"] = float(np.bincount(there).max() / len(there))
+    if len(near):
+        found["distance"] = float(KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max() / len(near))
+    return found
 
 
 def doubts(

@@ -150,11 +150,12 @@ class Publisher:
             yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
     def _together(self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]) -> str:
-        """The digest of all numbered files; removes them and raises LogError if it is not the publisher's."""
-        digest = hashlib.sha256("".join(record(store / archive.name).read_text() for archive in archives).encode()).hexdigest()
+        """The digest of all numbered files as they lie there; removes them and raises LogError if it is not the publisher's."""
+        digests = {one.name: hashlib.sha256((folder / one.holds).read_bytes()).hexdigest() for one in archives}
+        digest = hashlib.sha256("".join(f"{own}  {name}\n" for name, own in digests.items()).encode()).hexdigest()
         if digest != group.together:
             for archive in archives:
-                record(store / archive.name).unlink()
+                record(store / archive.name).unlink(missing_ok=True)
                 (folder / archive.holds).unlink()
             name = f"{archives[0].name} … {archives[-1].name}"
             raise LogError(f"{folder}: {name} have the sha256 {digest}, expected {group.together}; removed, fetch them anew")
@@ -167,11 +168,8 @@ class Publisher:
             path = store / archive.name
             part = Part.of(path)
             here = path.stat().st_size if path.is_file() else part.arrived
-            whole = (
-                here
-                if path.is_file()
-                else part.total or archive.nbytes or downloader.length(urljoin(self.base, archive.path), watch)
-            )
+            known = here if path.is_file() else part.total or archive.nbytes
+            whole = known or downloader.length(urljoin(self.base, archive.path), watch)
             unpacked += whole * archive.swells
             packed = max(packed, whole - here if archive.packed else 0)
         free = shutil.disk_usage(store).free

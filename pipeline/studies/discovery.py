@@ -79,11 +79,11 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
         notes += [f"{sequence}: not below {root}, not trained on" for sequence in trained if sequence not in whole]
         trained = [sequence for sequence in trained if sequence in whole]
     train = " ".join(trained)
-    of = [Part.named(sequence)[0] for sequence in trained]
-    if held := [name for name in asked if name in of and name not in trained]:
+    logs = [Part.named(sequence)[0] for sequence in trained]
+    if held := [name for name in asked if name in logs and name not in trained]:
         raise ConfigError(f"tests={held[0]}: holds what the training sequence {train} is a part of; give another part")
     tests = (
-        options["tests"].split(",") if "tests" in options else tests or [name for name in whole if name not in (*trained, *of)]
+        options["tests"].split(",") if "tests" in options else tests or [name for name in whole if name not in (*trained, *logs)]
     )
     why = "".join(f"; {note}" for note in notes)
     if not trained or not set(trained) <= set(whole):
