@@ -23,7 +23,7 @@ SCANS = Schema(
 )
 SUBMAPS = Schema(
     "submaps",
-    2,
+    3,
     {
         "first": Column("i8", ("submap",), "the oldest scan that it gathers: a row of the scans artifact"),
         "scans": Column("i8", ("submap",), "the newest, whose frame is the anchor's"),
@@ -35,6 +35,7 @@ SUBMAPS = Schema(
     {
         "layout": "the column of the scans artifact whose poses lay a submap's scans out",
         "left_out": "anchors that make no submap: reason to count",
+        "appearance": "medians over a few submaps: azimuth_deg with points, z of the ground, ground_m, and of the top, highest_m",
     },
 )
 
@@ -136,7 +137,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    6,
+    7,
     {
         "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
@@ -151,11 +152,7 @@ EVALUATIONS = Schema(
         "true_rank": _judged("i8", ("protocol", "query"), "0-based rank of the first true place; −1 if unseen or not ranked"),
         "seen": _judged("?", ("protocol", "query"), "training went there"),
         "unseen": _judged("?", ("protocol", "query"), "training never went there; a query that is neither is not judged"),
-        "outcome": _judged(
-            "i1",
-            ("protocol", "query"),
-            "at the model's threshold: 0 hit, 1 miss, 2 false alarm, 3 correct rejection, 4 not judged",
-        ),
+        "outcome": _judged("i1", ("protocol", "query"), "0 hit, 1 miss, 2 false alarm, 3 correct rejection, 4 not judged"),
         "oracle_right": _judged("?", ("protocol", "query"), "answering the nearest training anchor would be right"),
         "numbers": _judged("f8", ("protocol", "number", "bound3"), "value, lowest and highest of its 95 % interval; NaN of none"),
         "rejection": _judged("f8", ("protocol", "kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
@@ -186,6 +183,7 @@ EVALUATIONS = Schema(
         "wanted_precision": "that it was chosen for",
         "promised": "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
         "blind": "by protocol, recall@1 of one and the same answer to every query; null of none seen",
+        "unsuited": "doubts about its submaps, which do not suit the views",
         "distance": "the distances of the protocol by distance, in metres",
         "bootstrap": "how the intervals were computed",
     },

@@ -32,8 +32,8 @@ def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> dict[str, dict[str
     """One sequence's evaluation in every case; returns its metrics as driven."""
     kinds, name = {"rankings": schemas.ANSWERS, "labels": (schemas.LABELS,), "submaps": (schemas.SUBMAPS,)}, f"{sequence}.zarr"
     artifacts = {kind: store.read(Path(cfg[kind], name), *one) for kind, one in kinds.items()}
-    cases = judge_cases(**artifacts, distance=instantiate(cfg.distance), bootstrap=instantiate(cfg.bootstrap))
-    rules = {name: asdict(instantiate(cfg[name])) for name in ("distance", "bootstrap")}
+    cases = judge_cases(**artifacts, distance=instantiate(cfg.tolerance.distance), bootstrap=instantiate(cfg.tolerance.bootstrap))
+    rules = {name: asdict(instantiate(cfg.tolerance[name])) for name in ("distance", "bootstrap")}
     named = {"sequence": sequence, "train": cfg.train, "wanted_precision": artifacts["rankings"].attrs["wanted_precision"]}
     with store.write(folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **named) as out:
         for column, values in columns([*cases.values()]).items():

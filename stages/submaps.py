@@ -7,6 +7,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
+from pipeline.mapping.appearance import appearance
 from pipeline.running.progress import Progress
 from stages import ProgressBar, stage
 
@@ -28,7 +29,8 @@ def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
     left_out = "".join(f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items()))
     if not len(submaps.scans):
         raise ArtifactError(f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from it{left_out}")
-    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, layout=submaps.layout, left_out=dict(submaps.left_out)) as out:
+    told = {"layout": submaps.layout, "left_out": dict(submaps.left_out), "appearance": appearance(scans, submaps)}
+    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **told) as out:
         for name in ("first", "scans", "ground_m", "used"):
             out.put(name, getattr(submaps, name))
         out.put("stamps_ns", scans.load("stamps_ns")[submaps.scans])

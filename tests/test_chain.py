@@ -80,7 +80,7 @@ EDITS = {
         ("conf/submap/single.yaml", "1.0", "2.0", {"submaps"}),
         ("conf/dataset/town.yaml", "lift_m: 0.0", "lift_m: 1.0", {"scans"}),
         ("conf/world/campus_tiny.yaml", "seed: 0", "seed: 1", {"logs"}),
-        ("conf/evaluate.yaml", "seen_m: 5.0", "seen_m: 6.0", {"evaluate"}),
+        ("conf/tolerance/15m.yaml", "seen_m: 5.0", "seen_m: 6.0", {"evaluate"}),
         ("conf/results.yaml", "level: 0.95", "level: 0.9", {"results"}),
         ("pipeline/report/templates/words.yaml", "A robot drives", "Some robot drives", {"report"}),
     ],

@@ -146,6 +146,19 @@ def test_use_splits_one_log_as_asked(project, capsys):
         assert part in refused(capsys, "use", "carmen", f"root={project / 'logs'}", *words.split())
 
 
+def test_use_at_another_scale_takes_smaller_cells_ranges_and_errors(project, capsys):
+    carmen_log(project / "logs", name="drive.log")
+    main(["use", "carmen", f"root={project / 'logs'}", "scale=indoor", "methods=sci,m2dp", "parts=visits:60"])
+    own = {"submap": "flat_10m", "grids": ["2m"], "tolerance": "2m"}
+    assert {name: study(project)[name] for name in own} == own
+    sci, m2dp = study(project)["methods"]
+    assert (sci["view"], sci["settings"]["h_max_m"], sci["settings"]["neighbour_m"]) == ("scan_context_20m", 4.0, 5.0)
+    assert m2dp["settings"] == {"held_out_every_m": 10.0, "held_out_length_m": 1.0, "neighbour_m": 5.0}  # it has no colours
+    assert "method.h_max_m=4.0" in lists(project)["models"]["carmen-2m-sci"]["recipe"]
+    assert lists(project)["evaluations"]["carmen-2m-sci"]["tolerance"] == "2m"
+    assert "scale=city: expected one of indoor" in refused(capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city")
+
+
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
     kitti(project / "kitti", "00", "02", "08")
     words = ["use", "kitti", f"root={project / 'kitti'}", "question=viewpoints"]
@@ -179,7 +192,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
             "use campus question=robustness methods=sci variants=engaged",
             "variants=engaged: expected some of 1way, 24way, 4way, 8way",
         ),
-        ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 5m"),
+        ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 2m, 5m"),
         ("use campus variants=4way", "variants=4way: expected some of engaged"),
         ("use suburb question=viewpoints variants=4way", "variants=4way: this question and these methods have none"),
         ("use campus altered=rain", "altered=rain: expected some of glance"),

@@ -1,19 +1,26 @@
 """Doubts: what makes a score say little, or nothing at all; they are rows of the table of results like any number."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.store import Artifact
 
 BLIND = "blind_recall_at_1"
 """What one and the same answer to every query would reach: half of it all, and the score is void."""
 VOID = "void"
 HALF, FEW = 0.5, 30
-DOUBTS = ("doubt_one_answer", "doubt_few_seen", "doubt_all_rejected", "doubt_none_rejected", "doubt_no_threshold")
+UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
+DOUBTS = ("doubt_one_answer", "doubt_few_seen", "doubt_all_rejected", "doubt_none_rejected", "doubt_no_threshold", *UNSUITED)
 """Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
-seen, if FEW or fewer; 1 where all are rejected, none is, or no threshold kept the wanted precision on held-out blocks."""
+seen, if FEW or fewer; 1 where all are rejected, none is, or no threshold kept the wanted precision on held-out blocks. Of the
+submaps: degrees of azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the highest points,
+under LOW_M; the share of the drive without a whole window, if half or more."""
+ROUND_DEG, GROUND_M, LOW_M = 300.0, 0.5, 1.0
 
 
 def blind(
@@ -48,4 +55,26 @@ def doubts(
         "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),
         VOID: (1.0, not blind < HALF),
     }
-    return {BLIND: blind, **{name: float(value) for name, (value, there) in applies.items() if there}}
+    return {BLIND: blind, **_applying(applies)}
+
+
+def unsuited(submaps: Artifact) -> dict[str, float]:
+    """Those of UNSUITED that apply to the submaps of a sequence."""
+    azimuth_deg, ground_m, highest_m = (
+        np.nan if submaps.attrs["appearance"][name] is None else float(submaps.attrs["appearance"][name])
+        for name in ("azimuth_deg", "ground_m", "highest_m")
+    )
+    left_out = submaps.attrs["left_out"]
+    share = left_out.get("window not yet whole", 0) / (submaps["scans"].shape[0] + sum(left_out.values()))
+    return _applying(
+        {
+            "doubt_not_all_round": (azimuth_deg, azimuth_deg < ROUND_DEG),
+            "doubt_ground": (ground_m, abs(ground_m) > GROUND_M),
+            "doubt_low": (highest_m, highest_m < LOW_M),
+            "doubt_windows": (share, share >= HALF),
+        }
+    )
+
+
+def _applying(applies: Mapping[str, tuple[float, bool]]) -> dict[str, float]:
+    return {name: float(value) for name, (value, there) in applies.items() if there}

@@ -12,7 +12,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
 from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
-from pipeline.evaluation.doubts import blind
+from pipeline.evaluation.doubts import blind, unsuited
 from pipeline.evaluation.judgement import CORRECT_REJECTION, FALSE_ALARM, HIT, MISS, NOT_JUDGED, Evaluation, Judgement
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, Queries, Weight, curve, measures, numbers, share, where
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
@@ -78,6 +78,7 @@ def judge(
         kinds=ranking.kinds,
         days=days,
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
+        unsuited={},
     )
 
 
@@ -101,7 +102,7 @@ def judge_cases(
         ranking = Ranking(**{name: array[own] for name, array in arrays.items()}, kinds=kinds)
         given = (ranking, rankings.attrs["thresholds"], true, world_T_anchor, days, distance, bootstrap, turned_deg[own])
         poses = (np.asarray(rankings["world_T_query"][own]), float(rankings.attrs["promised"][1])) if posed else ()
-        found[case] = judge(*given, *poses)
+        found[case] = replace(judge(*given, *poses), unsuited=unsuited(submaps))
     return found
 
 

@@ -70,6 +70,7 @@ class Evaluation:
     promised: float
     days: int
     blind: Mapping[str, float]
+    unsuited: Mapping[str, float]
 
     @property
     def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -84,7 +85,8 @@ class Evaluation:
     def doubts(self, name: str) -> dict[str, float]:
         """What makes the numbers by that protocol say little, or nothing."""
         seen = int(self.protocol(name).seen.sum())
-        return doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], seen)
+        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], seen)
+        return own | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
         """What that judgement took as true of the queries."""
@@ -117,6 +119,7 @@ class Evaluation:
         own |= {"kinds": tuple(artifact.attrs["kinds"]), "reject_from": tuple(map(float, artifact.attrs["reject_from"]))}
         own["promised"] = np.nan if promised is None else float(promised)
         own["blind"] = {by: np.nan if share is None else float(share) for by, share in artifact.attrs["blind"].items()}
+        own["unsuited"] = artifact.attrs["unsuited"]
         return cls(**own, days=int(artifact.attrs["days"]))
 
 
@@ -135,6 +138,7 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
     names = {"protocols": list(PROTOCOLS), "numbers": list(NUMBERS), "measures": list(MEASURES), "kinds": list(first.kinds)}
     promised = None if np.isnan(first.promised) else first.promised
     own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised, "blind": _valid(first.blind)}
+    own["unsuited"] = dict(first.unsuited)
     return {"cases": [asdict(case) for case in evaluations], **own, **names}
 
 

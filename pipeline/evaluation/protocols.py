@@ -35,7 +35,7 @@ def by_cells(places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: 
 
 @dataclass(frozen=True)
 class Distance:
-    """The protocol by distance (conf/evaluate.yaml), which no border of a grid cell cuts."""
+    """The protocol by distance (conf/tolerance), which no border of a grid cell cuts."""
 
     seen_m: float = 5.0  # seen: a training anchor is nearer than this
     correct_m: float = 15.0  # right: the answer lies at most this far from the query

@@ -11,7 +11,7 @@ from pipeline.formats.bag import CLOUD, SWEEP, TRANSFORMS
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
-from pipeline.inspection.symptoms import ground
+from pipeline.mapping.appearance import ground
 from pipeline.readers.bag_poses import KINDS
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from pipeline.inspection import symptoms
 from pipeline.inspection.beams import find_beams
 from pipeline.inspection.inspection import Inspection, metres, typographic
+from pipeline.mapping.appearance import coverage
+from pipeline.mapping.appearance import ground as ground_height
 
 MANY = 1_000
 """A scan of a spinning LiDAR has at least so many points."""
@@ -82,14 +84,14 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
     range_m = np.hypot(points[:, 0], points[:, 1])
     heights = low, _, high = tuple(map(float, np.percentile(points[:, 2], (1, 50, 99))))
     ranges = (float(np.median(range_m)), float(np.percentile(range_m, 99)), float(range_m.max()))
-    covered = symptoms.coverage(points[range_m > 0])
+    covered = coverage(points[range_m > 0])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     ground = sensor = np.nan
     shape = symptoms.scale(points, range_m) or symptoms.flat(points)
     if shape:
         warnings.append(shape)
     else:
-        ground = symptoms.ground(points, range_m)
+        ground = ground_height(points, range_m)
         down = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
         found = find_beams(points, ground, -1.0 if down else 1.0)
         if found is not None:
@@ -133,12 +135,14 @@ def survey(found: Inspection, count: int, points: Callable[[int], NDArray[np.flo
     head = ("scan", "points", "range 50 %", "99 %", "z 1 %", "50 %", "99 %", "azimuth", "beams", "ground", "sensor above it")
     found.add(f"clouds, {frame}", head, *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()))
     kinds: dict[str, tuple[str, list[int]]] = {}
-    for row, diagnosis in diagnoses.items():
+    ground_m = np.nan_to_num([diagnosis.ground_m for diagnosis in diagnoses.values()])
+    typical = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable") if len(ground_m) else ()
+    for row, diagnosis in [[*diagnoses.items()][i] for i in typical]:
         for warning in diagnosis.warnings:
             kind = "beams" if warning.partition(":")[0].endswith("beams") else " ".join(warning.split()[:2])
             kinds.setdefault(kind, (warning, []))[1].append(row)
     for kind, (warning, rows) in kinds.items():
-        scans = f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, rows))} of the {len(diagnoses)} looked at"
+        scans = f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the {len(diagnoses)} looked at"
         found.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+SMALL_M = 60.0
+"""A drive within so many metres is one of a building or a yard."""
 WIDTH = 118
 """Characters per line; the last cell of a row wraps below itself."""
 
@@ -54,6 +56,15 @@ class Inspection:
     def add(self, title: str, *rows: tuple[str, ...]) -> None:
         """Add a section."""
         self.sections += (Section(title, rows),)
+
+    def warn_of_small_site(self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)) -> None:
+        """Warn where level positions (n, 3), which lie in these axes, span too little for cells of 10 m and errors of 15 m."""
+        sides_m = np.ptp(xyz_m[:, axes], axis=0) if len(xyz_m) else np.full(2, np.inf)
+        self.warn(
+            sides_m.max() < SMALL_M,
+            f"small site: the drive spans {metres(sides_m[0])} × {metres(sides_m[1])}, where cells of 10 m and errors up to 15 m "
+            "say little; `yearloc use … scale=indoor` takes cells of 2 m, a range of 20 m and errors up to 2 m",
+        )
 
     def warn(self, when: object, text: str) -> None:
         """Add a warning if `when` is true."""

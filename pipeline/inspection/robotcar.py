@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 from pipeline.formats import robotcar
-from pipeline.inspection import folders, symptoms
+from pipeline.inspection import folders
 from pipeline.inspection.cloud import spread
 from pipeline.inspection.files import moment_of
 from pipeline.inspection.inspection import Inspection, box, clock, duration, metres, nbytes
+from pipeline.mapping.appearance import coverage
 from pipeline.readers import log
 from pipeline.readers.columns import columns, numbers, utimes_ns
 from pipeline.readers.robotcar import RobotCar, read_sweep
@@ -39,7 +40,7 @@ def sweep(path: Path, found: Inspection) -> None:
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
         ("range", "{} … {}, median {}".format(*map(metres, np.quantile(range_m, (0, 1, 0.5)))) if len(points) else "none"),
-        ("azimuth", f"{symptoms.coverage(points):.0f}° of 360° covered"),
+        ("azimuth", f"{coverage(points):.0f}° of 360° covered"),
         ("reflectance", f"{bright.min():g} … {bright.max():g}" if len(bright) else "none"),
         ("frame", "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the extrinsics, z up"),
     )

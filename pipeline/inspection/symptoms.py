@@ -1,7 +1,9 @@
-"""Tests of a cloud (n, 3) in metres for single faults, and the measurements that they need."""
+"""Tests of a cloud (n, 3) in metres for single faults."""
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipeline.mapping.appearance import LEVEL_M, thickness
 
 
 def repeated(points: NDArray[np.float64]) -> list[str]:
@@ -40,31 +42,10 @@ def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> str | No
 
 def flat(points: NDArray[np.float64]) -> str | None:
     """A warning if all points lie in one plane, else None."""
-    spread = np.sqrt(np.linalg.eigvalsh(np.cov(points.T)).clip(0)) if len(points) > 3 else np.ones(3)
-    if spread[0] > 0.02:
+    thick_m = thickness(points)
+    if thick_m > LEVEL_M:
         return None
     return (
-        f"all points in one plane: {100 * spread[0]:.1f} cm thick; there are no heights to draw a view from: a 2D scan? "
+        f"all points in one plane: {100 * thick_m:.1f} cm thick; there are no heights to draw a view from: a 2D scan? "
         "Gather its sweeps along the path first"
     )
-
-
-def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
-    """z in metres of the ground: where the points near the sensor are densest in z, as the ground is flat, unlike walls."""
-    near = points[range_m < 15.0, 2]
-    if len(near) < 100:
-        near = points[:, 2]
-    z_m = near[np.abs(near - np.median(near)) < 20.0]
-    edges = np.arange(z_m.min() - 0.3, z_m.max() + 0.4, 0.05)
-    counts = np.convolve(np.histogram(z_m, edges)[0], np.ones(5), "same")
-    centre = float(edges[counts.argmax()] + 0.025)
-    return float(np.median(z_m[np.abs(z_m - centre) <= 0.2]))
-
-
-def coverage(points: NDArray[np.float64]) -> float:
-    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
-    if not len(points):
-        return 0.0
-    azimuth = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
-    gaps = np.diff(azimuth, append=azimuth[0] + 360.0)
-    return float(360.0 - gaps[gaps > 3.0].sum())

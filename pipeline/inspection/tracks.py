@@ -56,6 +56,7 @@ def kitti_poses(path: Path, found: Inspection) -> None:
         ("box", box(xyz, ("right", "down", "forward"))),
         ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
     )
+    found.warn_of_small_site(xyz, (0, 2))
     found.warn(lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off")
     off = f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew"
     found.warn(skew > 1e-3, off)
@@ -86,6 +87,7 @@ def tum_poses(path: Path, found: Inspection) -> None:
         ("box", box(xyz, "xyz")),
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
+    found.warn_of_small_site(xyz)
 
 
 def kitti_times(path: Path, found: Inspection) -> None:

@@ -66,7 +66,7 @@ def doubts(study: Study) -> list[Finding]:
 def _doubted(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
     """On which test sequences a doubt applies, and its largest value."""
     found = {one.sequence: one.number(protocol, name) for one in group if (protocol, name) in one.numbers}
-    return {"name": name, "on": list(found), "value": max(found.values(), default=0)}
+    return {"name": name, "on": list(found), "value": max(found.values(), key=abs, default=0)}
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:

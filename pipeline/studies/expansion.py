@@ -27,6 +27,8 @@ DRIVE = ("world", "source", "heeds", "root")
 reader, or of a simulated one no more than that it is simulated."""
 STRUCTURE = ("demolition", "construction")
 """Alterations that a method's own model answers alone: variants and seeds differ in the headings that they learned."""
+TOLERANCE = "15m"
+"""How near an answer must be, where a study says nothing: a file of conf/tolerance."""
 INSTEAD = {
     "evaluated": "pipeline/__init__.py",
     "viewed": "pipeline/evaluation/__init__.py",
@@ -99,7 +101,8 @@ def _views(lists: Lists, dataset: str, study: Study) -> None:
 def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName) -> None:
     """Training a model, and what it answers."""
     seed = f"method.seed={model.seed}" if model.seed else ""
-    words = (f"method={model.method}", method.get("variants", {}).get(model.variant, ""), seed)
+    settings = " ".join(f"method.{name}={value}" for name, value in method.get("settings", {}).items())
+    words = (f"method={model.method}", settings, method.get("variants", {}).get(model.variant, ""), seed)
     entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name}
     entry |= {"recipe": " ".join(filter(None, words)), "code": method["code"], "view": method["view"], "train": study["train"]}
     learned = {"budget": study["budget"], "of": "" if " " in study["train"] else f"/{study['train']}.zarr"}
@@ -113,6 +116,7 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
     lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"]}
+    evaluated["tolerance"] = study.get("tolerance", TOLERANCE)
     for answers in answers_of(study, model) if own else [model]:
         rankings = f"artifacts/{'poses' if answers.posed else 'localize'}/{dataset}/{grid}/{model.name}"
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}

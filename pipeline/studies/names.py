@@ -8,7 +8,7 @@ import yaml
 
 from pipeline.errors import ConfigError
 from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
-from pipeline.studies.expansion import QUESTIONS, expand, grids, models_of, on_bird_views
+from pipeline.studies.expansion import QUESTIONS, TOLERANCE, expand, grids, models_of, on_bird_views
 
 STUDIES = """\
 # The studies: the one list of names. Write it by hand, or let `yearloc use campus town` write it; then `yearloc use` generates
@@ -45,7 +45,8 @@ def complete(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> dict[str, 
         methods = [entry(conf, one["name"], one.get("view", _view(conf, one["name"]))) | one for one in given]
         found[dataset] = {"question": QUESTIONS[0], **study, "methods": methods}
         named = [("dataset", dataset), *((group, study[group]) for group in ("world", "submap", "budget"))]
-        named += [("grid", grid) for grid in grids(study)] + [("alteration", name) for name in study.get("altered", {})]
+        named += [("tolerance", study.get("tolerance", TOLERANCE)), *(("grid", grid) for grid in grids(study))]
+        named += [("alteration", name) for name in study.get("altered", {})]
         for group, name in (*named, *(("view", method["view"]) for method in methods)):
             _file(conf, group, name, f"conf/studies.yaml: {dataset} names the {group} {name}; expected one of")
     return found
@@ -71,13 +72,13 @@ class _Indented(yaml.SafeDumper):
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, parts, world, budget, question and seeds, and with commas train,
-    tests, methods, variants, altered, cells and poses.
+    """The study of data set `name`; options are root, log, parts, world, budget, question, scale and seeds, and with commas
+    train, tests, methods, variants, altered, cells and poses.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
-    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses"}
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "scale"}
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
@@ -92,26 +93,31 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     found = simulated(conf, name, study, options) if dataset["simulated"] else recorded(name, dataset["reader"], study, options)
     places = found.study
     stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
+    scale = parsed(_file(conf, "scale", options["scale"], f"scale={options['scale']}: expected one of")) if "scale" in options else {}
+    submap, own_grids = scale.get("submap", {}).get(study["submap"], study["submap"]), scale.get("grids", study["grids"])
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
-    views, instead = {method: _view(conf, method) for method in wanted}, study.get("views", {})
+    instead, drawn = study.get("views", {}), scale.get("views", {})
+    views = {method: instead.get(view := _view(conf, method), view) for method in wanted}
+    views = {method: drawn.get(view, view) for method, view in views.items()}
     seeds = options.get("seeds", str(study.get("seeds", 1)))
     if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
         raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
     variants = _variants(options, study, wanted)
-    methods = [entry(conf, method, instead.get(view, view), int(seeds), variants.get(method)) for method, view in views.items()]
+    usual = scale.get("methods", {})
+    methods = [entry(conf, method, view, int(seeds), variants.get(method), usual) for method, view in views.items()]
     if question == "viewpoints" and len(on_bird_views(methods)) < len(methods):
         raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
     budget = options.get("budget", places["budget"])
     if not (conf / "budget" / f"{budget}.yaml").is_file():
         raise ConfigError(f"budget={budget}: expected tiny, demo or full")
-    words = {"question": question, "submap": study["submap"], "grids": study["grids"], "budget": budget, "methods": methods}
+    words = {"question": question, "submap": submap, "grids": own_grids, "budget": budget, "methods": methods}
     alterable = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
     altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
-    others = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in study["grids"]]
+    others = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in own_grids]
     cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
     families = [model.family for method in methods for model in models_of(method) if not model.seed]
     poses = _some(options, "poses", [name for name in families if "poses" in options or name in study.get("poses", ())])
-    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses}
+    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "tolerance": scale.get("tolerance")}
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 
@@ -138,17 +144,32 @@ def _some(options: Mapping[str, str], option: str, known: list[str]) -> list[str
     return wanted
 
 
-def entry(conf: Path, method: str, view: str, seeds: int = 1, variants: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how often it is trained, and its
-    variants."""
+def entry(
+    conf: Path,
+    method: str,
+    view: str,
+    seeds: int = 1,
+    variants: Mapping[str, str] | None = None,
+    usual: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how often it is trained, its
+    variants, and those of the `usual` settings that it has."""
     path = conf / "view" / f"{view}.yaml"
     drawn = {"stage": "birdviews"} if path.is_file() and "octree" in parsed(path) else {}
     settings = parsed(conf / "method" / f"{method}.yaml")
     trained = {"seeds": seeds} if seeds > 1 and "seed" in settings else {}
     module = settings["_target_"].split(".")[:-1]
     code = "/".join(module[:3]) + (".py" if len(module) == 3 else "")  # a folder where its networks live beside it
-    named = {"name": method, "view": view, "code": code}
-    return {**named, **drawn, **trained, **({"variants": dict(variants)} if variants else {})}
+    own = {name: value for name, value in (usual or {}).items() if name in settings}
+    besides = {"settings": own, "variants": dict(variants or {})}
+    return {
+        "name": method,
+        "view": view,
+        "code": code,
+        **drawn,
+        **trained,
+        **{name: some for name, some in besides.items() if some},
+    }
 
 
 def _view(conf: Path, method: str) -> str:

@@ -17,7 +17,7 @@ from stages import ROOT
 from stages.train import within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
-LISTED = ("world", "submap", "budget", "grid", "method", "view")  # groups whose file conf/lists.yaml names
+LISTED = ("world", "submap", "budget", "grid", "method", "view", "tolerance")  # groups whose file conf/lists.yaml names
 CHAIN = ("logs", "scans", "submaps", "views", "birdviews", "labels", "train", "localize", "evaluate")
 """The stages that a job may run; their own settings can be swept, those of the stages behind them cannot."""
 
@@ -42,7 +42,8 @@ def listed(study: Mapping[str, Any], dataset: str, given: Mapping[str, str], met
     method = given.get("method", next(iter(views)))
     view = given.get("view") or (method_view if "method.view" in given else views.get(method, method_view))
     own: dict[str, Any] = {"cells": [], "stress": {}, "poses": [], "grids": [given.get("grid", study["grids"][0])]}
-    own["methods"] = [entry(ROOT / "conf", method, view)]
+    usual = {name: value for one in study["methods"] for name, value in one.get("settings", {}).items()}
+    own["methods"] = [entry(ROOT / "conf", method, view, usual=usual)]
     return expand({dataset: study | own})
 
 

@@ -1,11 +1,14 @@
 """Scores that say little: one answer to all, a site within the tolerance, thresholds that reject all or nothing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pipeline.evaluation.doubts import BLIND, VOID, blind, doubts
+from pipeline.evaluation.doubts import BLIND, VOID, blind, doubts, unsuited
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
+from tests.views.made import ALONG, POLES_M, SUITED, artifacts
 
 NOVELTY = np.linspace(0, 1, 40)
 MANY = np.arange(40)
@@ -39,3 +42,20 @@ def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
     found = doubts(**usual | change)
     assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
     assert found == applies
+
+
+@pytest.mark.parametrize(
+    ("appearance", "left_out", "applies"),
+    [
+        ({}, {}, {}),
+        ({"azimuth_deg": 180.0}, {}, {"doubt_not_all_round": 180}),
+        ({"ground_m": -1.73}, {}, {"doubt_ground": -1.73}),
+        ({"ground_m": None, "highest_m": 0.4}, {}, {"doubt_low": 0.4}),  # a level 2-D LiDAR
+        ({"azimuth_deg": None, "ground_m": None, "highest_m": None}, {}, {}),  # no point at all
+        ({}, {"window not yet whole": 3}, {"doubt_windows": 0.5}),  # three submaps are there
+        ({}, {"window not yet whole": 2, "no true pose": 1}, {}),
+    ],
+)
+def test_submaps_that_do_not_suit_the_views(tmp_path: Path, appearance: dict, left_out: dict, applies: dict) -> None:
+    _, submaps = artifacts(tmp_path, [POLES_M] * 3, ALONG, appearance=SUITED | appearance, left_out=left_out)
+    assert unsuited(submaps) == applies

@@ -21,6 +21,7 @@ from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.schemas import EVALUATIONS
 from tests.evaluation.made import rows, standing, write
+from tests.views.made import SUITED
 
 XY_M = np.array([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)], float)
 RANKING = Ranking(
@@ -246,7 +247,7 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     with store.write(tmp_path / "labels", schemas.LABELS, days=20, cell_m=10.0, x_m=[0, 1], y_m=[0, 1]) as draft:
         for name in schemas.LABELS.columns:
             draft.put(name, getattr(LABELS, name))
-    with store.write(tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+    with store.write(tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED) as draft:
         draft.put("world_T_anchor", standing(XY_M, YAW_DEG))
         draft.put("ground_m", np.zeros(5))
         for name in ("first", "scans", "stamps_ns"):

@@ -23,6 +23,7 @@ from pipeline.running.telemetry import Trace
 from pipeline.studies.expansion import ModelName
 from pipeline.views.draw import Drawing
 from tests.evaluation.made import standing
+from tests.views.made import SUITED
 
 BY_HAND = Latency(
     generation={"wide": np.array([1.0, 2.0, 3.0]), "narrow": np.array([10.0, 10.0, 40.0])},
@@ -48,7 +49,10 @@ def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1) -> tuple[s
         "submaps": {"first": last - (sweeps - 1), "scans": last, "ground_m": np.full(len(last), 0.25)}
         | {"used": np.ones(scans, bool), "stamps_ns": 10 * last, "world_T_anchor": poses[last]},
     }
-    attrs = {"scans": {"grain_m": 0.005, "skipped": {}, "clipped": 0}, "submaps": {"layout": "odom_T_scan", "left_out": {}}}
+    attrs = {
+        "scans": {"grain_m": 0.005, "skipped": {}, "clipped": 0},
+        "submaps": {"layout": "odom_T_scan", "left_out": {}, "appearance": SUITED},
+    }
     found = []
     for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS)):
         with store.write(folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]) as draft:

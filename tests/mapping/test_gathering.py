@@ -16,6 +16,7 @@ from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.draw import Drawing
+from tests.views.made import SUITED
 
 GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)
@@ -116,7 +117,7 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
 def test_views_of_accumulated_submaps_are_drawn_from_all_their_scans(tmp_path: Path) -> None:
     artifact = scans(tmp_path, [np.array([[1.0, 0, row / 2]]) for row in range(4)], driven(4))
     made = cut(artifact)
-    with store.write(tmp_path / "submaps.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
+    with store.write(tmp_path / "submaps.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED) as draft:
         for name in ("first", "scans", "ground_m", "used"):
             draft.put(name, getattr(made, name))
         draft.put("stamps_ns", np.arange(2))

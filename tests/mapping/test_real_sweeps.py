@@ -23,6 +23,7 @@ from pipeline.running.progress import Progress
 from pipeline.schemas import SCANS, SUBMAPS
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
+from tests.views.made import SUITED
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,7 +89,7 @@ def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest
     drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.running.compute.Compute"}}
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
-        with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}) as draft:
+        with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED) as draft:
             for name in ("first", "scans", "ground_m", "used"):
                 draft.put(name, getattr(made, name))
             draft.put("stamps_ns", scans.load("stamps_ns")[made.scans])

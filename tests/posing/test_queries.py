@@ -16,6 +16,7 @@ from pipeline.posing.queries import Queries
 from pipeline.posing.targets import write_map
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.damage import one_line
+from tests.views.made import SUITED
 
 CASES = [Case(), Case("turned", repeat=0)]
 TRUE = np.stack([planar(0.5, 1.0, 20), planar(-1.0, 0.0, -70)])
@@ -34,7 +35,7 @@ def drive(folder: Path, name: str, world_T_anchor: np.ndarray) -> tuple[store.Ar
             **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
         }.items():
             out.put(column, values)
-    with store.write(paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}) as out:
+    with store.write(paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED) as out:
         used = {"first": rows, "scans": rows, "ground_m": np.zeros(len(rows)), "used": np.ones(len(rows), bool)}
         for column, values in {**used, "stamps_ns": STAMPS_NS[rows], "world_T_anchor": world_T_anchor}.items():
             out.put(column, values)

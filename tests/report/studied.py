@@ -18,6 +18,7 @@ from pipeline.matching.rejection import Evidence
 from pipeline.report.study import Study
 from pipeline.studies.expansion import models_of
 from tests.report.figures.made import BOOTSTRAP, PLACES, TRAIN_PLACES, TRAIN_XY_M, evaluation
+from tests.views.made import SUITED
 
 TRAIN, TESTS = "2012-01-15", {"2012-02-04": 20, "2012-03-17": 62, "2012-06-15": 152, "2012-10-28": 287}
 REVERSED = "2012-07-01"
@@ -56,7 +57,14 @@ def build(artifacts: Path) -> Study:
         world_T_anchor[:, :2, 3] = xy_m
         anchor = {"stamps_ns": np.arange(n), "world_T_anchor": world_T_anchor}
         rows = {"first": np.arange(n), "scans": np.arange(n), "ground_m": np.zeros(n), "used": np.ones(n, bool)}
-        put(artifacts / f"submaps/campus/{sequence}.zarr", schemas.SUBMAPS, rows | anchor, layout="world_T_scan", left_out={})
+        put(
+            artifacts / f"submaps/campus/{sequence}.zarr",
+            schemas.SUBMAPS,
+            rows | anchor,
+            layout="world_T_scan",
+            left_out={},
+            appearance=SUITED,
+        )
         images = rng.uniform(0, 16, (n, 40, 120)).astype(np.float32)
         views = artifacts / f"views/campus/scan_context/{sequence}.zarr"
         put(views, schemas.VIEWS, {"images": images, **anchor}, cases=[asdict(Case())])

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,8 @@ BIRDVIEW = BirdView(octree=Octree(edge_m=16.0, depth=5, motion="none"), headings
 """A leaf is half a metre, a pixel a metre."""
 POLES_M = np.array([[4.25, 0.25], [-0.25, 3.25], [0.25, -5.25]])
 """In the world: ahead, to the left and to the right of where the robot starts. Scan i sees pole i alone."""
+SUITED = {"azimuth_deg": 360.0, "ground_m": 0.0, "highest_m": 9.0}
+"""What submaps look like that suit every view."""
 ALONG = pose(np.arange(3)[:, None] * (0.5, 0, 0), np.zeros((3, 3)))
 """Three poses half a metre apart."""
 
@@ -30,6 +33,7 @@ def artifacts(
     last: Sequence[int] = (),
     stamps_ns: Sequence[int] = (),
     ground_m: float = 0.0,
+    **attrs: Any,
 ) -> Artifacts:
     """Scans, and a submap at each, or of the scans `first` to `last`."""
     stamps, rows = np.array(stamps_ns or range(len(points))), np.array(last or range(len(points)))
@@ -39,7 +43,8 @@ def artifacts(
         draft.put("stamps_ns", stamps)
         draft.put("world_T_scan", world_T_scan)
         draft.put("odom_T_scan", world_T_scan if odom_T_scan is None else odom_T_scan)
-    with store.write(folder / "submaps.zarr", schemas.SUBMAPS, layout="world_T_scan", left_out={}) as draft:
+    attrs = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED} | attrs
+    with store.write(folder / "submaps.zarr", schemas.SUBMAPS, **attrs) as draft:
         draft.put("first", np.array(first or rows))
         draft.put("scans", rows)
         draft.put("stamps_ns", stamps[rows])
