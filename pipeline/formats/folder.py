@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
-from pipeline.formats import pcd
+from pipeline.formats import pcd, records
 
 SCANS = (".bin", ".npy", ".pcd")
 TIMES = "times.txt"
@@ -20,11 +20,11 @@ NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.forma
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
-def points(data: bytes, path: Path, columns: int) -> NDArray[np.float64]:
+def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[np.float64]:
     """Points (n, 3) from the bytes of a scan file, in the file's frame and unit, non-finite ones included.
 
-    The suffix of `path` is the format; `columns` is the number of floats per point in a .bin. Raises LogError for a file of
-    another format or one cut short, before more than 2²⁸ bytes are allocated.
+    The suffix of `path` is the format; `point_bytes` is the width of a record in a .bin, None: found from the bytes. Raises
+    LogError for a file of another format or one cut short, before more than 2²⁸ bytes are allocated.
     """
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
@@ -33,9 +33,7 @@ def points(data: bytes, path: Path, columns: int) -> NDArray[np.float64]:
             return pcd.decode(data, path, LARGEST_BYTES)
         if path.suffix == ".npy":
             return _npy(data, path)
-        if len(data) % (4 * columns):
-            raise LogError(f"{path}: {len(data)} bytes are no whole number of {4 * columns}-byte points (columns={columns})")
-        return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
+        return records.points(data, path, point_bytes).astype(np.float64)
 
 
 def stamp_ns(word: str, unit: str) -> int | None:

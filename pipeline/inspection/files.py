@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import ConfigError, LogError
-from pipeline.formats import kitti, nclt, pcd
+from pipeline.errors import LogError
+from pipeline.formats import kitti, nclt, pcd, records
 from pipeline.formats.folder import LARGEST_BYTES
 from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.cloud import diagnose
@@ -21,22 +21,19 @@ MOST_POINTS = 2_000_000
 
 
 def format_of(path: Path, as_format: str | None) -> str:
-    """The format, nclt or kitti, of a .bin or a folder of them: `as_format`, or by the folder's name; raises ConfigError."""
-    found = as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name)
-    if found is None:
-        raise ConfigError(
-            f"{path}: a .bin may be NCLT's or KITTI's, and its folder is named neither velodyne_sync nor velodyne; "
-            "add --format nclt|kitti"
-        )
-    return found
+    """The format of a .bin or a folder of them, nclt, kitti or folder: `as_format`, by the folder's name, or by its bytes."""
+    if found := as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name):
+        return found
+    first = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
+    return "nclt" if first.is_file() and records.point_bytes(first.read_bytes()) == records.NCLT_BYTES else "folder"
 
 
 def scan_file(path: Path, as_format: str | None, found: Inspection) -> None:
-    """A .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one, ConfigError for an unknown format."""
+    """A .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one."""
     if path.name == "velodyne_hits.bin":
         _packets(path, found)
         return
-    inspect = _nclt_scan if format_of(path, as_format) == "nclt" else _kitti_scan
+    inspect = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}[format_of(path, as_format)]
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
     inspect(path, found)
@@ -76,6 +73,20 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
     outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
     found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
     diagnose(points + np.array([0.0, 0.0, height_m]), mounted_m=height_m).add_to(found)
+
+
+def _own_scan(path: Path, found: Inspection) -> None:
+    """A .bin of another robot's: records that begin with x, y, z as 32-bit floats."""
+    data = path.read_bytes()
+    points, width = records.points(data, path).astype(np.float64), records.point_bytes(data) or 0
+    like = f" ({records.NAMES[width]})" if width in records.NAMES else ""
+    found.describe(
+        "points of 32-bit floats",
+        ("size", f"{nbytes(len(data))}, records of {width} bytes{like}, found from the content"),
+        ("read by", f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml"),
+        ("frame", "taken as x forward, y left, z up, in metres"),
+    )
+    diagnose(points).add_to(found)
 
 
 def _packets(path: Path, found: Inspection) -> None:

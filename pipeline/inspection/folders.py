@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
-from pipeline.formats import carmen, kitti, nclt
+from pipeline.formats import carmen, kitti, nclt, records
 from pipeline.inspection.cloud import survey
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.files import FORMATS, format_of
@@ -27,6 +27,9 @@ RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 def scan_folder(path: Path, as_format: str | None, found: Inspection) -> None:
     """The scans of one log: velodyne_sync/ or velodyne/; raises LogError if none of them is whole."""
     kind = format_of(path, as_format)
+    if kind == "folder":
+        _own_scans(path, found)
+        return
     record_bytes = RECORD[kind]
     files = {file: file.stat().st_size for file in sorted(path.glob("*.bin")) if file.name != "velodyne_hits.bin"}
     named = {file: size for file, size in files.items() if file.stem.isdecimal() and len(file.stem) <= 17}
@@ -57,6 +60,21 @@ def scan_folder(path: Path, as_format: str | None, found: Inspection) -> None:
     lift = np.array([0.0, 0.0, Kitti().lidar_height_m])
     frame = f"raised by lidar_height_m = {lift[2]} m, z up"
     survey(found, len(whole), lambda row: read_velodyne(whole[row]) + lift, frame)
+
+
+def _own_scans(path: Path, found: Inspection) -> None:
+    """A folder of another robot's scans."""
+    files = sorted(file for file in path.glob("*.bin") if file.stat().st_size)
+    if not files:
+        raise LogError(f"{path}: all of its .bin files are empty; fetch them anew")
+    width = records.point_bytes(files[0].read_bytes())
+    found.describe(
+        "scans of points of 32-bit floats",
+        ("scans", f"{len(files):,}, {nbytes(sum(file.stat().st_size for file in files))}"),
+        ("records", f"of {width or 'unknown'} bytes, found from the content of {files[0].name}"),
+        ("read by", "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"),
+    )
+    survey(found, len(files), lambda row: records.points(files[row].read_bytes(), files[row], width), "as stored")
 
 
 def sequence(path: Path, found: Inspection) -> None:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats import folder as files
-from pipeline.formats import kitti
+from pipeline.formats import kitti, records
 from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers import log
 from pipeline.readers.log import Log
@@ -45,8 +45,8 @@ class Folder:
     """Below the sequence: the body's poses by odometry, in the same format; rows of NaN are breaks in it."""
     stamps: Literal["s", "us", "ns"] = "s"
     """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from 0."""
-    columns: int = 4
-    """Number of 32-bit floats per point in a .bin: x, y, z and any others."""
+    point_bytes: int = 0
+    """Bytes of a point in a .bin, which begins with x, y, z as 32-bit floats; 0: found from the first file."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
     lift_m: float = 0.0
@@ -57,8 +57,8 @@ class Folder:
     def __post_init__(self) -> None:
         settings.check(self, "reader")
         settings.positive("reader", max_gap_s=self.max_gap_s)
-        if self.columns < 3:
-            raise ConfigError(f"reader.columns={self.columns}: expected 3 or more, x, y and z first")
+        if self.point_bytes and self.point_bytes < 12:
+            raise ConfigError(f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or 0")
         log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         for name in ("scans", "poses", "odometry"):
             place = getattr(self, name)
@@ -73,7 +73,7 @@ class Folder:
             raise LogError(f"{folder}: no such folder of a sequence")
         truth = self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
-        paths = self._paths(folder, truth.stamps_ns, skipped)
+        paths, width = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         rows, world_T_body, odom_T_body = log.posed(stamps_ns, truth, odometry, skipped)
         if not len(rows):
@@ -84,7 +84,7 @@ class Folder:
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
         vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], self.columns, vehicle_T_lidar), +skipped)
+        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
@@ -95,16 +95,18 @@ class Folder:
         found = folder.glob(self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*")
         return [path for path in found if path.suffix in files.SCANS]
 
-    def _paths(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> dict[int, Path]:
-        """Scan files by their stamp in ns; counts in `skipped` the files that are not used."""
+    def _paths(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> tuple[dict[int, Path], int | None]:
+        """Scan files by stamp in ns, and the bytes of a point in a .bin; counts in `skipped` the files that are not used."""
         found: dict[int, Path] = {}
-        for path in sorted(self._files(folder)):
+        there = sorted(self._files(folder))
+        width = self.point_bytes or self._width(there)
+        for path in there:
             stamp = self._stamp(path.stem, pose_stamps_ns)
             if stamp is None or not path.is_file():
                 skipped["file name is no stamp" if self.poses_format == "tum" else "file name is no row of the poses"] += 1
             elif not path.stat().st_size:
                 skipped["empty file"] += 1
-            elif path.suffix == ".bin" and path.stat().st_size % (4 * self.columns):
+            elif path.suffix == ".bin" and width and path.stat().st_size % width:
                 skipped["truncated record"] += 1
             elif stamp in found:
                 skipped["a second file of one stamp"] += 1
@@ -112,9 +114,16 @@ class Folder:
                 found[stamp] = path
         if not found:
             names = f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
-            there = next((f"; {path.name} is none" for path in sorted(self._files(folder))), "")
-            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{there})")
-        return found
+            odd = next((f"; {path.name} is none" for path in there), "")
+            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{odd})")
+        return found, width
+
+    def _width(self, paths: Sequence[Path]) -> int | None:
+        """Bytes of a point, by the first .bin that tells; None of none."""
+        whole = (
+            path for path in paths if path.suffix == ".bin" and path.is_file() and path.stat().st_size <= files.LARGEST_BYTES
+        )
+        return next(filter(None, (records.point_bytes(path.read_bytes()) for path in whole)), None)
 
     def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
         if not stem.isascii() or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal() or len(stem) > 40:
@@ -131,12 +140,12 @@ class Folder:
         return Trajectory(stamps_ns, poses, self.max_gap_s)
 
 
-def read_scan(path: Path, columns: int, vehicle_T_lidar: NDArray[np.float64]) -> NDArray[np.float64]:
+def read_scan(path: Path, vehicle_T_lidar: NDArray[np.float64], point_bytes: int | None = None) -> NDArray[np.float64]:
     """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; those not finite or beyond FARTHEST_M are dropped.
 
     Raises LogError for a missing or damaged file.
     """
-    points = files.points(log.read_bytes(path, 1, "bytes"), path, columns)
+    points = files.points(log.read_bytes(path, 1, "bytes"), path, point_bytes)
     points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
     return points @ vehicle_T_lidar[:3, :3].T + vehicle_T_lidar[:3, 3]
 

@@ -59,7 +59,7 @@ class KeyFrames:
         world_T_lidar = (from_quaternions(folder / FILE, rows[:, POSES[name] :][:, :7]) for name in (self.truth, "odometry"))
         truth, odometry = (log.lifted(poses @ np.linalg.inv(body_T_lidar), self.lift_m) for poses in world_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
-        return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], 4, vehicle_T_lidar), +skipped)
+        return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], vehicle_T_lidar), +skipped)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}

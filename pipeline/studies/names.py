@@ -93,7 +93,9 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     found = simulated(conf, name, study, options) if dataset["simulated"] else recorded(name, dataset["reader"], study, options)
     places = found.study
     stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
-    scale = parsed(_file(conf, "scale", options["scale"], f"scale={options['scale']}: expected one of")) if "scale" in options else {}
+    scale = (
+        parsed(_file(conf, "scale", options["scale"], f"scale={options['scale']}: expected one of")) if "scale" in options else {}
+    )
     submap, own_grids = scale.get("submap", {}).get(study["submap"], study["submap"]), scale.get("grids", study["grids"])
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
     instead, drawn = study.get("views", {}), scale.get("views", {})

@@ -26,9 +26,9 @@ def cloud(*points: tuple[float, ...]) -> bytes:
 def test_a_bin_is_rows_of_floats_as_wide_as_declared(tmp_path: Path) -> None:
     path = tmp_path / "1.bin"
     path.write_bytes(np.arange(10, dtype="<f4").tobytes())
-    np.testing.assert_array_equal(read_scan(path, 5, np.eye(4)), [[0, 1, 2], [5, 6, 7]])
-    with pytest.raises(LogError, match=r"40 bytes are no whole number of 16-byte points \(columns=4\)"):
-        read_scan(path, 4, np.eye(4))
+    np.testing.assert_array_equal(read_scan(path, np.eye(4), 20), [[0, 1, 2], [5, 6, 7]])
+    with pytest.raises(LogError, match=r"40 bytes are no whole number of 16-byte points \(reader.point_bytes\)"):
+        read_scan(path, np.eye(4), 16)
 
 
 def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
     data = b"\x93NUMPY\x01\x00" + bytes([118, 0]) + head.ljust(117).encode() + b"\n"
     path = tmp_path / "1.npy"
     path.write_bytes(data + bytes([0, 1, 0, 5, 0, 2, 0, 6, 0xFF, 0xFD, 0, 7, 0, 9, 0, 9]))
-    np.testing.assert_array_equal(read_scan(path, 4, np.eye(4)), [[1, 2, -3], [5, 6, 7]])
+    np.testing.assert_array_equal(read_scan(path, np.eye(4), 16), [[1, 2, -3], [5, 6, 7]])
 
 
 @pytest.mark.parametrize("kind", ["<f2", "<f4", ">f4", "<f8", "<i4", "u1"])
@@ -45,19 +45,19 @@ def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
 def test_arrays_come_back(tmp_path: Path, kind: str, order: str) -> None:
     points = np.arange(20).reshape(5, 4).astype(kind, order=order)  # type: ignore[call-overload]
     np.save(tmp_path / "1.npy", points)
-    np.testing.assert_array_equal(read_scan(tmp_path / "1.npy", 4, np.eye(4)), points[:, :3].astype(float))
+    np.testing.assert_array_equal(read_scan(tmp_path / "1.npy", np.eye(4), 16), points[:, :3].astype(float))
 
 
 def test_a_file_as_large_as_a_map_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "LARGEST_BYTES", 31)
     (tmp_path / "1.bin").write_bytes(bytes(32))
     with pytest.raises(LogError, match="32 bytes are more than one scan has"):
-        read_scan(tmp_path / "1.bin", 4, np.eye(4))
+        read_scan(tmp_path / "1.bin", np.eye(4), 16)
 
 
 def test_points_that_no_lidar_sees_are_dropped(tmp_path: Path) -> None:
     (tmp_path / "1.bin").write_bytes(cloud((1, 2, 3), (np.nan, 0, 0), (0, np.inf, 0), (0, 0, 3e38), (4, 5, 6)))
-    np.testing.assert_array_equal(read_scan(tmp_path / "1.bin", 4, np.eye(4)), [[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_array_equal(read_scan(tmp_path / "1.bin", np.eye(4), 16), [[1, 2, 3], [4, 5, 6]])
 
 
 # Poses

@@ -130,7 +130,7 @@ HITS = np.concatenate(PACKETS).astype("<u2").tobytes()
 
 
 def own_scan(path: Path) -> np.ndarray:
-    return read_scan(path, 4, np.eye(4))
+    return read_scan(path, np.eye(4))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,65 @@
+"""What a .bin of points says of its own layout."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import LogError
+from pipeline.formats.records import point_bytes, points
+
+EXTRA = {
+    12: [],
+    16: [("intensity", "<f4")],
+    20: [("intensity", "<f4"), ("ring", "<f4")],
+    22: [("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")],
+    26: [("intensity", "<f4"), ("t", "<u4"), ("reflectivity", "<u2"), ("ring", "<u2"), ("ambient", "<u2")],
+}
+REAL = Path(__file__).parents[3] / "shared/real"
+
+
+def sweep(width: int, n: int = 2000) -> tuple[bytes, np.ndarray]:
+    """Rings of a room of 12 × 8 m, with the other columns as a sensor fills them."""
+    rng, turn = np.random.default_rng(0), np.linspace(0, 40 * np.pi, n)
+    range_m = 1 / np.maximum(np.abs(np.cos(turn)) / 6, np.abs(np.sin(turn)) / 4)
+    xyz = np.column_stack([range_m * np.cos(turn), range_m * np.sin(turn), 0.1 * np.floor(turn / 6.3)]).astype("<f4")
+    rows = np.zeros(n, [("xyz", "<f4", 3), *EXTRA[width]])
+    rows["xyz"] = xyz
+    for name, kind in EXTRA[width]:
+        column = {"intensity": rng.uniform(0, 1, n), "ring": np.floor(turn / 6.3), "time": np.linspace(0, 0.1, n)}
+        rows[name] = column.get(name, np.arange(n) * (1000 if kind == "<u4" else 1))
+    return rows.tobytes(), xyz
+
+
+@pytest.mark.parametrize("width", EXTRA)
+def test_the_width_of_a_record_is_found_and_its_points_are_read(width: int) -> None:
+    data, xyz = sweep(width)
+    assert point_bytes(data) == width
+    np.testing.assert_array_equal(points(data, Path("1.bin")), xyz)
+
+
+def test_few_points_have_the_commonest_layout_that_fits() -> None:
+    few, _ = sweep(16, 10)
+    assert point_bytes(few) == 16
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (b"", "no width of a record makes its 0 bytes points"),
+        (bytes(1600), "no width of a record"),
+        (np.random.default_rng(0).bytes(8000), "no width of a record"),
+        (np.tile(np.array([20000, 20100, 19000, 7 << 8], "<u2"), 100).tobytes(), "integers as NCLT's; the dataset nclt reads"),
+    ],
+    ids=["empty", "zeros", "noise", "nclt"],
+)
+def test_what_holds_no_floats_is_refused(data: bytes, why: str) -> None:
+    with pytest.raises(LogError, match=f"1.bin: .*{why}"):
+        points(data, Path("1.bin"))
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no real data beside the project")
+def test_real_scans_tell_their_layout() -> None:
+    scans = {8: REAL.glob("nclt/*/velodyne_sync/*.bin"), 16: REAL.glob("kitti/sequences/00/velodyne/*.bin")}
+    found = {width: [point_bytes(path.read_bytes()) for path in paths] for width, paths in scans.items()}
+    assert all(len(every) and set(every) == {width} for width, every in found.items())
