@@ -17,6 +17,8 @@ from pipeline.readers.bag_poses import KINDS
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+PACKETS = ("CustomMsg", "VelodyneScan", "PacketMsg")
+"""Messages of Livox, Velodyne and Ouster that hold no PointCloud2 yet."""
 DRIFTS = re.compile("odom|vo|vio|wheel")
 
 
@@ -28,7 +30,10 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     points = next(iter(contents.of(CLOUD) or contents.of(SWEEP)), None)
     if points is None:
         held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-        raise LogError(f"{contents.files[0].path}: neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}")
+        packed = next((topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS), "")
+        advice = f"; let the lidar's driver make PointCloud2 of {packed} while `ros2 bag record` runs" if packed else ""
+        lacking = f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}{advice}"
+        raise LogError(f"{contents.files[0].path}: {lacking}")
     truth, odometry = _poses(contents)
     flat = points.kind == SWEEP
     warnings: list[str] = []
@@ -113,21 +118,20 @@ def _extrinsic(
 
 
 def _lift(contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
-    """The lift in metres that puts the ground of the first cloud at z = 0, and the comment beside it."""
+    """The lift in metres that puts the ground of the first clouds at z = 0, and the comment beside it."""
     unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
     if points.kind == SWEEP:
         raised = body_T_lidar is not None and body_T_lidar[2, 3] > 0.1  # lower ones are invisible in a view of heights
         return 0.0 if raised else 1.0, "a level sweep sees no ground: its height marks occupied bins, so it must not be 0"
     if body_T_lidar is None:
         return unknown
-    try:
-        cloud = contents.first_points(points) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
-    except LogError:
+    clouds = (cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] for cloud in contents.clouds(points))
+    heights_m = [ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1])) for cloud in clouds if len(cloud) >= 1_000]
+    if not heights_m:
         return unknown
-    if len(cloud) < 1_000:
-        return unknown
-    ground_m = ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1]))
-    comment = typographic(f"the ground of the first cloud lies at z = {ground_m:.2f} m in the posed frame: check it")
+    ground_m = float(np.median(heights_m))
+    among = f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the first clouds: check it"
+    comment = typographic(among)
     return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
 
 

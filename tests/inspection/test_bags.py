@@ -1,5 +1,6 @@
 """What inspect says of bags, and that the yaml it proposes opens them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 
 from pipeline.errors import LogError, YearlocError
 from pipeline.formats.bag import BagWriter
+from pipeline.inspection.bag_contents import Contents, TopicSummary
+from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.bags import bags, proposal
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.report import inspect as look
@@ -136,3 +139,11 @@ def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObj
     finally:
         file.write_bytes(sound)
     assert "\n" not in refused
+
+
+@pytest.mark.parametrize("kind", ["livox_ros_driver2/msg/CustomMsg", "velodyne_msgs/msg/VelodyneScan"])
+def test_packets_of_a_lidar_are_sent_to_its_driver(tmp_path: Path, kind: str) -> None:
+    packed = TopicSummary("/lidar", kind, 5, 10.0, "", "")
+    contents = replace(Contents.read([drive(tmp_path / "drive.bag", "ros1")]), topics=(packed,))
+    with pytest.raises(LogError, match=f"driver make PointCloud2 of {kind} while `ros2 bag record` runs"):
+        propose(contents)
