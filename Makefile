@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies real report test dashboard benchmarks clean
+.PHONY: demo studies real year report test dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
@@ -33,6 +33,15 @@ real: .venv/ready
 	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
 	@yearloc use nclt_keyframes root=$(or $(DATA),data) budget=$(BUDGET)
 	@yearloc use carmen root=$(or $(DATA),data)/carmen budget=$(BUDGET) --add
+	@yearloc unchanged || $(REPRO)
+	@yearloc results
+
+# The simulated campus at the papers' scale, trained in full: a night and more on 2 cores. It may be stopped at any time and goes on
+# where it was, within a training too.
+year: .venv/ready
+	@yearloc repair
+	@yearloc use campus world=year question=robustness budget=$(or $(YEAR_BUDGET),full) altered= cells= \
+		methods=sci,sci_ring,scan_context,scan_context_all,m2dp variants=1way200,4way200,8way200,engaged
 	@yearloc unchanged || $(REPRO)
 	@yearloc results
 
