@@ -190,13 +190,16 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus seeds=0", "expected a number from 1 to 100"),
         (
             "use campus question=robustness methods=sci variants=engaged",
-            "variants=engaged: expected some of 1way, 24way, 4way, 8way",
+            "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200",
         ),
         ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 2m, 5m"),
         ("use campus variants=4way", "variants=4way: expected some of engaged"),
         ("use suburb question=viewpoints variants=4way", "variants=4way: this question and these methods have none"),
         ("use campus altered=rain", "altered=rain: expected some of glance"),
-        ("use campus question=robustness variants=5way", "variants=5way: expected some of 1way, 24way, 4way, 8way, engaged"),
+        (
+            "use campus question=robustness variants=5way",
+            "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, engaged",
+        ),
         ("use moon", "expected one of bag, campus"),
         ("use nclt", "root=FOLDER"),
         ("use nclt root=/nowhere", "no such folder"),
