@@ -61,7 +61,7 @@ def draw(shares: NDArray[np.float64], path: Path) -> None:
 
 def main(path: str, picture: str = "") -> None:
     """Print the shares, and draw them where a path is given."""
-    shares = basin(Targets(Path(path)), instantiate(OmegaConf.load("conf/poses.yaml").fixer))
+    shares = basin(Targets.read(Path(path)), instantiate(OmegaConf.load("conf/poses.yaml").fixer))
     print("step \\ turn " + "".join(f"{turn:6g}°" for turn in TURNS_DEG))
     for step_m, row in zip(STEPS_M, shares, strict=True):
         print(f"{step_m:9g} m " + "".join(f"{share:7.2f}" for share in row))

@@ -111,7 +111,7 @@ def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
         store.read(Path(f"artifacts/{kind}", dataset, f"{sequence}.zarr"), schema)
         for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS))
     )
-    targets, world_T_true, answers_m = Targets(path), submaps.load("world_T_anchor"), rankings.load("xy_m")
+    targets, world_T_true, answers_m = Targets.read(path), submaps.load("world_T_anchor"), rankings.load("xy_m")
     away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - targets.world_T_anchor[:, :2, 3], axis=2).min(axis=1)
     rows = [int(row) for row in np.arange(0, len(world_T_true), int(every)) if away_m[row] < 5]
     clouds = {row: next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows}

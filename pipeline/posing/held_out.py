@@ -47,7 +47,7 @@ class HeldOut:
 
         `views` and `places` (submap,) are the training day's, a row each as in the map; raises InputError for a map of others.
         """
-        mapped = Targets(map_path).world_T_anchor
+        mapped = Targets.read(map_path).world_T_anchor
         if not np.array_equal(mapped, views.world_T_anchor):
             submaps = f"{len(mapped)} submaps that are not the {len(views.world_T_anchor)} of the training views"
             raise InputError(f"{map_path}: a map of {submaps}; is it of this data set?")
@@ -58,7 +58,7 @@ class HeldOut:
 
         def asked(fixer: Fixer, around_m: float) -> list[Fix]:
             def fixes(part: slice) -> list[Fix]:
-                targets, found = Targets(map_path), []
+                targets, found = Targets.read(map_path), []
                 for row, xy_m in zip(rows[part], answers_m[part], strict=True):
                     near = np.linalg.norm(anchors_m - anchors_m[row], axis=1) < around_m
                     found.append(fixer.fix(targets.points_m(row), targets, xy_m, held | near))

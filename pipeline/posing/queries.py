@@ -34,7 +34,7 @@ class Queries:
 
         Raises InputError where a ranking is not of these submaps in these cases, or no alteration has such a case.
         """
-        targets = Targets(map_path)
+        targets = Targets.read(map_path)
         scans, submaps = self._read(self.scans, schemas.SCANS), self._read(self.submaps, schemas.SUBMAPS)
         stamps_ns, cases = submaps.load("stamps_ns"), read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
         candidates_m = self._candidates_m(len(stamps_ns) * len(cases), k).reshape(len(cases), len(stamps_ns), -1, 2)

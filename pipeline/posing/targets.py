@@ -1,8 +1,9 @@
 """Targets: the training submaps that queries are registered against, each thinned to one point a voxel (METHODS 9.1)."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import small_gicp
@@ -50,17 +51,22 @@ def around(points_m: Points, range_m: float) -> Points:
 
 
 class Targets:
-    """The training submaps of a map artifact, a row each."""
+    """The training submaps of a map, a row each."""
 
-    def __init__(self, path: Path) -> None:
-        """Raises ArtifactError where there is no such map."""
-        artifact = store.read(path, schemas.MAPS)
-        self._points, self._offsets = artifact.load("points"), artifact.load("offsets")
-        self._grain_m, self._single = float(artifact.attrs["grain_m"]), bool(artifact.attrs["single"])
-        self.range_m = float(artifact.attrs["range_m"])
-        self.world_T_anchor: Poses = artifact.load("world_T_anchor")
+    def __init__(self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool) -> None:
+        """Of the columns and attributes of a map artifact (schemas.MAPS)."""
+        self._points, self._offsets, self._grain_m, self._single = arrays["points"], arrays["offsets"], grain_m, single
+        self.range_m = range_m
+        self.world_T_anchor: Poses = arrays["world_T_anchor"]
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
         self.cloud: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Those of a map artifact; raises ArtifactError where there is none."""
+        artifact = store.read(path, schemas.MAPS)
+        attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
+        return cls({name: artifact.load(name) for name in schemas.MAPS.columns}, **attrs)
 
     def aligned(self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]) -> Alignment:
         """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the row has too few points."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from pipeline.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
@@ -56,6 +57,16 @@ class Verdict:
         model = make_pipeline(StandardScaler(), LogisticRegression())
         return model.fit(self.evidence.features, self.evidence.right, logisticregression__sample_weight=self.weight)
 
+    @property
+    def chances(self) -> "Chances":
+        """The same chance as numbers that a file can hold."""
+        outcomes = np.unique(self.evidence.right)
+        if len(outcomes) < 2:
+            return Chances((0.0,) * 3, np.inf if outcomes.any() else -np.inf)
+        scaler, regression = self._model[0], self._model[-1]
+        weights = regression.coef_[0] / scaler.scale_
+        return Chances(tuple(map(float, weights)), float(regression.intercept_[0] - weights @ scaler.mean_))
+
     def chance(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
         """That each fix (q,) is right, given its features (q, feature); 0 without a pose.
 
@@ -74,6 +85,20 @@ class Verdict:
         """
         rounded = novelty.astype(np.float32).astype(np.float64)
         return threshold_for(promise, rounded, self.evidence.right, self.weight, wrong_besides=1.0)
+
+
+@dataclass(frozen=True)
+class Chances:
+    """The chance that a fix is right, from its features."""
+
+    weights: tuple[float, ...]
+    """(feature,)."""
+    offset: float
+
+    def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
+        """(q,) of q fixes; 0 without a pose."""
+        known = features(fixes)
+        return np.where(known[:, 0] > 0, expit(known @ np.array(self.weights) + self.offset), 0.0)
 
 
 def features(fixes: Sequence[Fix]) -> NDArray[np.float64]:

@@ -3,12 +3,10 @@
 `mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights (query, ring, sector) in metres.
 """
 
-import ast
 import hashlib
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +19,7 @@ import numpy as np
 
 from pipeline import store
 from pipeline.errors import InputError
+from pipeline.running.building import plain
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -68,7 +67,7 @@ class Served:
         if "_target_" not in recipe or "image_shape" not in model:
             return None
         module, _, name = recipe["_target_"].rpartition(".")
-        parameters = {key: _plain(value) for key, value in recipe.items() if key != "_target_"}
+        parameters = {key: plain(value) for key, value in recipe.items() if key != "_target_"}
         return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])))
 
     def content(self) -> dict[str, object]:
@@ -129,13 +128,6 @@ def shipped() -> list[Path]:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _plain(value: object) -> Any:
-    """A recipe's value from its text: `0.002` a number, `True` a bool, `jet` a string."""
-    with suppress(ValueError, SyntaxError):
-        return ast.literal_eval(str(value))
-    return value
 
 
 def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, served: Served) -> None:

@@ -24,7 +24,7 @@ def written(path: Path, seeds: range) -> Targets:
         out.put("points", np.rint(np.concatenate([np.empty((0, 3)), *clouds]) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4))
-    return Targets(path)
+    return Targets.read(path)
 
 
 @pytest.fixture(scope="module")
@@ -116,4 +116,4 @@ def test_settings_and_a_missing_map_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"fixer\.rounds=\(5, 0\): expected at least 1"):
         Fixer(rounds=(5, 0))
     with pytest.raises(ArtifactError, match="no such artifact"):
-        Targets(tmp_path / "none.zarr")
+        Targets.read(tmp_path / "none.zarr")

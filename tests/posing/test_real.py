@@ -50,7 +50,7 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", frames.world_T_frame[OUT])
-    return Targets(path)
+    return Targets.read(path)
 
 
 def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[Fix]:

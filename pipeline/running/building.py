@@ -1,0 +1,42 @@
+"""Objects as a yaml or a file describes them: `_target_` names a class of this project, the other keys are its fields."""
+
+import ast
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from typing import Any
+
+from pipeline.errors import ConfigError
+
+TARGET = "_target_"
+
+
+def build(spec: Any, roots: tuple[str, ...]) -> Any:
+    """The object that a mapping with `_target_` describes; mappings and lists within it are built first.
+
+    Only dataclasses of modules below `roots`, such as pipeline.views., are made: a file may come from anywhere. Keys that the
+    class has no field for are left out. Raises ConfigError for any other class.
+    """
+    if isinstance(spec, list):
+        return [build(one, roots) for one in spec]
+    if not isinstance(spec, Mapping):
+        return spec
+    found = {name: build(value, roots) for name, value in spec.items()}
+    if TARGET not in found:
+        return found
+    module, _, name = str(found[TARGET]).rpartition(".")
+    kind = None
+    if module.startswith(roots) and name.isidentifier():
+        with suppress(ImportError):
+            kind = getattr(import_module(module), name, None)
+    if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
+        raise ConfigError(f"{TARGET}={spec[TARGET]}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
+    return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})
+
+
+def plain(text: object) -> Any:
+    """A value from its text in a model's recipe: `0.002` a number, `True` a switch, `jet` a word."""
+    with suppress(ValueError, SyntaxError):
+        return ast.literal_eval(str(text))
+    return text
