@@ -1,0 +1,149 @@
+"""Packs a trained model, its map and a verdict learned on held-out blocks of the training day into a site file."""
+
+import platform
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from pipeline import schemas, store
+from pipeline.errors import ConfigError
+from pipeline.inspection.cloud import diagnose
+from pipeline.mapping.gathering import submap_points
+from pipeline.matching.places import Places
+from pipeline.matching.ranking import Rows
+from pipeline.matching.rejection import PREFIX as HELD_OUT
+from pipeline.online import site
+from pipeline.posing.held_out import HeldOut
+from pipeline.posing.targets import write_map
+from pipeline.posing.verdict import PROMISES, Verdict
+from pipeline.running.building import build, plain
+from pipeline.running.compute import Compute
+from pipeline.running.dvc_files import DvcLock
+from pipeline.running.progress import Progress
+from pipeline.store import Artifact
+from pipeline.studies.discovery import parsed
+from pipeline.studies.expansion import models_of
+
+VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
+NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
+"""Arrays of a model that nobody needs to localise."""
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Packs sites from a project's artifacts, as its conf/ describes them."""
+
+    conf: Path
+    artifacts: Path
+    studies: Mapping[str, Mapping[str, Any]]
+
+    def pack(self, name: str, out: Path, progress: Progress) -> str:
+        """Write the site of STUDY/GRID/MODEL; returns what it holds, in a line.
+
+        Raises ConfigError for a name that no study has, and for a model that looks at several scans; ArtifactError where an
+        artifact is missing.
+        """
+        dataset, grid, model_name, method = self._named(name)
+        study = self.studies[dataset]
+        train = study["train"]
+        labels = self._read("labels", schemas.LABELS, dataset, grid, f"{train}.zarr")
+        scans = self._read("scans", schemas.SCANS, dataset, f"{train}.zarr")
+        submaps = self._read("submaps", schemas.SUBMAPS, dataset, f"{train}.zarr")
+        if not (submaps.load("first") == submaps.load("scans")).all():
+            raise ConfigError(f"{name}: its submaps gather several scans or sweeps; a site localises single scans")
+        view = parsed(self.conf / "view" / f"{method['view']}.yaml")
+        trained = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
+        recipe = {key: plain(value) for key, value in store.read_recipe(trained).items()}
+        learned, settings, k = store.read_model(trained), parsed(self.conf / "poses.yaml"), 25
+        fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
+        assert isinstance(held_out, HeldOut)
+        with ExitStack() as stack:
+            map_path = self.artifacts / "map" / dataset / f"{train}.zarr"
+            if not map_path.is_dir():
+                map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
+                progress.tell(f"thin {len(submaps['scans'])} submaps into a map")
+                own = {key: value for key, value in parsed(self.conf / "map.yaml").items() if key.endswith("_m")}
+                write_map(map_path, scans, submaps, **own)
+            mapped = store.read(map_path, schemas.MAPS)
+            localizer = build(recipe, site.ROOTS).localizer(learned)
+            views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
+            compute = Compute("processes")
+            evidence, clear_m = held_out.evidence(fixer, map_path, localizer, views, labels.load("places"), k, compute, progress)
+            arrays = {key: mapped.load(key) for key in schemas.MAPS.columns}
+        verdict = Verdict(evidence, settings["unseen_share"])
+        novelty = 1 - verdict.chance(evidence.features)
+        chances = verdict.chances
+        about = {
+            "name": name,
+            "simulated": bool(parsed(self.conf / "dataset" / f"{dataset}.yaml")["simulated"]),
+            "method": recipe,
+            "view": view,
+            "fixer": {**settings["fixer"], "clear_m": clear_m},
+            "k": k,
+            "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
+            "map": {key: mapped.attrs[key] for key in ("grain_m", "range_m", "single")},
+            "verdict": asdict(chances)
+            | {"promises": PROMISES, "promised": [verdict.threshold(novelty, promise) for promise in PROMISES]}
+            | {"held_out": evidence.queries, "unseen_share": settings["unseen_share"]},
+            "sensor": sensor(scans, submaps),
+            "provenance": self._provenance(dataset, grid, train, trained),
+        }
+        model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
+        site.write(out, about, model, {**arrays, "cells": labels.load("cells")})
+        kept = sum(reject_from > 0 for reject_from in about["verdict"]["promised"])
+        promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
+            "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"
+        )
+        places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
+        return f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.queries} held-out queries it {promised}"
+
+    def _named(self, name: str) -> tuple[str, str, str, Mapping[str, Any]]:
+        """Study, grid, model and the study's entry of its method; raises ConfigError where there is no such."""
+        words = name.split("/")
+        if len(words) != 3 or words[0] not in self.studies:
+            raise ConfigError(f"{name}: expected STUDY/GRID/METHOD, a study being one of {', '.join(self.studies)}")
+        dataset, grid, wanted = words
+        study = self.studies[dataset]
+        if grid not in study["grids"]:
+            raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study['grids'])}")
+        models = {model.name: method for method in study["methods"] for model in models_of(method)}
+        if wanted not in models:
+            raise ConfigError(f"{name}: {dataset} has the models {', '.join(models)}")
+        if models[wanted].get("stage") == "birdviews":
+            raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
+        return dataset, grid, wanted, models[wanted]
+
+    def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
+        return store.read(self.artifacts.joinpath(kind, *names), schema)
+
+    def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
+        """What the site was made of: DVC's digests, versions, and the day that was learned."""
+        lock, root = DvcLock.read(self.conf.parent / "dvc.lock"), self.artifacts.parent
+        parts = {
+            "model": trained,
+            "labels": self.artifacts / "labels" / dataset / grid,
+            "scans": self.artifacts / "scans" / dataset,
+        }
+        digests = {what: lock.of(path.relative_to(root).as_posix())[0] for what, path in parts.items()}
+        versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
+        versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
+        return {"train": train, "md5": digests, "versions": versions}
+
+
+def sensor(scans: Artifact, submaps: Artifact) -> dict[str, Any]:
+    """What the training scans look like: medians over nine, None where unknown."""
+    rows = np.unique(np.linspace(0, len(submaps["scans"]) - 1, 9).astype(int))
+    found = [diagnose(next(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows]
+
+    def median(values: list[float | None]) -> float | None:
+        known = [value for value in values if value is not None and np.isfinite(value)]
+        return float(np.median(known)) if len(known) * 2 > len(values) else None
+
+    names = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
+    return {name: median([getattr(one, name) for one in found]) for name in names}

@@ -1,0 +1,213 @@
+"""A site: one file with all that it takes to localise in a place, opened without DVC, Hydra or MLflow.
+
+A zip of site.json, model.safetensors and map.safetensors. Nothing in it is run: arrays are arrays, and the classes that site.json
+names must be this project's methods, views and posing.
+"""
+
+import json
+import time
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load, save
+
+from pipeline.errors import ArtifactError, InputError, YearlocError
+from pipeline.grid import Grid
+from pipeline.matching.places import Places
+from pipeline.matching.ranking import Localizer, Ranking, Rows
+from pipeline.posing.fix import ELSEWHERE_M, Fixer, Hypothesis
+from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.targets import Targets
+from pipeline.posing.verdict import Chances
+from pipeline.replacing import replace as replaced
+from pipeline.running.building import build
+
+ABOUT, MODEL, MAP = "site.json", "model.safetensors", "map.safetensors"
+VERSION = 1
+ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
+LARGEST_BYTES = 2**32
+KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "sensor", "provenance")
+RUNNERS_UP = 3
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
+
+
+@dataclass(frozen=True)
+class RunnerUp:
+    """A pose that contradicts the best one."""
+
+    place: int
+    world_T_sensor: NDArray[np.float64]
+    overlap: float
+
+
+@dataclass(frozen=True)
+class Fix:
+    """Where a scan was taken, and whether to believe it."""
+
+    verdict: Literal["accepted", "rejected", "no pose"]
+    """Accepted: with the promise asked for. No pose: too few points to register, or none fits."""
+    place: int
+    """The grid cell of the pose; −1 outside all cells that training visited."""
+    world_T_sensor: NDArray[np.float64]
+    """(4, 4) of the frame that the points were given in; NaN without a pose."""
+    covariance: NDArray[np.float64]
+    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the frame of the points."""
+    overlap: float
+    """Share of the scan's voxels that the map has within half a metre."""
+    novelty: float
+    """One minus the chance that the pose is right."""
+    promised_precision: float | None
+    """The highest precision promised on held-out blocks that this fix keeps; None of none."""
+    runners_up: tuple[RunnerUp, ...]
+    """Poses elsewhere, 5 m or more away, the likeliest first."""
+    ms: float
+    """Milliseconds from points to fix."""
+
+
+class Site:
+    """A place, ready to localise scans in."""
+
+    def __init__(self, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Of the content of a site file."""
+        self.about = about
+        self.localizer: Localizer = build(about["method"], ROOTS).localizer(model)
+        self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(about["view"], ROOTS)
+        self.fixer: Fixer = build(about["fixer"], ROOTS)
+        self.targets = Targets(arrays, **about["map"])
+        place = about["places"]
+        self.places = Places(Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"])
+        verdict = about["verdict"]
+        self.chances = Chances(tuple(verdict["weights"]), float(verdict["offset"]))
+        self.promises: dict[float, float] = dict(zip(verdict["promises"], verdict["promised"], strict=True))
+        self.k = int(about["k"])
+
+    @classmethod
+    def open(cls, path: str | Path, threads: int = 1) -> Self:
+        """Read a site file; `threads` is for the network. Raises ArtifactError for a file that is no whole site of this version."""
+        path = Path(path)
+        about, model, arrays = read(path)
+        try:
+            about["method"]["threads"] = threads
+            return cls(about, model, arrays)
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError, YearlocError) as error:
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise ArtifactError(f"{path}: its parts do not fit together ({why}); pack the site anew") from None
+
+    @property
+    def name(self) -> str:
+        """What was packed: study/grid/model."""
+        return str(self.about["name"])
+
+    def localize(
+        self, points_m: NDArray[np.floating], promise: float = 0.99, guesses_m: NDArray[np.float64] | None = None
+    ) -> Fix:
+        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; others than finite are dropped.
+
+        It is accepted with a promised precision, one of `promises`. Positions `guesses_m` (m, 2) are looked at before the method's
+        own. Raises InputError for points of another shape, or a promise that the site does not make.
+        """
+        start = time.perf_counter()
+        if promise not in self.promises:
+            raise InputError(f"promise={promise}: expected one of {', '.join(map(str, self.promises))}")
+        points_m = finite(points_m)
+        ranking = self.rank(points_m)
+        answers_m = ranking.xy_m[0].astype(np.float64)
+        found = self.register(points_m, answers_m if guesses_m is None else np.concatenate([guesses_m, answers_m]))
+        return replace(self.judge(found, promise), ms=1e3 * (time.perf_counter() - start))
+
+    def rank(self, points_m: NDArray[np.float64]) -> Ranking:
+        """What the method alone answers, in one row."""
+        return self.localizer(Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k)
+
+    def register(self, points_m: NDArray[np.float64], answers_m: NDArray[np.float64]) -> Registered:
+        """All hypotheses of a scan's finite points (n, 3) from candidate positions (k, 2), then from the whole map."""
+        return self.fixer.fix(points_m, self.targets, answers_m)
+
+    def judge(self, found: Registered, promise: float) -> Fix:
+        """Whether to believe the best hypothesis."""
+        if not found.hypotheses:
+            nowhere = np.full((4, 4), np.nan)
+            return Fix("no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, None, (), 0.0)
+        best = found.hypotheses[0]
+        novelty = float(np.float32(1 - self.chances.of([found])[0]))
+        kept = [one for one, reject_from in self.promises.items() if novelty < reject_from]
+        return Fix(
+            "accepted" if promise in kept else "rejected",
+            self._place(best),
+            best.world_T_query,
+            best.alignment.covariance,
+            best.alignment.overlap,
+            novelty,
+            max(kept, default=None),
+            tuple(RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap) for one in elsewhere(found)),
+            0.0,
+        )
+
+    def _place(self, hypothesis: Hypothesis) -> int:
+        return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
+
+
+def elsewhere(found: Registered) -> list[Hypothesis]:
+    """Hypotheses that contradict all before them, without the best."""
+    kept: list[Hypothesis] = []
+    for one in found.hypotheses:
+        if all(np.linalg.norm(one.world_T_query[:2, 3] - other.world_T_query[:2, 3]) >= ELSEWHERE_M for other in kept):
+            kept.append(one)
+    return kept[1 : 1 + RUNNERS_UP]
+
+
+def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The finite ones of points (n, 3); raises InputError for anything else."""
+    points_m = np.asarray(points_m)
+    if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind not in "fiu":
+        raise InputError(f"points of shape {points_m.shape} and type {points_m.dtype}: expected numbers (n, 3), in metres")
+    points_m = points_m.astype(np.float64)
+    return points_m[(np.abs(points_m) < 1e6).all(axis=1)]
+
+
+def write(path: Path, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a site file, whole or not at all."""
+    content = {ABOUT: json.dumps({"version": VERSION, **about}, indent=1).encode()}
+    content |= {
+        name: save({key: np.ascontiguousarray(one) for key, one in held.items()})
+        for name, held in ((MODEL, model), (MAP, arrays))
+    }
+    with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
+        for name, data in content.items():
+            file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
+
+
+def read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """What a site file says of itself, its model and its map; raises ArtifactError for one that is not whole or of this version."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            entries = {entry.filename: entry.file_size for entry in file.infolist()}
+            if set(entries) != {ABOUT, MODEL, MAP} or len(file.infolist()) != len(entries):
+                odd = next((name for name in entries if name not in (ABOUT, MODEL, MAP)), "")
+                held = f"holds {odd[:60]!r}" if odd else "lacks a part"
+                raise ArtifactError(f"{path}: no site, it {held}; expected {ABOUT}, {MODEL} and {MAP}")
+            if sum(entries.values()) > LARGEST_BYTES:
+                raise ArtifactError(f"{path}: unpacks to {sum(entries.values()):,} bytes, more than a site has")
+            content = {name: file.read(name) for name in entries}
+        about = json.loads(content[ABOUT])
+        model, arrays = load(content[MODEL]), load(content[MAP])
+    except FileNotFoundError:
+        raise ArtifactError(f"{path}: no such site; `yearloc pack STUDY/GRID/METHOD -o {path.name}` writes one") from None
+    except IsADirectoryError:
+        raise ArtifactError(f"{path}: a folder, expected a site file") from None
+    except YearlocError:
+        raise
+    except Exception as error:  # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it anew") from None
+    if not isinstance(about, dict) or about.get("version") != VERSION:
+        version = about.get("version") if isinstance(about, dict) else None
+        raise ArtifactError(f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it anew")
+    if lacking := [key for key in KEYS if key not in about]:
+        raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
+    return about, model, arrays
