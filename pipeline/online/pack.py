@@ -60,7 +60,8 @@ class Packing:
         view = parsed(self.conf / "view" / f"{method['view']}.yaml")
         trained = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
         recipe = {key: plain(value) for key, value in store.read_recipe(trained).items()}
-        learned, settings, k = store.read_model(trained), parsed(self.conf / "poses.yaml"), 25
+        learned, settings = store.read_model(trained), parsed(self.conf / "poses.yaml")
+        k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
         with ExitStack() as stack:

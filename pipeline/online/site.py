@@ -33,6 +33,7 @@ ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 LARGEST_BYTES = 2**32
 KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "sensor", "provenance")
 RUNNERS_UP = 3
+FARTHEST_M = 1e6
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
 
 
@@ -88,7 +89,7 @@ class Site:
 
     @classmethod
     def open(cls, path: str | Path, threads: int = 1) -> Self:
-        """Read a site file; `threads` is for the network. Raises ArtifactError for a file that is no whole site of this version."""
+        """Read a site file; `threads` is for the network. Raises ArtifactError for one that is not whole or of this version."""
         path = Path(path)
         about, model, arrays = read(path)
         try:
@@ -106,10 +107,10 @@ class Site:
     def localize(
         self, points_m: NDArray[np.floating], promise: float = 0.99, guesses_m: NDArray[np.float64] | None = None
     ) -> Fix:
-        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; others than finite are dropped.
+        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; those not finite are dropped.
 
-        It is accepted with a promised precision, one of `promises`. Positions `guesses_m` (m, 2) are looked at before the method's
-        own. Raises InputError for points of another shape, or a promise that the site does not make.
+        It is accepted with a promised precision, one of `promises`. Positions `guesses_m` (m, 2) are looked at before the
+        method's own. Raises InputError for points of another shape, or a promise that the site does not make.
         """
         start = time.perf_counter()
         if promise not in self.promises:
@@ -167,7 +168,7 @@ def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
     if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind not in "fiu":
         raise InputError(f"points of shape {points_m.shape} and type {points_m.dtype}: expected numbers (n, 3), in metres")
     points_m = points_m.astype(np.float64)
-    return points_m[(np.abs(points_m) < 1e6).all(axis=1)]
+    return np.asarray(points_m[(np.abs(points_m) < FARTHEST_M).all(axis=1)])
 
 
 def write(path: Path, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -183,7 +184,7 @@ def write(path: Path, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """What a site file says of itself, its model and its map; raises ArtifactError for one that is not whole or of this version."""
+    """What a site file says of itself, its model and its map; raises ArtifactError as `Site.open` does."""
     try:
         with zipfile.ZipFile(path) as file:
             entries = {entry.filename: entry.file_size for entry in file.infolist()}
