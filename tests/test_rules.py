@@ -71,7 +71,7 @@ def test_modules_and_folders_are_small():
 
 def test_the_library_neither_prints_nor_exits():
     """But for the command line."""
-    for path in (path for path in MODULES if path.name != "cli.py"):
+    for path in (path for path in MODULES if path.parent.name != "cli"):
         calls = {ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)}
         assert not {"print", "exit", "quit", "sys.exit", "os._exit"} & calls, path
 

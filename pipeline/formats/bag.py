@@ -113,6 +113,15 @@ class BagWriter:
         twist = self._new("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36))
         self._write_stamped(topic, ODOMETRY, stamp_ns, world_frame, child_frame_id=body_frame, pose=pose, twist=twist)
 
+    def pose_with_covariance(
+        self, stamp_ns: int, frame: str, frame_T_body: NDArray[np.float64], covariance: NDArray[np.float64], topic: str
+    ) -> None:
+        """Write a pose 4×4 and its covariance (6, 6) of x, y, z and turns about them, along the axes of `frame`."""
+        position, orientation = self._xyz(frame_T_body[:3, 3], "Point"), self._quaternion(frame_T_body)
+        pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36))
+        self._write_stamped(topic, POSE_COVARIANCE, stamp_ns, frame, pose=pose)
+
     def static_transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]) -> None:
         """Write a transform 4×4 that holds for the whole bag, on `/tf_static`."""
         self.transform(stamp_ns, parent, child, parent_T_child, "/tf_static")

@@ -13,12 +13,12 @@ import numpy as np
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError
-from pipeline.inspection.cloud import diagnose
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site
+from pipeline.online.sensor import typical
 from pipeline.posing.held_out import HeldOut
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import PROMISES, Verdict
@@ -80,9 +80,11 @@ class Packing:
         verdict = Verdict(evidence, settings["unseen_share"])
         novelty = 1 - verdict.chance(evidence.features)
         chances = verdict.chances
+        described = parsed(self.conf / "dataset" / f"{dataset}.yaml")
+        reader = described["reader"]
         about = {
             "name": name,
-            "simulated": bool(parsed(self.conf / "dataset" / f"{dataset}.yaml")["simulated"]),
+            "simulated": bool(described["simulated"]),
             "method": recipe,
             "view": view,
             "fixer": {**settings["fixer"], "clear_m": clear_m},
@@ -92,7 +94,8 @@ class Packing:
             "verdict": asdict(chances)
             | {"promises": PROMISES, "promised": [verdict.threshold(novelty, promise) for promise in PROMISES]}
             | {"held_out": evidence.queries, "unseen_share": settings["unseen_share"]},
-            "sensor": sensor(scans, submaps),
+            "reader": reader,
+            "sensor": self._sensor(scans, submaps, reader),
             "provenance": self._provenance(dataset, grid, train, trained),
         }
         model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
@@ -136,15 +139,8 @@ class Packing:
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
         return {"train": train, "md5": digests, "versions": versions}
 
-
-def sensor(scans: Artifact, submaps: Artifact) -> dict[str, Any]:
-    """What the training scans look like: medians over nine, None where unknown."""
-    rows = np.unique(np.linspace(0, len(submaps["scans"]) - 1, 9).astype(int))
-    found = [diagnose(next(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows]
-
-    def median(values: list[float | None]) -> float | None:
-        known = [value for value in values if value is not None and np.isfinite(value)]
-        return float(np.median(known)) if len(known) * 2 > len(values) else None
-
-    names = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
-    return {name: median([getattr(one, name) for one in found]) for name in names}
+    def _sensor(self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]) -> dict[str, Any]:
+        """What nine training scans look like, and how high the reader raises them."""
+        rows = np.unique(np.linspace(0, len(submaps["scans"]) - 1, 9).astype(int))
+        found = typical(next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
+        return {"lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))), **found}

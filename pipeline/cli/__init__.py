@@ -3,14 +3,15 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from pipeline.cli import site
+from pipeline.cli.progress import Bytes, Lines
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
-from pipeline.running.progress import Item, Progress
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -26,6 +27,8 @@ This command chooses what the chain runs on, and looks at what it made.
   yearloc inspect bags/monday --save conf/dataset/robot.yaml
   yearloc inspect 1326652795280148.bin --format nclt
   yearloc results                            the table, and where the figures are
+  yearloc pack campus/10m/sci_ring -o campus.site
+  yearloc localize campus.site drive.mcap --json
 """
 
 
@@ -58,6 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
+    site.add_commands(commands)
     same = commands.add_parser(
         "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
     )
@@ -107,31 +111,9 @@ def _fetch(given: argparse.Namespace) -> None:
     publisher = Publisher.of({**yaml.safe_load(path.read_text()), **options})
     if not (sequences or publisher.sequences):
         raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
-    for line in publisher.fetch(root, sequences or publisher.sequences, _Bytes()):
+    for line in publisher.fetch(root, sequences or publisher.sequences, Bytes()):
         print(f"  {line}", flush=True)
     print(f"next: yearloc use {given.dataset} root={root}")
-
-
-class _Bytes(Progress):
-    """A bar of bytes on a terminal."""
-
-    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-        from rich.console import Console
-        from rich.progress import BarColumn, DownloadColumn, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-        from rich.progress import Progress as RichProgress
-
-        from pipeline.fetching.download import CHUNK
-
-        console = Console(stderr=True)
-        columns = (TextColumn(what), BarColumn(24), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
-        with RichProgress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-            task = bar.add_task(what, total=total * CHUNK)
-            for item in items:
-                yield item
-                bar.update(task, advance=CHUNK)
-
-    def tell(self, line: str) -> None:
-        print(f"  {line}", file=sys.stderr, flush=True)
 
 
 def _inspect(given: argparse.Namespace) -> None:
@@ -195,6 +177,10 @@ def _unchanged(given: argparse.Namespace) -> None:
         sys.exit(1)
 
 
+def _pack(given: argparse.Namespace) -> None:
+    site.pack(given, _conf(), _studies(_conf()), Lines())
+
+
 def _conf() -> Path:
     """The project's conf folder; the command is meant to be called from the project's root."""
     conf = Path("conf")
@@ -217,4 +203,6 @@ def _studies(conf: Path) -> dict[str, dict[str, Any]]:
     raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
 
 
-COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged)}
+COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
+    "localize": site.localize
+}

@@ -1,0 +1,111 @@
+"""`yearloc pack`, `localize`: from a trained model to a site file, and from scans to poses."""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipeline.errors import ConfigError, LogError
+
+if TYPE_CHECKING:
+    from pipeline.online.inputs import Scan
+    from pipeline.online.site import Fix
+
+KINDS = {
+    "json": "an object a scan and line",
+    "csv": "a row a scan",
+    "tum": "accepted ones alone",
+    "mcap": "accepted ones, for Foxglove",
+}
+
+
+def add_commands(commands: Any) -> None:
+    """Add these commands to the parser."""
+    pack = commands.add_parser("pack", help="one file of all that it takes to localise in a place")
+    pack.add_argument("name", metavar="STUDY/GRID/METHOD", help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT")
+    pack.add_argument("-o", "--out", type=Path, required=True, metavar="FILE")
+    find = commands.add_parser("localize", help="where scans were taken, by a site file, and whether to believe it")
+    find.add_argument("site", type=Path, metavar="SITE")
+    find.add_argument("inputs", nargs="+", metavar="INPUT", help="scans (.bin .npy .pcd), folders, logs, bags; - reads one scan")
+    kinds = find.add_mutually_exclusive_group()
+    for kind, what in KINDS.items():
+        kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
+    find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
+    find.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="of right ones among the accepted (0.99)")
+    find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
+    find.add_argument("--topic", help="of a bag, where it has several clouds")
+    find.add_argument("--threads", type=int, default=1, help="for the network (1)")
+
+
+def pack(given: argparse.Namespace, conf: Path, studies: dict[str, dict[str, Any]], progress: Any) -> None:
+    """Write a site file."""
+    from pipeline.online.pack import Packing
+
+    print(Packing(conf, Path("artifacts"), studies).pack(given.name, given.out, progress))
+
+
+def localize(given: argparse.Namespace) -> None:
+    """Print a fix of each scan, and what became of them all."""
+    from pipeline.online.inputs import scans
+    from pipeline.online.outputs import writer
+    from pipeline.online.sensor import unlike
+    from pipeline.online.site import Site
+
+    if given.threads < 1:
+        raise ConfigError(f"--threads {given.threads}: expected at least 1")
+    site = Site.open(given.site, given.threads)
+    about = site.about["sensor"]
+    lift_m = about["lift_m"] if given.lift is None else given.lift
+    told = Summary()
+    with writer(given.kind or "text", given.out) as write:
+        for source in given.inputs:
+            for scan in scans(source, site.about["reader"], lift_m, given.topic):
+                try:
+                    points_m = scan.points()
+                except (LogError, OSError) as error:
+                    told.broken.append(f"{scan.name}: {error}")
+                    continue
+                if not told.fixes:
+                    for line in unlike(points_m, about):
+                        print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
+                fix = site.localize(points_m, given.promise)
+                write(scan, fix)
+                told.add(scan, fix)
+    if not told.fixes:
+        raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
+    print(told.text(), file=sys.stderr)
+
+
+class Summary:
+    """What became of all scans."""
+
+    def __init__(self) -> None:
+        self.fixes: Counter[str] = Counter()
+        self.broken: list[str] = []
+        self._ms: list[float] = []
+        self._right = Counter[bool]()
+
+    def add(self, scan: "Scan", fix: "Fix") -> None:
+        """One more."""
+        import numpy as np
+
+        from pipeline.posing.verdict import right
+
+        self.fixes[fix.verdict] += 1
+        self._ms.append(fix.ms)
+        if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
+            self._right[bool(right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
+
+    def text(self) -> str:
+        """A line, or two: what came of them, how fast, and against the truth where it is known."""
+        import numpy as np
+
+        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in ("accepted", "rejected", "no pose"))
+        median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
+        lines = [f"{sum(self.fixes.values())} scans: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
+        if self._right:
+            lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
+        if self.broken:
+            lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
+        return "\n".join(lines)

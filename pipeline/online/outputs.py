@@ -1,0 +1,127 @@
+"""Fixes as lines for people, JSON, CSV, TUM trajectories, and poses in a bag that Foxglove and Lichtblick open."""
+
+import csv
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.errors import ConfigError
+from pipeline.formats.bag import BagWriter
+from pipeline.frames import yaw
+from pipeline.online.inputs import Scan
+from pipeline.online.site import Fix
+
+POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+COLUMNS = ("stamp", "name", "verdict", "place", *POSE, "novelty", "overlap", "promised_precision", "ms")
+"""Stamp in seconds, position in metres, quaternion; all of a fix that a row of numbers can hold."""
+Write = Callable[[Scan, Fix], None]
+
+
+def record(scan: Scan, fix: Fix) -> dict[str, Any]:
+    """A fix as JSON has it: COLUMNS, then covariance of position and turn in the world, and the runners-up; null for unknown."""
+    row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
+    row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
+    known = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
+    others = [{"place": one.place, "overlap": round(one.overlap, 4), **_pose(one.world_T_sensor)} for one in fix.runners_up]
+    return row | {"covariance": in_world(fix).tolist() if known else None, "runners_up": others}
+
+
+def _row(scan: Scan, fix: Fix) -> list[Any]:
+    stamp = None if scan.stamp_ns is None else f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
+    numbers = (round(fix.novelty, 6), round(fix.overlap, 4), fix.promised_precision, round(fix.ms, 1))
+    return [stamp, scan.name, fix.verdict, fix.place, *_pose(fix.world_T_sensor).values(), *numbers]
+
+
+def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
+    if not np.isfinite(world_T_sensor).all():
+        return dict.fromkeys(POSE)
+    turn = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
+    return {name: round(float(value), 6) for name, value in zip(POSE, (*world_T_sensor[:3, 3], *turn), strict=True)}
+
+
+def in_world(fix: Fix) -> NDArray[np.float64]:
+    """The covariance (6, 6) of x, y, z, then of turns about them, along the world's axes, as ROS has it."""
+    axes = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
+    order = [3, 4, 5, 0, 1, 2]
+    return np.asarray((axes @ fix.covariance @ axes.T)[np.ix_(order, order)])
+
+
+def person(scan: Scan, fix: Fix) -> str:
+    """A line to read."""
+    if fix.verdict == "no pose":
+        return f"{scan.name:<24} no pose   too few points, or nothing fits   {fix.ms:6.1f} ms"
+    x, y = fix.world_T_sensor[:2, 3]
+    turn = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
+    where = f"x {x:9.2f} m  y {y:9.2f} m  heading {turn:6.1f}°  place {fix.place:>4}"
+    return f"{scan.name:<24} {fix.verdict:<9} {where}  overlap {fix.overlap:.2f}  novelty {fix.novelty:.3f}  {fix.ms:6.1f} ms"
+
+
+@contextmanager
+def writer(kind: str, path: Path | None) -> Iterator[Write]:
+    """Writes fixes as `text`, `json`, `csv`, `tum` or `mcap`, to a path, or to standard output.
+
+    TUM and mcap hold the accepted ones alone, since their readers know no verdict. Raises ConfigError for mcap without a path.
+    """
+    if kind == "mcap":
+        if path is None:
+            raise ConfigError("--mcap: expected -o FILE.mcap, a bag is no text")
+        with _bag(path) as write:
+            yield write
+        return
+    stream = sys.stdout if path is None else path.open("w", newline="")
+    try:
+        yield _text(kind, stream)
+    finally:
+        if path is not None:
+            stream.close()
+
+
+def _text(kind: str, stream: TextIO) -> Write:
+    rows = csv.writer(stream)
+    if kind == "csv":
+        rows.writerow(COLUMNS)
+
+    def write(scan: Scan, fix: Fix) -> None:
+        if kind == "json":
+            stream.write(json.dumps(record(scan, fix), allow_nan=False) + "\n")
+        elif kind == "csv":
+            rows.writerow(["" if value is None else value for value in _row(scan, fix)])
+        elif kind == "text":
+            stream.write(person(scan, fix) + "\n")
+        elif fix.verdict == "accepted":
+            stamp, *_ = _row(scan, fix)
+            stream.write(" ".join(map(str, (stamp or scan.name, *_pose(fix.world_T_sensor).values()))) + "\n")
+        stream.flush()
+
+    return write
+
+
+@contextmanager
+def _bag(path: Path) -> Iterator[Write]:
+    """PoseWithCovarianceStamped on /fix in the frame map; a scan without a stamp has that of its number in seconds."""
+    if path.suffix != ".mcap":
+        raise ConfigError(f"-o {path}: expected FILE.mcap")
+    with TemporaryDirectory() as scratch:
+        folder, count = Path(scratch, "fixes"), 0
+        with BagWriter(folder, "mcap") as bag:
+
+            def write(scan: Scan, fix: Fix) -> None:
+                nonlocal count
+                count += 1
+                if fix.verdict == "accepted":
+                    stamp_ns = count * 10**9 if scan.stamp_ns is None else scan.stamp_ns
+                    bag.pose_with_covariance(stamp_ns, "map", fix.world_T_sensor, in_world(fix), "/fix")
+
+            yield write
+        (found,) = folder.glob("*.mcap")
+        path.unlink(missing_ok=True)
+        shutil.move(found, path)
