@@ -68,7 +68,7 @@ class Packing:
             map_path = self.artifacts / "map" / dataset / f"{train}.zarr"
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
-                progress.tell(f"thin {len(submaps['scans'])} submaps into a map")
+                progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
                 own = {key: value for key, value in parsed(self.conf / "map.yaml").items() if key.endswith("_m")}
                 write_map(map_path, scans, submaps, **own)
             mapped = store.read(map_path, schemas.MAPS)
@@ -141,6 +141,6 @@ class Packing:
 
     def _sensor(self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]) -> dict[str, Any]:
         """What nine training scans look like, and how high the reader raises them."""
-        rows = np.unique(np.linspace(0, len(submaps["scans"]) - 1, 9).astype(int))
+        rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
         found = typical(next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
         return {"lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))), **found}

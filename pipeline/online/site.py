@@ -175,7 +175,7 @@ def write(path: Path, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]
     """Write a site file, whole or not at all."""
     content = {ABOUT: json.dumps({"version": VERSION, **about}, indent=1).encode()}
     content |= {
-        name: save({key: np.ascontiguousarray(one) for key, one in held.items()})
+        name: save({key: np.require(one, requirements="C") for key, one in held.items()})
         for name, held in ((MODEL, model), (MAP, arrays))
     }
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
