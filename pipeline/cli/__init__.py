@@ -123,6 +123,11 @@ def _inspect(given: argparse.Namespace) -> None:
         raise ConfigError(f"--save {given.save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it")
     if given.save and given.save.exists():
         raise ConfigError(f"--save {given.save}: is there already; remove it first, or give another name")
+    if given.path.suffix == ".site":
+        from pipeline.online.description import describe
+
+        print(describe(given.path).text())
+        return
     print(inspect(given.path, given.format).text())
     if given.save:
         from pipeline.inspection.bags import proposal

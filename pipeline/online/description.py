@@ -1,0 +1,49 @@
+"""What `yearloc inspect` says of a site file."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.inspection.inspection import Inspection, box, nbytes
+from pipeline.online.site import read
+
+
+def describe(path: Path) -> Inspection:
+    """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole site."""
+    about, model, arrays = read(path)
+    found, verdict, seen = Inspection(path), about["verdict"], about["sensor"]
+    anchors, made = arrays["world_T_anchor"], about["provenance"]
+    method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
+    found.describe(
+        f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
+        ("size", f"{nbytes(path.stat().st_size)}; model {nbytes(sum(one.nbytes for one in model.values()))}"),
+        ("method", f"{method} on {view} views"),
+        ("learned on", made["train"]),
+        ("map", f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within {about['map']['range_m']:g} m"),
+        ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
+        ("box", box(anchors[:, :3, 3], "xyz", 0)),
+    )
+    kept = [
+        (f"{promise:g}", _promise(float(limit))) for promise, limit in zip(verdict["promises"], verdict["promised"], strict=True)
+    ]
+    found.add(
+        f"promises, by {verdict['held_out']} held-out queries, of which {verdict['unseen_share']:g} are expected unseen", *kept
+    )
+    names = {
+        "points": "points a scan",
+        "beams": "beams",
+        "azimuth_deg": "azimuth covered, °",
+        "sensor_m": "height over the ground, m",
+    }
+    known = ((label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}") for name, label in names.items())
+    found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))
+    found.add("made of", *((name, digest or "unknown") for name, digest in made["md5"].items()))
+    found.add("with", *made["versions"].items())
+    found.warn(not np.greater(verdict["promised"], 0).any(), "no promise can be kept: every fix will be rejected")
+    return found
+
+
+def _promise(limit: float) -> str:
+    return (
+        f"fixes of a novelty below {limit:.3g}" if limit > 0 else "nothing keeps it: too few held-out queries, or too many wrong"
+    )

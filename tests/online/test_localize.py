@@ -1,0 +1,158 @@
+"""`yearloc localize`: scans of any kind come out as lines, objects, rows, a trajectory or a bag."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.formats import nclt
+from pipeline.formats.bag import POSE_COVARIANCE, BagWriter
+from pipeline.formats.bag_file import BagFile
+from pipeline.frames import pose
+from pipeline.inspection.report import inspect
+from pipeline.online.outputs import COLUMNS
+from tests.online.made import packed, scan
+from tests.posing.scene import seen_from
+
+UTIME = 1_326_652_795_280_148
+BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(packed(tmp_path_factory.mktemp("site")))
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[str, str]:
+    """What a call prints on standard output and on standard error."""
+    main(["localize", *map(str, words)])
+    told = capsys.readouterr()
+    return told.out, told.err
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    with pytest.raises(SystemExit) as stop:
+        main(["localize", *map(str, words)])
+    assert stop.value.code == 1
+    *_, line = capsys.readouterr().err.splitlines()
+    return line
+
+
+def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
+    """A scan as KITTI lays it out."""
+    points_m, _ = scan()
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.column_stack([points_m, np.ones(len(points_m))]).astype("<f4").tofile(path)
+    return path
+
+
+def near(found: dict[str, float]) -> bool:
+    """Whether it is the pose of `scan()`."""
+    x_m, y_m = scan()[1][:2, 3]
+    return bool(np.hypot(found["x"] - x_m, found["y"] - y_m) < 0.1)
+
+
+def test_a_line_for_people_and_an_object_for_programs(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line, told = run(capsys, site, floats(tmp_path))
+    assert line.startswith(f"{UTIME}.bin")
+    assert " accepted " in line
+    assert "1 scans: 1 accepted, 0 rejected, 0 no pose" in told
+    found = json.loads(run(capsys, site, tmp_path, "--json")[0])
+    assert list(found) == [*COLUMNS, "covariance", "runners_up"]
+    assert near(found)
+    assert found["stamp"] == UTIME / 1e6
+    assert np.array(found["covariance"]).shape == (6, 6)
+
+
+def test_every_format_of_a_scan(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points_m, _ = scan()
+    np.save(tmp_path / "1.npy", points_m.astype(np.float32))
+    near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
+    (tmp_path / "2.bin").write_bytes(nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32))
+    size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
+    head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{size}"
+    (tmp_path / "3.pcd").write_bytes(head.encode() + b"DATA binary\n" + points_m.astype("<f4").tobytes())
+    lines = run(capsys, site, tmp_path, "--json")[0].splitlines()
+    assert [json.loads(line)["name"] for line in lines] == ["1.npy", "2.bin", "3.pcd"]
+    assert all(near(json.loads(line)) and json.loads(line)["stamp"] is None for line in lines)
+
+
+def test_standard_input(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(floats(tmp_path).read_bytes())))
+    assert near(json.loads(run(capsys, site, "-", "--json")[0]))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_a_bag_with_its_lidar_where_its_transforms_say(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    path = tmp_path / ("day.bag" if kind == "ros1" else "day")
+    points_m = seen_from(scan()[0], BODY_T_LIDAR).astype(np.float32)
+    with BagWriter(path, kind) as bag:
+        bag.static_transform(UTIME * 1000, "base_link", "lidar", BODY_T_LIDAR)
+        for i in range(2):
+            bag.points(UTIME * 1000 + i * 10**8, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    first, second = map(json.loads, run(capsys, site, path, "--json")[0].splitlines())
+    assert near(first)
+    assert near(second)
+    assert second["stamp"] - first["stamp"] == pytest.approx(0.1, abs=1e-6)
+    assert "--topic /other: " in refused(capsys, site, path, "--topic", "/other")
+
+
+def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = floats(tmp_path)
+    np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
+    header, *rows = run(capsys, site, tmp_path, "--csv")[0].splitlines()
+    assert header.split(",") == list(COLUMNS)
+    assert len(rows) == 2
+    run(capsys, site, path, "--tum", "-o", tmp_path / "poses.txt")
+    stamp, *numbers = (tmp_path / "poses.txt").read_text().split()
+    assert stamp == "1326652795.280148000"
+    assert len(numbers) == 7
+    assert "TUM trajectory" in inspect(tmp_path / "poses.txt").headline
+    run(capsys, site, path, "--mcap", "-o", tmp_path / "fixes.mcap")
+    bag = BagFile(tmp_path / "fixes.mcap")
+    assert (bag.topics["/fix"].kind, bag.topics["/fix"].count) == (POSE_COVARIANCE, 1)
+    message = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE)
+    assert near({"x": message.pose.pose.position.x, "y": message.pose.pose.position.y})
+    assert "--mcap: expected -o FILE.mcap" in refused(capsys, site, path, "--mcap")
+
+
+def test_a_broken_scan_among_others_is_counted(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    floats(tmp_path)
+    (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
+    assert "1 could not be read, the first: 2.npy: " in run(capsys, site, tmp_path)[1]
+    assert "no whole .npy file" in refused(capsys, site, tmp_path / "2.npy")
+
+
+def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points_m, _ = scan()
+    np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
+    told = run(capsys, site, tmp_path / "1.npy")[1]
+    assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
+    assert "--lift 1.7" in told
+    assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["none"], "none: no such file or folder"),
+        (["."], "no scan there"),
+        (["1.bin", "--promise", "0.5"], "promise=0.5: expected one of"),
+        (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    if words[0] == "1.bin":
+        floats(tmp_path, "1.bin")
+    assert says in refused(capsys, site, *([tmp_path / "empty"] if words == ["."] else words))

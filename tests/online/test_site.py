@@ -1,0 +1,140 @@
+"""A site file: what goes in comes out, a scan is localised, and nothing but a whole site of ours is opened."""
+
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pipeline.errors import ArtifactError, InputError
+from pipeline.frames import apart
+from pipeline.online import site
+from pipeline.online.description import describe
+from pipeline.online.site import ABOUT, MAP, MODEL, Site
+from tests.online.made import about, arrays, packed, scan
+from tests.posing.scene import scene
+from tests.readers.damage import damaged, one_line
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return packed(tmp_path_factory.mktemp("site"))
+
+
+@pytest.fixture(scope="module")
+def three(path: Path) -> Site:
+    return Site.open(path)
+
+
+@pytest.mark.parametrize("row", range(3))
+def test_a_scan_is_localised(three: Site, row: int) -> None:
+    points_m, world_T_robot = scan(row)
+    fix = three.localize(points_m)
+    away_m, turn_deg = apart(fix.world_T_sensor[None], world_T_robot[None])
+    assert (fix.verdict, fix.promised_precision) == ("accepted", 0.99)
+    assert away_m[0] < 0.1
+    assert turn_deg[0] < 0.3
+    assert fix.place == three.places.at(world_T_robot[None, :2, 3])[0]
+    assert fix.overlap > 0.8
+    assert fix.ms > 0
+    assert all(np.linalg.norm(one.world_T_sensor[:2, 3] - fix.world_T_sensor[:2, 3]) >= 5 for one in fix.runners_up)
+
+
+def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) -> None:
+    assert three.localize(scene(7)).verdict == "rejected"
+    few = three.localize(np.ones((5, 3)))
+    assert (few.verdict, few.place, few.promised_precision) == ("no pose", -1, None)
+    assert np.isnan(few.world_T_sensor).all()
+
+
+def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
+    points_m, _ = scan()
+    bad = np.concatenate([points_m, np.full((9, 3), np.nan), np.full((9, 3), 1e30)])
+    np.testing.assert_array_equal(three.localize(bad).world_T_sensor, three.localize(points_m).world_T_sensor)
+
+
+@pytest.mark.parametrize("points_m", [np.zeros(3), np.zeros((4, 2)), np.array([["a", "b", "c"]]), np.zeros((2, 3), complex)])
+def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
+    with one_line(InputError, r"expected numbers \(n, 3\), in metres"):
+        three.localize(points_m)
+
+
+def test_a_promise_that_the_site_does_not_make_is_refused(three: Site) -> None:
+    with one_line(InputError, "promise=0.5: expected one of 0.95, 0.99, 0.999"):
+        three.localize(scan()[0], promise=0.5)
+    assert three.localize(scan()[0], promise=0.999).verdict == "rejected"  # no threshold keeps it
+
+
+def test_the_same_site_has_the_same_bytes(path: Path, tmp_path: Path) -> None:
+    assert packed(tmp_path).read_bytes() == path.read_bytes()
+
+
+def test_a_site_that_is_not_there_says_what_writes_one(tmp_path: Path) -> None:
+    with one_line(ArtifactError, "campus.site: no such site; `yearloc pack"):
+        Site.open(tmp_path / "campus.site")
+    with one_line(ArtifactError, "a folder"):
+        Site.open(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ({"../evil": b""}, "it holds '../evil'"),
+        ({ABOUT: b"{}"}, "it lacks a part"),
+        ({ABOUT: b"{}", MODEL: b"", MAP: b""}, "no whole site"),
+        ({ABOUT: b"\xff", MODEL: b"", MAP: b""}, "no whole site"),
+    ],
+    ids=["climbs out", "lacks", "no arrays", "no text"],
+)
+def test_a_zip_of_something_else_is_refused(tmp_path: Path, content: dict[str, bytes], says: str) -> None:
+    with zipfile.ZipFile(tmp_path / "a.site", "w") as file:
+        for name, data in content.items():
+            file.writestr(name, data)
+    with one_line(ArtifactError, says):
+        Site.open(tmp_path / "a.site")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"version": 2}, "a site of version 2, this yearloc reads version 1"),
+        ({"method": {"_target_": "os.system"}}, "_target_=os.system: expected a class of pipeline.methods"),
+        ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
+        ({"method": {"_target_": "pipeline.methods.scan_context.ScanContext50", "candidates": "many"}}, "method.candidates=many"),
+        ({"k": None}, "do not fit together"),
+        ({"verdict": {}}, "do not fit together"),
+        ({"map": {"grain_m": 1}}, "do not fit together"),
+    ],
+)
+def test_what_a_site_says_of_itself_is_checked(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
+    with one_line(ArtifactError, says):
+        Site.open(packed(tmp_path, **changes))
+
+
+def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
+    known = about()
+    del known["sensor"]
+    site.write(tmp_path / "a.site", known, *arrays())
+    with one_line(ArtifactError, "site.json has no sensor"):
+        Site.open(tmp_path / "a.site")
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_site_is_opened_as_it_was_or_refused(path: Path, tmp_path: Path, data: Any) -> None:
+    broken = tmp_path / "broken.site"
+    broken.write_bytes(data.draw(damaged(path.read_bytes())))
+    with suppress(ArtifactError):
+        Site.open(broken)
+
+
+def test_what_it_holds_and_promises_is_described(path: Path) -> None:
+    text = describe(path).text()
+    assert "site three/10m/scan_context, of a simulated world" in text
+    assert "3 cells of 10 m" in text
+    assert "fixes of a novelty below 0.1" in text
+    assert "nothing keeps it" in text  # .999
