@@ -23,17 +23,14 @@ def describe(path: Path) -> Inspection:
         ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
-    kept = [
-        (f"{promise:g}", _promise(float(limit))) for promise, limit in zip(verdict["promises"], verdict["promised"], strict=True)
-    ]
-    found.add(
-        f"promises, by {verdict['held_out']} held-out queries, of which {verdict['unseen_share']:g} are expected unseen", *kept
-    )
+    limits = zip(verdict["promises"], verdict["promised"], strict=True)
+    title = f"promises, by {verdict['held_out']} held-out queries, of which {verdict['unseen_share']:g} are expected unseen"
+    found.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
     names = {
         "points": "points a scan",
         "beams": "beams",
-        "azimuth_deg": "azimuth covered, °",
-        "sensor_m": "height over the ground, m",
+        "azimuth_deg": "azimuth in °",
+        "sensor_m": "height over the ground in m",
     }
     known = ((label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}") for name, label in names.items())
     found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))

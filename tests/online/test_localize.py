@@ -75,6 +75,7 @@ def test_every_format_of_a_scan(site: str, tmp_path: Path, capsys: pytest.Captur
     near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
     (tmp_path / "2.bin").write_bytes(nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32))
     size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
+    size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
     head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{size}"
     (tmp_path / "3.pcd").write_bytes(head.encode() + b"DATA binary\n" + points_m.astype("<f4").tobytes())
     lines = run(capsys, site, tmp_path, "--json")[0].splitlines()
