@@ -36,6 +36,16 @@ def add_commands(commands: Any) -> None:
     find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--threads", type=int, default=1, help="for the network (1)")
+    onnx = commands.add_parser("export", help="a site's network as ONNX; or a site that answers through it, without torch")
+    onnx.add_argument("site", type=Path, metavar="SITE")
+    onnx.add_argument("-o", "--out", type=Path, required=True, metavar="FILE.onnx|FILE.site")
+
+
+def export(given: argparse.Namespace) -> None:
+    """Write an ONNX file, or a site with one."""
+    from pipeline.online.export import export
+
+    print(export(given.site, given.out))
 
 
 def pack(given: argparse.Namespace, conf: Path, studies: dict[str, dict[str, Any]], progress: Any) -> None:

@@ -5,19 +5,19 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.inspection.inspection import Inspection, box, nbytes
-from pipeline.online.site import read
+from pipeline.online.site_file import read
 
 
 def describe(path: Path) -> Inspection:
     """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole site."""
-    about, model, arrays = read(path)
+    about, model, arrays, network = read(path)
     found, verdict, seen = Inspection(path), about["verdict"], about["sensor"]
     anchors, made = arrays["world_T_anchor"], about["provenance"]
     method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
     found.describe(
         f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
         ("size", f"{nbytes(path.stat().st_size)}; model {nbytes(sum(one.nbytes for one in model.values()))}"),
-        ("method", f"{method} on {view} views"),
+        ("method", f"{method} on {view} views{'' if network is None else ', through ONNX Runtime'}"),
         ("learned on", made["train"]),
         ("map", f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within {about['map']['range_m']:g} m"),
         ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
@@ -30,7 +30,7 @@ def describe(path: Path) -> Inspection:
         "points": "points a scan",
         "beams": "beams",
         "azimuth_deg": "azimuth in °",
-        "sensor_m": "height over the ground in m",
+        "sensor_m": "metres over the ground",
     }
     known = ((label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}") for name, label in names.items())
     found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))

@@ -17,7 +17,7 @@ from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import PREFIX as HELD_OUT
-from pipeline.online import site
+from pipeline.online import site, site_file
 from pipeline.online.sensor import typical
 from pipeline.posing.held_out import HeldOut
 from pipeline.posing.targets import write_map
@@ -99,7 +99,7 @@ class Packing:
             "provenance": self._provenance(dataset, grid, train, trained),
         }
         model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
-        site.write(out, about, model, {**arrays, "cells": labels.load("cells")})
+        site_file.write(out, about, model, {**arrays, "cells": labels.load("cells")})
         kept = sum(reject_from > 0 for reject_from in about["verdict"]["promised"])
         promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
             "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"

@@ -1,40 +1,29 @@
-"""A site: one file with all that it takes to localise in a place, opened without DVC, Hydra or MLflow.
+"""A site: all that it takes to localise in a place, opened from one file without DVC, Hydra or MLflow."""
 
-A zip of site.json, model.safetensors and map.safetensors. Nothing in it is run: arrays are arrays, and the classes that site.json
-names must be this project's methods, views and posing.
-"""
-
-import json
 import time
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors.numpy import load, save
 
 from pipeline.errors import ArtifactError, InputError, YearlocError
 from pipeline.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
+from pipeline.online.runtime import localizer
+from pipeline.online.site_file import Parts, read
 from pipeline.posing.fix import ELSEWHERE_M, Fixer, Hypothesis
 from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import Chances
-from pipeline.replacing import replace as replaced
 from pipeline.running.building import build
 
-ABOUT, MODEL, MAP = "site.json", "model.safetensors", "map.safetensors"
-VERSION = 1
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
-LARGEST_BYTES = 2**32
-KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "reader", "sensor", "provenance")
 RUNNERS_UP = 3
 FARTHEST_M = 1e6
-EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
 
 
 @dataclass(frozen=True)
@@ -73,10 +62,14 @@ class Fix:
 class Site:
     """A place, ready to localise scans in."""
 
-    def __init__(self, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]], arrays: Mapping[str, NDArray[Any]]) -> None:
+    def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Of the content of a site file."""
+        about, model, arrays, network = parts
         self.about = about
-        self.localizer: Localizer = build(about["method"], ROOTS).localizer(model)
+        if network is None:
+            self.localizer: Localizer = build({**about["method"], "threads": threads}, ROOTS).localizer(model)
+        else:
+            self.localizer = localizer(network, model, threads)
         self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(about["view"], ROOTS)
         self.fixer: Fixer = build(about["fixer"], ROOTS)
         self.targets = Targets(arrays, **about["map"])
@@ -91,10 +84,9 @@ class Site:
     def open(cls, path: str | Path, threads: int = 1) -> Self:
         """Read a site file; `threads` is for the network. Raises ArtifactError for one that is not whole or of this version."""
         path = Path(path)
-        about, model, arrays = read(path)
+        parts = read(path)
         try:
-            about["method"]["threads"] = threads
-            return cls(about, model, arrays)
+            return cls(parts, threads)
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError, YearlocError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArtifactError(f"{path}: its parts do not fit together ({why}); pack the site anew") from None
@@ -169,46 +161,3 @@ def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         raise InputError(f"points of shape {points_m.shape} and type {points_m.dtype}: expected numbers (n, 3), in metres")
     points_m = points_m.astype(np.float64)
     return np.asarray(points_m[(np.abs(points_m) < FARTHEST_M).all(axis=1)])
-
-
-def write(path: Path, about: Mapping[str, Any], model: Mapping[str, NDArray[Any]], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write a site file, whole or not at all."""
-    content = {ABOUT: json.dumps({"version": VERSION, **about}, indent=1).encode()}
-    content |= {
-        name: save({key: np.require(one, requirements="C") for key, one in held.items()})
-        for name, held in ((MODEL, model), (MAP, arrays))
-    }
-    with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
-        for name, data in content.items():
-            file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
-
-
-def read(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """What a site file says of itself, its model and its map; raises ArtifactError as `Site.open` does."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            entries = {entry.filename: entry.file_size for entry in file.infolist()}
-            if set(entries) != {ABOUT, MODEL, MAP} or len(file.infolist()) != len(entries):
-                odd = next((name for name in entries if name not in (ABOUT, MODEL, MAP)), "")
-                held = f"holds {odd[:60]!r}" if odd else "lacks a part"
-                raise ArtifactError(f"{path}: no site, it {held}; expected {ABOUT}, {MODEL} and {MAP}")
-            if sum(entries.values()) > LARGEST_BYTES:
-                raise ArtifactError(f"{path}: unpacks to {sum(entries.values()):,} bytes, more than a site has")
-            content = {name: file.read(name) for name in entries}
-        about = json.loads(content[ABOUT])
-        model, arrays = load(content[MODEL]), load(content[MAP])
-    except FileNotFoundError:
-        raise ArtifactError(f"{path}: no such site; `yearloc pack STUDY/GRID/METHOD -o {path.name}` writes one") from None
-    except IsADirectoryError:
-        raise ArtifactError(f"{path}: a folder, expected a site file") from None
-    except YearlocError:
-        raise
-    except Exception as error:  # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it anew") from None
-    if not isinstance(about, dict) or about.get("version") != VERSION:
-        version = about.get("version") if isinstance(about, dict) else None
-        raise ArtifactError(f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it anew")
-    if lacking := [key for key in KEYS if key not in about]:
-        raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
-    return about, model, arrays

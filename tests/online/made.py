@@ -9,7 +9,7 @@ from pipeline.grid import Grid
 from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
-from pipeline.online import site
+from pipeline.online import site_file
 from pipeline.posing.targets import GRAIN_M
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
@@ -54,7 +54,7 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
 
 def packed(folder: Path, **changes: Any) -> Path:
     """The site's file."""
-    site.write(folder / "three.site", about(**changes), *arrays())
+    site_file.write(folder / "three.site", about(**changes), *arrays())
     return folder / "three.site"
 
 

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from pipeline.errors import ArtifactError, InputError
 from pipeline.frames import apart
-from pipeline.online import site
+from pipeline.online import site_file
 from pipeline.online.description import describe
-from pipeline.online.site import ABOUT, MAP, MODEL, Site
+from pipeline.online.site import Site
+from pipeline.online.site_file import ABOUT, MAP, MODEL
 from tests.online.made import about, arrays, packed, scan
 from tests.posing.scene import scene
 from tests.readers.damage import damaged, one_line
@@ -118,7 +119,7 @@ def test_what_a_site_says_of_itself_is_checked(tmp_path: Path, changes: dict[str
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     known = about()
     del known["sensor"]
-    site.write(tmp_path / "a.site", known, *arrays())
+    site_file.write(tmp_path / "a.site", known, *arrays())
     with one_line(ArtifactError, "site.json has no sensor"):
         Site.open(tmp_path / "a.site")
 

@@ -1,0 +1,132 @@
+"""A site's network as an ONNX file, or as a site that answers through ONNX Runtime, with how near it comes to torch's answers."""
+
+import json
+import logging
+import warnings
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pipeline.errors import ConfigError
+from pipeline.methods.pointnetvlad.netvlad import Describer
+from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
+from pipeline.networks import loop
+from pipeline.networks.classifier import Classifier
+from pipeline.online import site, site_file
+from pipeline.online.runtime import CLASSIFIED, INPUT, session
+from pipeline.replacing import replace as replaced
+from pipeline.running.building import build
+
+ALIKE = 1e-4
+"""Scores and descriptors of ONNX Runtime may differ so much from torch's."""
+TRIED = 32
+
+
+@dataclass(frozen=True)
+class Parity:
+    """How an exported network compares with torch, on so many random views."""
+
+    views: int
+    largest: float
+    """Difference of scores, or of descriptors."""
+    same_first: float
+    """Share of views with the same best place, or nearest descriptor."""
+
+
+class Scores(nn.Module):
+    """Heights (1, rings, sectors) in metres → scores (1, places), features (1, 64) and headings in degrees (1, places)."""
+
+    def __init__(self, method: Classifier, net: nn.Module) -> None:
+        super().__init__()
+        self.net, self.method = net, method
+
+    def forward(self, heights_m: Tensor) -> tuple[Tensor, ...]:
+        low, high = self.method.h_min_m, self.method.h_max_m
+        share = (heights_m.clamp(low, high).double() - low) / (high - low)
+        predict: Any = type(self.method).predict
+        answers: tuple[Tensor, ...] = predict.__wrapped__(self.method, self.net, torch.floor(share * 255 + 0.5).long())
+        return tuple(answers)
+
+
+def export(source: Path, out: Path) -> str:
+    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it; returns what was written, in a line.
+
+    Raises ConfigError for a method without a network, or an ending that says neither.
+    """
+    about, model, arrays, network = site_file.read(source)
+    if out.suffix not in (".onnx", ".site"):
+        raise ConfigError(f"-o {out}: expected FILE.onnx or FILE.site")
+    if network is not None:
+        raise ConfigError(f"{source}: is exported already; export the site that it came from")
+    method = build(about["method"], site.ROOTS)
+    data, parity = exported(method, model)
+    found = f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} with the same best place"
+    if parity.largest > ALIKE:
+        raise ConfigError(f"{source}: {found}; over {ALIKE:g}, nothing was written")
+    if out.suffix == ".site":
+        if not isinstance(method, Classifier):
+            raise ConfigError(f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this network alone")
+        own = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
+        site_file.write(out, about, own, arrays, data)
+    else:
+        with replaced(out) as scratch:
+            scratch.write_bytes(data)
+        beside = {"views": parity.views, "largest_difference": parity.largest, "same_first": parity.same_first}
+        with replaced(out.with_suffix(".parity.json")) as scratch:
+            scratch.write_text(json.dumps({"site": about["name"], **beside}, indent=1) + "\n")
+    return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {found}"
+
+
+def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Parity]:
+    """A method's network as an ONNX file's bytes, and its parity; raises ConfigError for a method without one."""
+    rng = np.random.default_rng(0)
+    if isinstance(method, Classifier):
+        method = replace(method, precision="f32", threads=1)
+        rings, sectors = (int(side) for side in model["image_shape"])
+        net = method.network(len(model["place_xy_m"]), rings, sectors)
+        net.load_state_dict(loop.tensors(model))
+        module: nn.Module = Scores(method, net)
+        views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (rng.uniform(size=(TRIED, rings, sectors)) < 0.5)
+        names, compared = list(CLASSIFIED), lambda answers: answers[0]
+    elif isinstance(method, PointNetVlad):
+        module = Describer()
+        module.load_state_dict(loop.tensors(model))
+        views = rng.uniform(-1, 1, (TRIED, int(model["points"]), 3))
+        names, compared = ["descriptor"], lambda answers: answers[0]
+    else:
+        raise ConfigError(f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad have one")
+    inputs = torch.from_numpy(views.astype(np.float32))
+    data = _onnx(module.eval(), inputs[:1], names)
+    run = session(data)
+    with torch.no_grad(), loop.reproducible(1):
+        ours = [_first(module(one[None]), compared) for one in inputs]
+    theirs = [_first(run.run(None, {INPUT: one[None].numpy()}), compared) for one in inputs]
+    largest = max(float(np.abs(a - b).max()) for a, b in zip(ours, theirs, strict=True))
+    same = np.mean([a.argmax() == b.argmax() for a, b in zip(ours, theirs, strict=True)])
+    return data, Parity(TRIED, largest, float(same))
+
+
+def _first(answers: Any, compared: Callable[[Any], Any]) -> NDArray[np.float64]:
+    chosen = answers if isinstance(answers, Tensor) else compared(answers)
+    return np.asarray(chosen, np.float64)
+
+
+def _onnx(module: nn.Module, example: Tensor, outputs: list[str]) -> bytes:
+    """The file's bytes; torch's exporter talks of what does not matter here."""
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with torch.no_grad(), warnings.catch_warnings(), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        warnings.simplefilter("ignore")
+        try:
+            program = torch.onnx.export(module, (example,), dynamo=True, input_names=[INPUT], output_names=outputs, verbose=False)
+        except ImportError as error:
+            raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[onnx]'`") from None
+    assert program is not None
+    return bytes(program.model_proto.SerializeToString())

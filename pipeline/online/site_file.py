@@ -1,0 +1,82 @@
+"""The file of a site: a zip of site.json, model.safetensors, map.safetensors and, where it was exported, network.onnx.
+
+Nothing in it is run when it is read, and nothing is unpacked to disk.
+"""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load, save
+
+from pipeline.errors import ArtifactError, YearlocError
+from pipeline.online.runtime import NETWORK
+from pipeline.replacing import replace as replaced
+
+ABOUT, MODEL, MAP = "site.json", "model.safetensors", "map.safetensors"
+VERSION = 1
+LARGEST_BYTES = 2**32
+KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "reader", "sensor", "provenance")
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Parts(NamedTuple):
+    """The content of a site file."""
+
+    about: dict[str, Any]
+    """What it says of itself (KEYS)."""
+    model: Arrays
+    """What the method learned."""
+    arrays: Arrays
+    """The map, and the cells of the places."""
+    network: bytes | None
+    """Exported to ONNX, in place of weights in `model`."""
+
+
+def write(path: Path, about: Mapping[str, Any], model: Arrays, arrays: Arrays, network: bytes | None = None) -> None:
+    """Write a site file, whole or not at all; with a network that was exported, `model` has no weights."""
+    content = {ABOUT: json.dumps({"version": VERSION, **about}, indent=1).encode()}
+    content |= {
+        name: save({key: np.require(one, requirements="C") for key, one in held.items()})
+        for name, held in ((MODEL, model), (MAP, arrays))
+    }
+    content |= {} if network is None else {NETWORK: network}
+    with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
+        for name, data in content.items():
+            file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
+
+
+def read(path: Path) -> Parts:
+    """The content of a site file; raises ArtifactError as `Site.open` does."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            entries = {entry.filename: entry.file_size for entry in file.infolist()}
+            if set(entries) - {NETWORK} != {ABOUT, MODEL, MAP} or len(file.infolist()) != len(entries):
+                odd = next((name for name in entries if name not in (ABOUT, MODEL, MAP, NETWORK)), "")
+                held = f"holds {odd[:60]!r}" if odd else "lacks a part"
+                raise ArtifactError(f"{path}: no site, it {held}; expected {ABOUT}, {MODEL} and {MAP}")
+            if sum(entries.values()) > LARGEST_BYTES:
+                raise ArtifactError(f"{path}: unpacks to {sum(entries.values()):,} bytes, more than a site has")
+            content = {name: file.read(name) for name in entries}
+        about = json.loads(content[ABOUT])
+        model, arrays = load(content[MODEL]), load(content[MAP])
+    except FileNotFoundError:
+        raise ArtifactError(f"{path}: no such site; `yearloc pack STUDY/GRID/METHOD -o {path.name}` writes one") from None
+    except IsADirectoryError:
+        raise ArtifactError(f"{path}: a folder, expected a site file") from None
+    except YearlocError:
+        raise
+    except Exception as error:  # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it anew") from None
+    if not isinstance(about, dict) or about.get("version") != VERSION:
+        version = about.get("version") if isinstance(about, dict) else None
+        raise ArtifactError(f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it anew")
+    if lacking := [key for key in KEYS if key not in about]:
+        raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
+    return Parts(about, model, arrays, content.get(NETWORK))

@@ -1,0 +1,76 @@
+"""An exported network answers as torch does, and a site with one needs no torch."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.matching.ranking import Rows
+from pipeline.methods.sci import Sci
+from pipeline.methods.sci_ring.sci_ring import SciRing
+from pipeline.networks.classifier import Classifier
+from pipeline.online import site_file
+from pipeline.online.export import export
+from pipeline.online.site import Site
+from pipeline.running.progress import Progress
+from pipeline.views.scan_context import ScanContext
+from tests.online.made import ANCHORS, about, arrays, packed, scan
+from tests.posing.scene import scene
+from tests.readers.damage import one_line
+
+SETTINGS = {"epochs": 3, "batch": 8, "threads": 1, "dropout": 0.1}
+WITHOUT_TORCH = """
+import sys
+sys.modules["torch"] = None
+import numpy as np
+from pipeline.online.site import Site
+fix = Site.open(sys.argv[1]).localize(np.load(sys.argv[2]))
+print(fix.verdict, *fix.world_T_sensor[:2, 3])
+"""
+
+
+@pytest.fixture(scope="module", params=[Sci, SciRing], ids=["sci", "sci_ring"])
+def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site whose method is a network."""
+    method: Classifier = request.param(**SETTINGS)
+    images = np.stack([ScanContext()(scene(seed)) for seed in range(3)] * 4)
+    model = method.learn(Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1))), np.tile(np.arange(3), 4), Progress())
+    target = f"{type(method).__module__}.{type(method).__name__}"
+    path = tmp_path_factory.mktemp("learned") / "three.site"
+    site_file.write(path, about(method={"_target_": target, **SETTINGS}), model, arrays()[1])
+    return path
+
+
+def test_parity_stands_beside_the_file(learned: Path, tmp_path: Path) -> None:
+    said = export(learned, tmp_path / "model.onnx")
+    assert "off torch at most, 100% with the same best place" in said
+    beside = json.loads((tmp_path / "model.parity.json").read_text())
+    assert (beside["site"], beside["views"], beside["same_first"]) == ("three/10m/scan_context", 32, 1.0)
+    assert beside["largest_difference"] <= 1e-4
+
+
+def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
+    points_m, world_T_robot = scan(2)
+    np.save(tmp_path / "scan.npy", points_m)
+    export(learned, tmp_path / "onnx.site")
+    words = [sys.executable, "-c", WITHOUT_TORCH, str(tmp_path / "onnx.site"), str(tmp_path / "scan.npy")]
+    verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+    assert verdict == "accepted"
+    np.testing.assert_allclose([float(x), float(y)], world_T_robot[:2, 3], atol=0.1)
+    ours, theirs = (Site.open(path).rank(points_m) for path in (learned, tmp_path / "onnx.site"))
+    np.testing.assert_array_equal(ours.places, theirs.places)
+    np.testing.assert_allclose(ours.xy_m, theirs.xy_m)
+    with one_line(ConfigError, "is exported already"):
+        export(tmp_path / "onnx.site", tmp_path / "again.onnx")
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
+    path = packed(tmp_path)
+    with one_line(ConfigError, "ScanContext50: has no network to export"):
+        export(path, tmp_path / "a.onnx")
+    with one_line(ConfigError, "expected FILE.onnx or FILE.site"):
+        export(path, tmp_path / "a.pth")
