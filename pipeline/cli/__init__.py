@@ -211,4 +211,5 @@ def _studies(conf: Path) -> dict[str, dict[str, Any]]:
 COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
     "localize": site.localize,
     "export": site.export,
+    "serve": site.serve,
 }

@@ -1,9 +1,11 @@
 """`yearloc pack`, `localize`: from a trained model to a site file, and from scans to poses."""
 
 import argparse
+import os
 import sys
 from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from pipeline.errors import ConfigError, LogError
@@ -39,6 +41,35 @@ def add_commands(commands: Any) -> None:
     onnx = commands.add_parser("export", help="a site's network as ONNX; or a site that answers through it, without torch")
     onnx.add_argument("site", type=Path, metavar="SITE")
     onnx.add_argument("-o", "--out", type=Path, required=True, metavar="FILE.onnx|FILE.site")
+    serve = commands.add_parser("serve", help="answer over HTTP: POST /localize, /healthz, /metrics")
+    serve.add_argument("site", type=Path, metavar="SITE")
+    serve.add_argument("--port", type=int, default=8765)
+    serve.add_argument("--host", default="127.0.0.1", help="another one needs a token in YEARLOC_TOKEN (127.0.0.1)")
+    serve.add_argument("--workers", type=int, default=1, help="processes, one a core (1)")
+
+
+def serve(given: argparse.Namespace) -> None:
+    """Serve until it is stopped."""
+    try:
+        import uvicorn
+
+        from pipeline.online import serve as online
+    except ImportError as error:
+        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[serve]'`") from None
+    token, application = os.environ.get(online.TOKEN, ""), "pipeline.online.serve:from_environment"
+    online.check_reach(given.host, token)
+    if given.workers < 1:
+        raise ConfigError(f"--workers {given.workers}: expected at least 1")
+    from pipeline.online.site_file import read
+
+    read(given.site)
+    os.environ[online.SITE] = str(given.site.resolve())
+    with TemporaryDirectory() as shared:
+        if given.workers > 1:
+            os.environ["PROMETHEUS_MULTIPROC_DIR"] = shared
+        options = {"host": given.host, "port": given.port, "workers": given.workers, "log_level": "warning"}
+        print(f"serving {given.site} at http://{given.host}:{given.port}/localize; Ctrl-C stops it", file=sys.stderr, flush=True)
+        uvicorn.run(application, factory=True, timeout_keep_alive=10, limit_concurrency=256, server_header=False, **options)
 
 
 def export(given: argparse.Namespace) -> None:

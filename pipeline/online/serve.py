@@ -1,0 +1,162 @@
+"""A site over HTTP: POST /localize, GET /healthz, GET /metrics for Prometheus."""
+
+import asyncio
+import hmac
+import os
+from concurrent.futures import ThreadPoolExecutor
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, PlainTextResponse, Response
+from numpy.typing import NDArray
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.multiprocess import MultiProcessCollector
+
+from pipeline.errors import ConfigError, LogError, YearlocError
+from pipeline.formats.bag import CLOUD, typestore
+from pipeline.formats.messages import header
+from pipeline.formats.pointcloud2 import decode
+from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.outputs import record
+from pipeline.online.site import Site
+
+FLOATS, CDR = "application/octet-stream", "application/cdr"
+"""Bodies: points as little-endian float32 x, y, z; a sensor_msgs/PointCloud2 as ROS 2 sends it."""
+LARGEST_BYTES = 32 * 2**20  # 2.7 million points
+BODY_S, ANSWER_S = 10.0, 30.0
+WAITING = 16
+"""Scans that may wait in one worker; one more is refused."""
+SITE, TOKEN = "YEARLOC_SITE", "YEARLOC_TOKEN"
+
+
+class RequestError(Exception):
+    """A request that gets no fix: status and why, in a line."""
+
+    def __init__(self, status: int, why: str) -> None:
+        super().__init__(why)
+        self.status = status
+
+
+def check_reach(host: str, token: str) -> None:
+    """Raise ConfigError for an address beyond this machine without a token."""
+    try:
+        local = host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        local = False
+    if not local and not token:
+        raise ConfigError(f"--host {host}: reachable from other machines, so a token is needed: set {TOKEN}")
+
+
+def serving(path: Path, token: str = "") -> FastAPI:
+    """The application; a request needs `token` as its bearer, unless it is empty. Raises ArtifactError where there is no site."""
+    site, lane = Site.open(path), ThreadPoolExecutor(1)
+    registry = CollectorRegistry()
+    shared = bool(os.environ.get("PROMETHEUS_MULTIPROC_DIR"))
+    answers = Counter("yearloc_fixes", "Fixes by verdict", ["verdict"], registry=registry)
+    refusals = Counter("yearloc_refused", "Requests without a fix by status", ["status"], registry=registry)
+    took = Histogram("yearloc_fix_seconds", "From points to fix", registry=registry, buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))
+    app, waiting = FastAPI(docs_url=None, redoc_url=None, openapi_url=None), asyncio.Semaphore(WAITING)
+
+    @app.exception_handler(RequestError)
+    async def refuse(_: Request, error: RequestError) -> Response:
+        refusals.labels(error.status).inc()
+        return JSONResponse({"error": str(error)}, error.status)
+
+    @app.post("/localize")
+    async def localize(request: Request) -> Response:
+        _authorise(request, token)
+        promise = _promise(request, site)
+        if waiting.locked():
+            raise RequestError(503, f"{WAITING} scans wait already; ask again")
+        async with waiting:
+            stamp_ns, points_m = _points(await _body(request), request.headers.get("content-type", FLOATS))
+            asked = asyncio.get_running_loop().run_in_executor(lane, site.localize, points_m, promise)
+            try:
+                fix = await asyncio.wait_for(asyncio.shield(asked), ANSWER_S)
+            except TimeoutError:
+                raise RequestError(504, f"no fix within {ANSWER_S:g} s") from None
+            except YearlocError as error:
+                raise RequestError(400, str(error)) from None
+        answers.labels(fix.verdict).inc()
+        took.observe(fix.ms / 1e3)
+        scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
+        return JSONResponse(record(scan, fix))
+
+    @app.get("/healthz")
+    async def healthz() -> dict[str, Any]:
+        return {"site": site.name, "promises": list(site.promises), "waiting": WAITING - waiting._value}
+
+    @app.get("/metrics")
+    async def metrics(request: Request) -> Response:
+        _authorise(request, token)
+        everyone = CollectorRegistry()
+        if shared:
+            MultiProcessCollector(everyone)  # type: ignore[no-untyped-call]
+        return PlainTextResponse(generate_latest(everyone if shared else registry), media_type="text/plain; version=0.0.4")
+
+    return app
+
+
+def from_environment() -> FastAPI:
+    """What each of several workers runs."""
+    return serving(Path(os.environ[SITE]), os.environ.get(TOKEN, ""))
+
+
+def _authorise(request: Request, token: str) -> None:
+    given = request.headers.get("authorization", "").encode("utf-8", "replace")
+    if token and not hmac.compare_digest(given, f"Bearer {token}".encode()):
+        raise RequestError(401, "expected the header Authorization: Bearer TOKEN")
+
+
+def _promise(request: Request, site: Site) -> float:
+    text = request.query_params.get("promise", "0.99")
+    try:
+        promise = float(text)
+    except ValueError:
+        promise = 0.0
+    if promise not in site.promises:
+        raise RequestError(400, f"promise={text[:20]!r}: expected one of {', '.join(map(str, site.promises))}")
+    return promise
+
+
+async def _body(request: Request) -> bytes:
+    """The body, no longer and no slower than allowed."""
+
+    async def read() -> bytes:
+        parts = bytearray()
+        async for part in request.stream():
+            parts += part
+            if len(parts) > LARGEST_BYTES:
+                raise RequestError(413, f"a scan of more than {LARGEST_BYTES:,} bytes")
+        return bytes(parts)
+
+    try:
+        return await asyncio.wait_for(read(), BODY_S)
+    except TimeoutError:
+        raise RequestError(408, f"the body took longer than {BODY_S:g} s") from None
+
+
+def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
+    """Stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
+    kind = kind.partition(";")[0].strip()
+    if kind == CDR:
+        try:
+            stamp_ns, _ = header(body, 2)
+            return stamp_ns, np.asarray(decode(_message(body)), np.float64)
+        except LogError as error:
+            raise RequestError(400, str(error)) from None
+    if kind != FLOATS:
+        raise RequestError(415, f"a body of {kind[:60]!r}: expected {FLOATS} (float32 x, y, z) or {CDR} (PointCloud2)")
+    if len(body) % 12:
+        raise RequestError(400, f"{len(body)} bytes are no whole number of float32 x, y, z")
+    return None, np.frombuffer(body, "<f4").reshape(-1, 3).astype(np.float64)
+
+
+def _message(body: bytes) -> Any:
+    try:
+        return typestore(2).deserialize_cdr(body, CLOUD)
+    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
+        raise LogError(f"a broken PointCloud2 ({type(error).__name__})") from None

@@ -1,0 +1,123 @@
+"""The server: fixes over HTTP, and one line for whatever else is sent."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import requests
+
+from pipeline.errors import ConfigError
+from pipeline.formats.bag import BagWriter
+from pipeline.formats.bag_file import BagFile
+from pipeline.online.serve import CDR, FLOATS, LARGEST_BYTES, check_reach
+from tests.online.made import packed, scan
+from tests.readers.damage import one_line
+
+TOKEN = "secret"
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server of the three places, in a process of its own."""
+
+    address: str
+
+    def ask(self, body: bytes, kind: str = FLOATS, token: str = TOKEN, **params: object) -> requests.Response:
+        headers = {"Content-Type": kind, "Authorization": f"Bearer {token}"}
+        return requests.post(f"{self.address}/localize", body, headers=headers, params=params, timeout=30)
+
+    def get(self, path: str, token: str = TOKEN) -> requests.Response:
+        return requests.get(f"{self.address}{path}", headers={"Authorization": f"Bearer {token}"}, timeout=10)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "pipeline.cli", "serve", str(packed(tmp_path_factory.mktemp("site"))), "--port", str(port)]
+    process = subprocess.Popen(words, env={**os.environ, "YEARLOC_TOKEN": TOKEN}, stderr=subprocess.DEVNULL)
+    found = Server(f"http://127.0.0.1:{port}")
+    for _ in range(150):
+        try:
+            if found.get("/healthz").ok:
+                break
+        except requests.ConnectionError:
+            time.sleep(0.2)
+    yield found
+    process.terminate()
+    process.wait(10)
+
+
+def floats() -> bytes:
+    return scan()[0].astype("<f4").tobytes()
+
+
+def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
+    found = server.ask(floats()).json()
+    assert found["verdict"] == "accepted"
+    assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
+    assert server.ask(floats(), promise=0.999).json()["verdict"] == "rejected"
+    assert server.ask(b"").json()["verdict"] == "no pose"
+
+
+def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(tmp_path / "day", "mcap") as bag:
+        bag.points(1_700_000_000_500_000_000, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    found = server.ask(BagFile(tmp_path / "day").first("/points") or b"", CDR).json()
+    assert (found["verdict"], found["stamp"]) == ("accepted", 1_700_000_000.5)
+
+
+@pytest.mark.parametrize(
+    ("body", "kind", "params", "status", "says"),
+    [
+        (b"12345", FLOATS, {}, 400, "5 bytes are no whole number of float32 x, y, z"),
+        (b"\0" * 12, "text/html", {}, 415, "expected application/octet-stream"),
+        (b"", CDR, {}, 400, "without a whole header"),
+        (b"\0\1\0\0" + b"\0" * 40, CDR, {}, 400, "PointCloud2"),
+        (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected one of 0.95"),
+        (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
+    ],
+)
+def test_what_is_no_scan_is_refused_in_a_line(
+    server: Server, body: bytes, kind: str, params: dict[str, str], status: int, says: str
+) -> None:
+    answer = server.ask(body, kind, **params)
+    assert answer.status_code == status
+    assert says in answer.json()["error"]
+
+
+def test_without_its_token_nobody_is_answered(server: Server) -> None:
+    assert server.ask(floats(), token="guess").status_code == 401
+    assert server.get("/metrics", token="ü").status_code == 401
+    with one_line(ConfigError, "--host 0.0.0.0: reachable from other machines"):
+        check_reach("0.0.0.0", "")
+    check_reach("::1", "")
+    check_reach("0.0.0.0", TOKEN)
+
+
+def test_hostile_bodies_leave_it_running(server: Server) -> None:
+    rng, whole = np.random.default_rng(0), bytearray(floats())
+    for i in range(60):
+        body = bytearray(whole[: int(rng.integers(1, 4000)) * 12]) if i % 2 else bytearray(rng.bytes(int(rng.integers(1, 5000))))
+        for at in rng.integers(len(body), size=20):
+            body[at] = rng.integers(256)
+        answer = server.ask(bytes(body), FLOATS if i % 4 < 2 else CDR)
+        assert answer.status_code in (200, 400)
+    assert server.ask(floats()).json()["verdict"] == "accepted"
+
+
+def test_health_and_metrics(server: Server) -> None:
+    assert server.get("/healthz").json()["site"] == "three/10m/scan_context"
+    server.ask(floats())
+    text = server.get("/metrics").text
+    assert 'yearloc_fixes_total{verdict="accepted"}' in text
+    assert "yearloc_fix_seconds_bucket" in text
