@@ -212,4 +212,5 @@ COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, 
     "localize": site.localize,
     "export": site.export,
     "serve": site.serve,
+    "watch": site.watch,
 }

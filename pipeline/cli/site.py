@@ -46,6 +46,44 @@ def add_commands(commands: Any) -> None:
     serve.add_argument("--port", type=int, default=8765)
     serve.add_argument("--host", default="127.0.0.1", help="another one needs a token in YEARLOC_TOKEN (127.0.0.1)")
     serve.add_argument("--workers", type=int, default=1, help="processes, one a core (1)")
+    watch = commands.add_parser("watch", help="see scans snapped onto the map, with verdicts, in rerun's viewer or as a file")
+    watch.add_argument("site", type=Path, metavar="SITE")
+    watch.add_argument("log", metavar="LOG", help="as of localize")
+    watch.add_argument("--save", type=Path, metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove")
+    watch.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
+    watch.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th scan (1)")
+
+
+def watch(given: argparse.Namespace) -> None:
+    """Localise a log and record what a person wants to see of it."""
+    from pipeline.online import foxglove
+    from pipeline.online import watch as rerun
+    from pipeline.online.inputs import scans
+    from pipeline.online.site import Site
+
+    if given.every < 1:
+        raise ConfigError(f"--every {given.every}: expected at least 1")
+    if given.save is not None and given.save.suffix not in (".rrd", ".mcap"):
+        raise ConfigError(f"--save {given.save}: expected FILE.rrd or FILE.mcap")
+    site, told = Site.open(given.site), Summary()
+    if given.promise not in site.promises:
+        raise ConfigError(f"--promise {given.promise}: expected one of {', '.join(map(str, site.promises))}")
+    recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
+    with recorder(site, given.save, given.promise) as recording:
+        for number, scan in enumerate(scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])):
+            if number % given.every:
+                continue
+            try:
+                points_m = scan.points()
+            except (LogError, OSError) as error:
+                told.broken.append(f"{scan.name}: {error}")
+                continue
+            fix = site.localize(points_m, given.promise)
+            recording.add(number, scan, points_m, fix)
+            told.add(scan, fix)
+    if not told.fixes:
+        raise LogError(told.broken[0] if told.broken else f"{given.log}: no scan there")
+    print(told.text(), file=sys.stderr)
 
 
 def serve(given: argparse.Namespace) -> None:

@@ -1,0 +1,62 @@
+"""The same as a bag that Foxglove and Lichtblick open: the map, each scan where it was placed, and the accepted poses."""
+
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.formats.bag import BagWriter
+from pipeline.online.inputs import Scan
+from pipeline.online.outputs import in_world
+from pipeline.online.site import Fix, Site
+from pipeline.online.watch import whole_map
+
+FRAME = "map"
+VERDICTS = ("accepted", "rejected")
+"""A point's intensity on /fixes is the place of its verdict here."""
+
+
+class Recording:
+    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the accepted ones)."""
+
+    def __init__(self, site: Site, out: Path | None, promise: float) -> None:
+        assert out is not None
+        self._out, self._map_m, self._scratch = out, whole_map(site).astype(np.float32), TemporaryDirectory()
+        self._folder = Path(self._scratch.name, "day")
+        self._bag = BagWriter(self._folder, "mcap").__enter__()
+        self._fixes: list[tuple[float, ...]] = []
+        self._first = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._bag.__exit__(kind, error, trace)
+        if kind is None:
+            (found,) = self._folder.glob("*.mcap")
+            self._out.unlink(missing_ok=True)
+            shutil.move(found, self._out)
+        self._scratch.cleanup()
+
+    def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
+        """One more scan, at its stamp, or at its number in seconds."""
+        stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
+        if self._first:
+            self._cloud(stamp_ns, self._map_m, "/map", np.zeros(len(self._map_m)))
+            self._first = False
+        if fix.verdict not in VERDICTS:
+            return
+        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + fix.world_T_sensor[:3, 3]
+        self._cloud(stamp_ns, seen_m, "/scan", seen_m[:, 2])
+        self._fixes.append((*fix.world_T_sensor[:3, 3], VERDICTS.index(fix.verdict)))
+        fixes = np.array(self._fixes)
+        self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
+        if fix.verdict == "accepted":
+            self._bag.pose_with_covariance(stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix")
+
+    def _cloud(self, stamp_ns: int, points_m: NDArray[np.floating], topic: str, intensity: NDArray[np.floating]) -> None:
+        self._bag.points(stamp_ns, FRAME, points_m.astype(np.float32), intensity, np.zeros(len(points_m), int), topic)

@@ -1,0 +1,113 @@
+"""Eyes on a site: the map, each scan where it was placed, the likeliest places, novelty and verdict, as a recording for rerun."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError
+from pipeline.online.inputs import Scan
+from pipeline.online.site import Fix, Site
+
+COLOURS = {"accepted": (46, 125, 50), "rejected": (198, 40, 40), "no pose": (120, 120, 120)}
+MAP_GREY, TRUTH, SNAPPED = (150, 150, 150), (20, 20, 20), (30, 100, 220)
+MAP_POINTS = 400_000
+LIKELIEST = 5
+WALL_M = 0.3
+"""Map points below this are ground, which hides the walls."""
+
+
+class Recording:
+    """Writes what a person looks at into FILE.rrd, or shows it in rerun's viewer where no file is given."""
+
+    def __init__(self, site: Site, out: Path | None, promise: float) -> None:
+        """Raises ConfigError where rerun is not installed."""
+        try:
+            import rerun
+        except ImportError:
+            raise ConfigError("rerun: not installed; `pip install 'yearloc[watch]'` (490 MB)") from None
+        self._rerun, self._site, self._paths = rerun, site, dict[str, list[NDArray[np.float64]]]()
+        self._stream = rerun.RecordingStream(f"yearloc {site.name}")
+        if out is None:
+            self._stream.spawn(default_blueprint=self._blueprint())
+        else:
+            self._stream.save(out, default_blueprint=self._blueprint())
+        points_m = whole_map(site)
+        self._stream.log("world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.08), static=True)
+        anchors_m = site.targets.world_T_anchor[:, :3, 3]
+        self._stream.log("world/training", rerun.LineStrips3D([anchors_m], colors=TRUTH, radii=0.15), static=True)
+        limit = site.promises[promise]
+        for path, colour, name in (
+            ("novelty/scan", SNAPPED, "novelty"),
+            ("novelty/threshold", (198, 40, 40), "threshold"),
+        ):
+            self._stream.log(path, rerun.SeriesLines(colors=colour, names=name), static=True)
+        self._limit = limit
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
+        """One more scan, at its stamp or its number on the timeline."""
+        rerun, stream = self._rerun, self._stream
+        stream.set_time("scan", sequence=number)
+        if scan.stamp_ns is not None:
+            stream.set_time("time", timestamp=np.datetime64(scan.stamp_ns, "ns"))
+        colour = COLOURS[fix.verdict]
+        placed = np.isfinite(fix.world_T_sensor).all()
+        if placed:
+            seen_m = points_m @ fix.world_T_sensor[:3, :3].T + fix.world_T_sensor[:3, 3]
+            stream.log("world/scan", rerun.Points3D(seen_m[points_m[:, 2] > WALL_M], colors=SNAPPED, radii=0.1))
+            heading = fix.world_T_sensor[:3, 0] * 6
+            where = fix.world_T_sensor[:3, 3]
+            stream.log("world/robot", rerun.Arrows3D(vectors=[heading], origins=[where], colors=colour, radii=0.5))
+            self._paths.setdefault(fix.verdict, []).append(where)
+            stream.log(f"world/{fix.verdict}", rerun.Points3D(self._paths[fix.verdict], colors=colour, radii=0.8))
+        else:
+            stream.log("world/scan", rerun.Clear(recursive=False))
+        if np.isfinite(scan.world_T_scan).all():
+            stream.log("world/truth", rerun.Points3D([scan.world_T_scan[:3, 3]], colors=TRUTH, radii=1.2))
+        ranking = self._site.rank(points_m)
+        chances = np.nan_to_num(1 - ranking.costs[0, :LIKELIEST].astype(np.float64), posinf=0, neginf=0)
+        stream.log("places", rerun.BarChart(chances))
+        stream.log("novelty/scan", rerun.Scalars(fix.novelty))
+        stream.log("novelty/threshold", rerun.Scalars(self._limit))
+        stream.log("verdict", rerun.TextLog(f"{fix.verdict}: place {fix.place}, overlap {fix.overlap:.2f}", level=_level(fix)))
+
+    def _blueprint(self) -> Any:
+        from rerun import blueprint
+
+        side = blueprint.Vertical(
+            blueprint.TimeSeriesView(origin="novelty", name="novelty against its threshold"),
+            blueprint.BarChartView(origin="places", name="the five likeliest places"),
+            blueprint.TextLogView(origin="verdict", name="verdicts"),
+        )
+        return blueprint.Blueprint(
+            blueprint.Horizontal(blueprint.Spatial3DView(origin="world", name=self._site.name), side, column_shares=[3, 1]),
+            blueprint.TimePanel(timeline="scan"),
+            collapse_panels=True,
+        )
+
+
+def whole_map(site: Site) -> NDArray[np.float64]:
+    """Walls (n, 3) of the map in the world, thinned to MAP_POINTS."""
+    parts: Iterable[NDArray[np.float64]] = (
+        _walls(site.targets.points_m(row)) @ pose[:3, :3].T + pose[:3, 3] for row, pose in enumerate(site.targets.world_T_anchor)
+    )
+    points_m = np.concatenate(list(parts))
+    return points_m[:: max(1, len(points_m) // MAP_POINTS)]
+
+
+def _walls(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return points_m[points_m[:, 2] > WALL_M]
+
+
+def _level(fix: Fix) -> str:
+    return {"accepted": "INFO", "rejected": "WARN"}.get(fix.verdict, "DEBUG")
