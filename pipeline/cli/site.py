@@ -37,6 +37,7 @@ def add_commands(commands: Any) -> None:
     find.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="of right ones among the accepted (0.99)")
     find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
     find.add_argument("--topic", help="of a bag, where it has several clouds")
+    find.add_argument("--track", action="store_true", help="scans are one path: follow it, by odometry where the log has some")
     find.add_argument("--threads", type=int, default=1, help="for the network (1)")
     onnx = commands.add_parser("export", help="a site's network as ONNX; or a site that answers through it, without torch")
     onnx.add_argument("site", type=Path, metavar="SITE")
@@ -126,17 +127,20 @@ def pack(given: argparse.Namespace, conf: Path, studies: dict[str, dict[str, Any
 
 def localize(given: argparse.Namespace) -> None:
     """Print a fix of each scan, and what became of them all."""
-    from pipeline.online.inputs import scans
+    import numpy as np
+
+    from pipeline.online.inputs import NO_POSE, scans
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
     from pipeline.online.site import Site
+    from pipeline.online.tracking import Tracker
 
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
-    told = Summary()
+    told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             for scan in scans(source, site.about["reader"], lift_m, given.topic):
@@ -148,7 +152,12 @@ def localize(given: argparse.Namespace) -> None:
                 if not told.fixes:
                     for line in unlike(points_m, about):
                         print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
-                fix = site.localize(points_m, given.promise)
+                if tracker is None:
+                    fix = site.localize(points_m, given.promise)
+                else:
+                    known = np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all()
+                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None)
+                    before = scan.odom_T_scan
                 write(scan, fix)
                 told.add(scan, fix)
     if not told.fixes:

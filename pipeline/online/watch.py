@@ -13,7 +13,7 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
 
 COLOURS = {"accepted": (46, 125, 50), "rejected": (198, 40, 40), "no pose": (120, 120, 120)}
-MAP_GREY, TRUTH, SNAPPED = (150, 150, 150), (20, 20, 20), (30, 100, 220)
+MAP_GREY, TRUTH, SNAPPED = (150, 150, 150), (240, 200, 60), (90, 170, 255)
 MAP_POINTS = 400_000
 LIKELIEST = 5
 WALL_M = 0.3
@@ -64,7 +64,7 @@ class Recording:
         placed = np.isfinite(fix.world_T_sensor).all()
         if placed:
             seen_m = points_m @ fix.world_T_sensor[:3, :3].T + fix.world_T_sensor[:3, 3]
-            stream.log("world/scan", rerun.Points3D(seen_m[points_m[:, 2] > WALL_M], colors=SNAPPED, radii=0.1))
+            stream.log("world/scan", rerun.Points3D(seen_m[points_m[:, 2] > WALL_M], colors=SNAPPED, radii=0.2))
             heading = fix.world_T_sensor[:3, 0] * 6
             where = fix.world_T_sensor[:3, 3]
             stream.log("world/robot", rerun.Arrows3D(vectors=[heading], origins=[where], colors=colour, radii=0.5))

@@ -123,6 +123,24 @@ class Fixer:
                 break
         return Fix.of(found)
 
+    def track(self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2) -> Fix:
+        """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees: registered against the nearest
+        `rows` submaps from there alone."""
+        points_m = around(points_m, targets.range_m)
+        try:
+            query = Query(self.rough.prepare(points_m), self.fine.prepare(points_m), np.empty(0, np.int64))
+        except InputError:
+            return Fix()
+        away_m = np.linalg.norm(targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1)
+        found = []
+        for row in np.argsort(away_m, kind="stable")[:rows].tolist():
+            guess = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_guess
+            rough = targets.aligned(self.rough, row, query.rough, guess)
+            aligned = targets.aligned(self.fine, row, query.fine, rough.target_T_source)
+            if aligned.spread_m <= self.widest_m:
+                found.append(self._hypothesis(query, targets, row, aligned))
+        return Fix.of(found)
+
     def _hypotheses(self, query: Query, targets: Targets, rows: Iterator[int]) -> Iterator[Hypothesis]:
         """Of candidate rows, each computed when it is asked for: the best match of walls first, then the best rough overlaps."""
         for count in self.rounds:

@@ -1,0 +1,71 @@
+"""Localising along a path: global fixes until one is believed, then registration from the predicted pose, and back when lost."""
+
+from dataclasses import replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.online.belief import Belief
+from pipeline.online.site import Fix, Site, finite
+from pipeline.posing.fix import Fix as Registered
+
+PATIENCE = 3
+"""Scans in a row that may fail to be tracked before the robot is lost."""
+STILL = np.eye(4)
+
+
+class Tracker:
+    """Follows a robot through a site; each fix is accepted by all that was seen so far, with the site's own thresholds."""
+
+    def __init__(self, site: Site, promise: float = 0.99) -> None:
+        self.site, self._promise = site, promise
+        self.belief = Belief(site.targets.world_T_anchor[:, :2, 3])
+        self.mode: Literal["lost", "tracking"] = "lost"
+        self._pose: NDArray[np.float64] | None = None
+        self._step, self._misses = STILL, 0
+
+    def localize(self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None) -> Fix:
+        """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by odometry.
+
+        Without odometry the robot is taken to move on as between its last two fixes.
+        """
+        start = perf_counter()
+        points_m = finite(points_m)
+        step = self._step if step is None or not np.isfinite(step).all() else step
+        self.belief.move(step)
+        guess = None if self._pose is None else self._pose @ step
+        found, tracked = self._find(points_m, guess)
+        fix = self._judge(found, tracked)
+        if fix.verdict == "accepted":
+            self._step = step if self._pose is None else np.linalg.inv(self._pose) @ fix.world_T_sensor
+            self._pose, self._misses, self.mode = fix.world_T_sensor, 0, "tracking"
+        elif guess is not None:
+            self._misses += 1
+            self._pose = guess if self._misses < PATIENCE else None
+            self.mode = "lost" if self._pose is None else "tracking"
+        return replace(fix, ms=1e3 * (perf_counter() - start))
+
+    def _find(self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None) -> tuple[Registered, bool]:
+        """Hypotheses, and whether they were found from the predicted pose alone."""
+        if guess is not None:
+            found = self.site.fixer.track(points_m, self.site.targets, guess)
+            if found.hypotheses or self._misses + 1 < PATIENCE:
+                return found, True
+        return self._everywhere(points_m), False
+
+    def _everywhere(self, points_m: NDArray[np.float64]) -> Registered:
+        return self.site.register(points_m, self.site.rank(points_m).xy_m[0].astype(np.float64))
+
+    def _judge(self, found: Registered, tracked: bool) -> Fix:
+        """Whether to believe the best hypothesis, given all before."""
+        fix = self.site.judge(found, self._promise)
+        if fix.verdict == "no pose":
+            return fix
+        chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
+        believed = self.belief.see(fix.world_T_sensor, chance, tracked)
+        novelty = 1 - believed
+        kept = [one for one, reject_from in self.site.promises.items() if novelty < reject_from]
+        verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
+        return replace(fix, verdict=verdict, novelty=novelty, promised_precision=max(kept, default=None))
