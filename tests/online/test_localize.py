@@ -157,3 +157,14 @@ def test_a_mistake_is_one_line(
     if words[0] == "1.bin":
         floats(tmp_path, "1.bin")
     assert says in refused(capsys, site, *([tmp_path / "empty"] if words == ["."] else words))
+
+
+def test_the_lines_of_the_readme_run(
+    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("campus.site").symlink_to(site)
+    np.save("scan.npy", scan()[0])
+    section = (Path(__file__).parents[2] / "README.md").read_text().partition("## On a robot")[2]
+    exec(section.partition("```python\n")[2].partition("```")[0], {})
+    assert capsys.readouterr().out.startswith(f"{json.loads(run(capsys, site, 'scan.npy', '--json')[0])['place']} [[")
