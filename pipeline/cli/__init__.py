@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from pipeline.cli import site
+from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes, Lines
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
 
@@ -209,8 +210,9 @@ def _studies(conf: Path) -> dict[str, dict[str, Any]]:
 
 
 COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
-    "localize": site.localize,
+    "localize": localize,
     "export": site.export,
     "serve": site.serve,
     "watch": site.watch,
+    "failures": site.failures,
 }

@@ -30,6 +30,7 @@ class Recording:
         except ImportError:
             raise ConfigError("rerun: not installed; `pip install 'yearloc[watch]'` (490 MB)") from None
         self._rerun, self._site, self._paths = rerun, site, dict[str, list[NDArray[np.float64]]]()
+        self._title = f"{site.name}{', simulated' if site.about['simulated'] else ''}"
         self._stream = rerun.RecordingStream(f"yearloc {site.name}")
         if out is None:
             self._stream.spawn(default_blueprint=self._blueprint())
@@ -90,7 +91,7 @@ class Recording:
             blueprint.TextLogView(origin="verdict", name="verdicts"),
         )
         return blueprint.Blueprint(
-            blueprint.Horizontal(blueprint.Spatial3DView(origin="world", name=self._site.name), side, column_shares=[3, 1]),
+            blueprint.Horizontal(blueprint.Spatial3DView(origin="world", name=self._title), side, column_shares=[3, 1]),
             blueprint.TimePanel(timeline="scan"),
             collapse_panels=True,
         )

@@ -1,0 +1,93 @@
+"""`yearloc localize`: from scans to poses."""
+
+import argparse
+import sys
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from pipeline.errors import ConfigError, LogError
+
+if TYPE_CHECKING:
+    from pipeline.online.inputs import Scan
+    from pipeline.online.site import Fix
+
+KINDS = {
+    "json": "an object a scan, each on a line",
+    "csv": "a row a scan",
+    "tum": "a trajectory of the accepted ones",
+    "mcap": "the accepted ones as PoseWithCovarianceStamped, for Foxglove",
+}
+
+
+def localize(given: argparse.Namespace) -> None:
+    """Print a fix of each scan, and what became of them all."""
+    import numpy as np
+
+    from pipeline.online.inputs import NO_POSE, scans
+    from pipeline.online.outputs import writer
+    from pipeline.online.sensor import unlike
+    from pipeline.online.site import Site
+    from pipeline.online.tracking import Tracker
+
+    if given.threads < 1:
+        raise ConfigError(f"--threads {given.threads}: expected at least 1")
+    site = Site.open(given.site, given.threads)
+    about = site.about["sensor"]
+    lift_m = about["lift_m"] if given.lift is None else given.lift
+    told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
+    with writer(given.kind or "text", given.out) as write:
+        for source in given.inputs:
+            for scan in scans(source, site.about["reader"], lift_m, given.topic):
+                try:
+                    points_m = scan.points()
+                except (LogError, OSError) as error:
+                    told.broken.append(f"{scan.name}: {error}")
+                    continue
+                if not told.fixes:
+                    for line in unlike(points_m, about):
+                        print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
+                if tracker is None:
+                    fix = site.localize(points_m, given.promise)
+                else:
+                    known = np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all()
+                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None)
+                    before = scan.odom_T_scan
+                write(scan, fix)
+                told.add(scan, fix)
+    if not told.fixes:
+        raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
+    print(told.text(), file=sys.stderr)
+
+
+class Summary:
+    """What became of all scans."""
+
+    def __init__(self) -> None:
+        self.fixes: Counter[str] = Counter()
+        self.broken: list[str] = []
+        self._ms: list[float] = []
+        self._right = Counter[bool]()
+
+    def add(self, scan: "Scan", fix: "Fix") -> None:
+        """One more."""
+        import numpy as np
+
+        from pipeline.posing.verdict import right
+
+        self.fixes[fix.verdict] += 1
+        self._ms.append(fix.ms)
+        if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
+            self._right[bool(right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
+
+    def text(self) -> str:
+        """A line, or two: what came of them, how fast, and against the truth where it is known."""
+        import numpy as np
+
+        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in ("accepted", "rejected", "no pose"))
+        median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
+        lines = [f"{sum(self.fixes.values())} scans: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
+        if self._right:
+            lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
+        if self.broken:
+            lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
+        return "\n".join(lines)

@@ -1,0 +1,47 @@
+"""Failure cards: what the verdict got wrong, drawn."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pipeline.cli import main
+from pipeline.online.failures import draw, failures
+from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.site import Site
+from tests.online.made import packed, scan
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    return Site.open(packed(tmp_path_factory.mktemp("site")))
+
+
+def test_wrong_verdicts_alone_are_found_the_worst_first(site: Site, tmp_path: Path) -> None:
+    points_m, world_T_robot = scan()
+    taken = Scan("day 1", None, lambda: points_m, NO_POSE, world_T_robot)
+    right = site.localize(points_m)
+    moved = right.world_T_sensor.copy()
+    moved[0, 3] += 30
+    wrong, surer = replace(right, world_T_sensor=moved, novelty=0.05), replace(right, world_T_sensor=moved, novelty=0.01)
+    refused, nothing = replace(right, verdict="rejected"), replace(right, verdict="no pose")
+    unknown = replace(taken, world_T_scan=NO_POSE)
+    every = [(taken, right), (taken, wrong), (taken, surer), (taken, refused), (taken, nothing), (unknown, wrong)]
+    found = failures(*zip(*every, strict=True))  # type: ignore[arg-type]
+    assert [one.fix for one in found] == [surer, wrong, refused]
+    assert found[0].error_m == pytest.approx(30, abs=0.2)
+    draw(site, found[0], 0.99, tmp_path / "card.png")
+    picture = np.asarray(Image.open(tmp_path / "card.png").convert("RGB")).reshape(-1, 3).astype(int)
+    red = (picture[:, 0] - picture[:, 1] > 80).sum()
+    grey = ((abs(picture[:, 0] - 0x9A) < 12) & (abs(picture[:, 0] - picture[:, 2]) < 4)).sum()
+    assert red > 500
+    assert grey > 500
+
+
+def test_scans_without_truth_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "1.npy", scan()[0])
+    with pytest.raises(SystemExit):
+        main(["failures", str(packed(tmp_path)), str(tmp_path / "1.npy"), "-o", str(tmp_path / "cards")])
+    assert "no scan with a true pose" in capsys.readouterr().err
