@@ -28,8 +28,11 @@ def build(spec: Any, roots: tuple[str, ...]) -> Any:
     module, _, name = str(found[TARGET]).rpartition(".")
     kind = None
     if module.startswith(roots) and name.isidentifier():
-        with suppress(ImportError):
+        try:
             kind = getattr(import_module(module), name, None)
+        except ImportError as error:
+            if error.name and not error.name.startswith("pipeline"):
+                raise ConfigError(f"{error.name}: not installed, and {module} needs it; `pip install 'yearloc[site]'`") from None
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
         raise ConfigError(f"{TARGET}={spec[TARGET]}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
     return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})

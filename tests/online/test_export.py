@@ -68,6 +68,14 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
         export(tmp_path / "onnx.site", tmp_path / "again.onnx")
 
 
+def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
+    words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), "none"]
+    told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
+    assert told.startswith("pipeline.errors.ArtifactError")
+    assert "torch: not installed" in told
+    assert "pip install 'yearloc[site]'" in told
+
+
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     path = packed(tmp_path)
     with one_line(ConfigError, "ScanContext50: has no network to export"):
