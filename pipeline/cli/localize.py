@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.errors import ConfigError, LogError
@@ -23,6 +24,7 @@ def localize(given: argparse.Namespace) -> None:
     """Print a fix of each scan, and what became of them all."""
     import numpy as np
 
+    from pipeline.online.follow import Following
     from pipeline.online.inputs import NO_POSE, scans
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
@@ -37,7 +39,9 @@ def localize(given: argparse.Namespace) -> None:
     told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
-            for scan in scans(source, site.about["reader"], lift_m, given.topic):
+            follower = Following(Path(source), given.topic, lift_m, given.idle) if given.follow else None
+            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic)
+            for scan in found:
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
@@ -54,6 +58,7 @@ def localize(given: argparse.Namespace) -> None:
                     before = scan.odom_T_scan
                 write(scan, fix)
                 told.add(scan, fix)
+            told.dropped += follower.dropped if follower else 0
     if not told.fixes:
         raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
     print(told.text(), file=sys.stderr)
@@ -65,6 +70,7 @@ class Summary:
     def __init__(self) -> None:
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
+        self.dropped = 0
         self._ms: list[float] = []
         self._right = Counter[bool]()
 
@@ -88,6 +94,8 @@ class Summary:
         lines = [f"{sum(self.fixes.values())} scans: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
         if self._right:
             lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
+        if self.dropped:
+            lines.append(f"{self.dropped} more came while another was localised, and were dropped")
         if self.broken:
             lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
         return "\n".join(lines)

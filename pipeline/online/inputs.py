@@ -126,7 +126,7 @@ def _messages(path: Path, files: list[BagFile], topic: str | None, lift_m: float
     if topic is not None and topic not in held:
         raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
     clouds = Clouds.read(files, topic or held.most_common(1)[0][0], Counter())
-    body_T_lidar = _extrinsic(files, clouds.frames)
+    body_T_lidar = extrinsic(Tree.read(files, moving=False), clouds.frames)
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
 
         def points(row: int = row) -> NDArray[np.float64]:
@@ -135,8 +135,7 @@ def _messages(path: Path, files: list[BagFile], topic: str | None, lift_m: float
         yield _unposed(f"{path.name} {row}", stamp_ns, lambda points=points: _raised(points(), lift_m))  # type: ignore[misc]
 
 
-def _extrinsic(files: list[BagFile], frames: set[str]) -> NDArray[np.float64]:
+def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
     """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms; where they tell nothing, it is not turned."""
-    tree = Tree.read(files, moving=False)
     known = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
     return next((found for found in known if found is not None), raised(0.0))

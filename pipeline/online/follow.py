@@ -1,0 +1,140 @@
+"""The clouds of an MCAP recording that is still being written: always the newest one, the others are counted."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Condition, Thread
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, LogError
+from pipeline.formats.bag import CLOUD, TRANSFORMS, typestore
+from pipeline.formats.messages import frame_name, header, poses, transform_numbers
+from pipeline.formats.pointcloud2 import decode
+from pipeline.online.inputs import NO_POSE, Scan, extrinsic
+from pipeline.readers.bag_poses import Tree
+
+POLL_S = 0.02
+
+
+class Growing:
+    """A file that another process writes: a read waits for bytes that are not there yet, and ends after `idle_s` without any."""
+
+    def __init__(self, file: BinaryIO, idle_s: float) -> None:
+        self._file, self._idle_s = file, idle_s
+
+    def read(self, size: int) -> bytes:
+        """So many bytes; fewer at the end."""
+        parts, missing, since = [], size, time.monotonic()
+        while missing > 0 and time.monotonic() - since < self._idle_s:
+            if part := self._file.read(missing):
+                parts.append(part)
+                missing, since = missing - len(part), time.monotonic()
+            else:
+                time.sleep(POLL_S)
+        return b"".join(parts)
+
+
+@dataclass
+class Following:
+    """Reads in a thread of its own, and hands out the newest cloud whenever it is asked for one."""
+
+    path: Path
+    """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
+    topic: str | None
+    lift_m: float
+    idle_s: float
+    dropped: int = field(default=0, init=False)
+    """Clouds that came while another was localised."""
+
+    def scans(self) -> Iterator[Scan]:
+        """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it holds no cloud."""
+        file = self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
+        if file is None or file.suffix != ".mcap":
+            raise LogError(f"{self.path}: no .mcap recording to follow; other bags can be localised once they are written")
+        self._newest: tuple[int, bytes] | None = None
+        self._ended: Exception | bool = False
+        self._changed, self._edges = Condition(), dict[tuple[str, str], tuple[Any, Any]]()
+        Thread(target=self._reading, args=(file,), daemon=True).start()
+        number = 0
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._newest is not None or self._ended)
+                newest, self._newest = self._newest, None
+            if newest is None:
+                break
+            yield self._scan(number, *newest)
+            number += 1
+        if isinstance(self._ended, ConfigError):
+            raise self._ended
+        if not number:
+            raise LogError(f"{file}: no PointCloud2{f' on {self.topic}' if self.topic else ''} came within {self.idle_s:g} s")
+
+    def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
+        tree = Tree(str(self.path), dict(self._edges), 0)
+        return Scan(f"{self.path.name} {number}", stamp_ns, self._reader(data, tree), NO_POSE, NO_POSE)
+
+    def _reader(self, data: bytes, tree: Tree) -> Callable[[], NDArray[np.float64]]:
+        def points() -> NDArray[np.float64]:
+            body_T_lidar = extrinsic(tree, {header(data, 2)[1]})
+            cloud = np.asarray(decode(_decoded(data, CLOUD)), np.float64)
+            return np.asarray(cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] + np.array([0.0, 0.0, self.lift_m]))
+
+        return points
+
+    def _reading(self, file: Path) -> None:
+        """Keep the newest cloud and all fixed transforms, until the file grows no more or is damaged."""
+        ended: Exception | bool = True
+        try:
+            from mcap.stream_reader import StreamReader
+
+            with file.open("rb") as growing:
+                stream: Any = Growing(growing, self.idle_s)
+                self._read(StreamReader(stream, record_size_limit=2**28).records)
+        except ImportError:
+            ended = ConfigError("mcap: not installed; `pip install 'yearloc[follow]'`")
+        except Exception:  # mcap raises whatever it likes where a recording is cut off: it ends there
+            pass
+        with self._changed:
+            self._ended = ended
+            self._changed.notify()
+
+    def _read(self, records: Iterator[Any]) -> None:
+        kinds, topics = dict[int, str](), dict[int, tuple[str, str]]()
+        for record in records:
+            name = type(record).__name__
+            if name == "Schema":
+                kinds[record.id] = record.name
+            elif name == "Channel":
+                topics[record.id] = (record.topic, kinds.get(record.schema_id, ""))
+            elif name == "Message":
+                topic, kind = topics[record.channel_id]
+                if kind == TRANSFORMS and topic.endswith("tf_static"):
+                    self._learn(record.data)
+                elif kind == CLOUD and topic == (self.topic or topic):
+                    self._keep(record)
+
+    def _learn(self, data: bytes) -> None:
+        for one in _decoded(data, TRANSFORMS).transforms:
+            edge = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
+            self._edges[edge] = np.zeros(1, np.int64), poses([transform_numbers(one)])
+
+    def _keep(self, record: Any) -> None:
+        try:
+            stamp_ns = header(record.data, 2)[0] or int(record.log_time)
+        except LogError:
+            return
+        with self._changed:
+            self.dropped += self._newest is not None
+            self._newest = stamp_ns, record.data
+            self._changed.notify()
+
+
+def _decoded(data: bytes, kind: str) -> Any:
+    try:
+        return typestore(2).deserialize_cdr(data, kind)
+    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
+        raise LogError(f"a broken {kind.rpartition('/')[2]} ({type(error).__name__})") from None

@@ -1,0 +1,79 @@
+"""A recording that is still being written is followed: always the newest cloud, the others counted."""
+
+import time
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.errors import LogError
+from pipeline.formats.bag import BagWriter
+from pipeline.frames import pose
+from pipeline.online.follow import Following
+from tests.online.made import packed, scan
+from tests.posing.scene import seen_from
+
+START_NS, COUNT = 1_700_000_000_000_000_000, 12
+BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The bytes of a recording of twelve clouds."""
+    folder = tmp_path_factory.mktemp("recorded") / "day"
+    points_m = seen_from(scan()[0], BODY_T_LIDAR).astype(np.float32)
+    with BagWriter(folder, "mcap") as bag:
+        bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
+        for i in range(COUNT):
+            bag.points(START_NS + i * 10**8, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    (file,) = folder.glob("*.mcap")
+    return file.read_bytes()
+
+
+def record(path: Path, data: bytes, seconds: float) -> Thread:
+    """Write a file in pieces, as a recorder does, over some seconds."""
+    path.write_bytes(b"")
+
+    def writing() -> None:
+        for piece in np.array_split(np.frombuffer(data, np.uint8), 40):
+            with path.open("ab") as file:
+                file.write(piece.tobytes())
+            time.sleep(seconds / 40)
+
+    thread = Thread(target=writing)
+    thread.start()
+    return thread
+
+
+def test_every_cloud_is_seen_or_counted_as_dropped(recorded: bytes, tmp_path: Path) -> None:
+    thread = record(tmp_path / "day.mcap", recorded, 2.0)
+    following = Following(tmp_path / "day.mcap", None, 0.0, 1.0)
+    seen = []
+    for one in following.scans():
+        time.sleep(0.3)  # slower than they come
+        seen.append(one)
+    thread.join()
+    assert following.dropped > 0
+    assert len(seen) + following.dropped == COUNT
+    assert seen[-1].stamp_ns == START_NS + (COUNT - 1) * 10**8
+    np.testing.assert_allclose(seen[-1].points(), scan()[0], atol=1e-4)  # where the transforms put it
+
+
+def test_the_command_follows_a_recording(recorded: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    thread = record(tmp_path / "day.mcap", recorded, 1.0)
+    main(["localize", str(packed(tmp_path)), str(tmp_path / "day.mcap"), "--follow", "--idle", "1"])
+    thread.join()
+    told = capsys.readouterr()
+    assert told.out.count(" accepted ") >= 1
+    assert " 0 rejected, 0 no pose" in told.err
+
+
+@pytest.mark.parametrize("data", [b"", b"no recording"], ids=["empty", "text"])
+def test_what_holds_no_cloud_ends_in_a_line(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "day.mcap").write_bytes(data)
+    with pytest.raises(LogError, match=r"day\.mcap: no PointCloud2 came within 0\.3 s"):
+        list(Following(tmp_path / "day.mcap", None, 0.0, 0.3).scans())
+    with pytest.raises(LogError, match=r"no \.mcap recording to follow"):
+        list(Following(tmp_path / "none", None, 0.0, 0.3).scans())
