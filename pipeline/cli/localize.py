@@ -54,7 +54,7 @@ def localize(given: argparse.Namespace) -> None:
                     fix = site.localize(points_m, given.promise)
                 else:
                     known = np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all()
-                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None)
+                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None, scan.stamp_ns)
                     before = scan.odom_T_scan
                 write(scan, fix)
                 told.add(scan, fix)

@@ -28,7 +28,11 @@ def add_commands(commands: Any) -> None:
     find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--track", action="store_true", help="scans are one path: follow it, by odometry where the log has some")
-    find.add_argument("--follow", action="store_true", help="INPUT is an .mcap that is still being recorded: the newest is next")
+    find.add_argument(
+        "--follow",
+        action="store_true",
+        help="INPUT is an .mcap still being recorded; what waits too long is dropped",
+    )
     find.add_argument("--idle", type=float, default=10.0, metavar="S", help="of --follow: ends after so long without a byte (10)")
     find.add_argument("--threads", type=int, default=1, help="for the network (1)")
     onnx = commands.add_parser("export", help="a site's network as ONNX; or a site that answers through it, without torch")

@@ -1,6 +1,7 @@
-"""The clouds of an MCAP recording that is still being written: always the newest one, the others are counted."""
+"""The clouds of an MCAP recording that is still being written; those that wait too long are dropped and counted."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,8 @@ from pipeline.online.inputs import NO_POSE, Scan, extrinsic
 from pipeline.readers.bag_poses import Tree
 
 POLL_S = 0.02
+WAITING = 8
+"""Clouds that may wait: a recorder writes several at once. Of more the oldest is dropped."""
 
 
 class Growing:
@@ -40,7 +43,7 @@ class Growing:
 
 @dataclass
 class Following:
-    """Reads in a thread of its own, and hands out the newest cloud whenever it is asked for one."""
+    """Reads in a thread of its own, and hands out the oldest cloud that still waits."""
 
     path: Path
     """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
@@ -48,25 +51,25 @@ class Following:
     lift_m: float
     idle_s: float
     dropped: int = field(default=0, init=False)
-    """Clouds that came while another was localised."""
+    """Clouds that were pushed out by newer ones."""
 
     def scans(self) -> Iterator[Scan]:
         """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it holds no cloud."""
         file = self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
         if file is None or file.suffix != ".mcap":
             raise LogError(f"{self.path}: no .mcap recording to follow; other bags can be localised once they are written")
-        self._newest: tuple[int, bytes] | None = None
+        self._waiting = deque[tuple[int, bytes]](maxlen=WAITING)
         self._ended: Exception | bool = False
         self._changed, self._edges = Condition(), dict[tuple[str, str], tuple[Any, Any]]()
         Thread(target=self._reading, args=(file,), daemon=True).start()
         number = 0
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._newest is not None or self._ended)
-                newest, self._newest = self._newest, None
-            if newest is None:
+                self._changed.wait_for(lambda: self._waiting or self._ended)
+                oldest = self._waiting.popleft() if self._waiting else None
+            if oldest is None:
                 break
-            yield self._scan(number, *newest)
+            yield self._scan(number, *oldest)
             number += 1
         if isinstance(self._ended, ConfigError):
             raise self._ended
@@ -86,7 +89,7 @@ class Following:
         return points
 
     def _reading(self, file: Path) -> None:
-        """Keep the newest cloud and all fixed transforms, until the file grows no more or is damaged."""
+        """Keep the newest clouds and all fixed transforms, until the file grows no more or is damaged."""
         ended: Exception | bool = True
         try:
             from mcap.stream_reader import StreamReader
@@ -128,8 +131,8 @@ class Following:
         except LogError:
             return
         with self._changed:
-            self.dropped += self._newest is not None
-            self._newest = stamp_ns, record.data
+            self.dropped += len(self._waiting) == WAITING
+            self._waiting.append((stamp_ns, record.data))
             self._changed.notify()
 
 

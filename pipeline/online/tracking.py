@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pipeline.online.belief import Belief
 from pipeline.online.site import Fix, Site, finite
@@ -25,27 +26,42 @@ class Tracker:
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
         self._step, self._misses = STILL, 0
+        self._step_s: float | None = None
+        self._stamp_ns: int | None = None
 
-    def localize(self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None) -> Fix:
+    def localize(
+        self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None, stamp_ns: int | None = None
+    ) -> Fix:
         """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by odometry.
 
-        Without odometry the robot is taken to move on as between its last two fixes.
+        Without odometry the robot is taken to move on as between its last two fixes, for as long as the stamps say, if they do.
         """
         start = perf_counter()
         points_m = finite(points_m)
-        step = self._step if step is None or not np.isfinite(step).all() else step
+        took_s = None if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        self._stamp_ns = stamp_ns
+        step = self._onwards(took_s) if step is None or not np.isfinite(step).all() else step
         self.belief.move(step)
         guess = None if self._pose is None else self._pose @ step
         found, tracked = self._find(points_m, guess)
         fix = self._judge(found, tracked)
         if fix.verdict == "accepted":
             self._step = step if self._pose is None else np.linalg.inv(self._pose) @ fix.world_T_sensor
+            self._step_s = took_s
             self._pose, self._misses, self.mode = fix.world_T_sensor, 0, "tracking"
         elif guess is not None:
             self._misses += 1
             self._pose = guess if self._misses < PATIENCE else None
             self.mode = "lost" if self._pose is None else "tracking"
         return replace(fix, ms=1e3 * (perf_counter() - start))
+
+    def _onwards(self, took_s: float | None) -> NDArray[np.float64]:
+        """The last step between two fixes, as far and as much turned as fits the time."""
+        share = took_s / self._step_s if took_s and self._step_s else 1.0
+        step = self._step.copy()
+        step[:3, 3] *= share
+        step[:3, :3] = Rotation.from_rotvec(share * Rotation.from_matrix(step[:3, :3]).as_rotvec()).as_matrix()
+        return step
 
     def _find(self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None) -> tuple[Registered, bool]:
         """Hypotheses, and whether they were found from the predicted pose alone."""

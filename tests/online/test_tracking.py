@@ -87,6 +87,15 @@ def test_a_path_is_followed_with_and_without_odometry(site: Site) -> None:
             np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(0.5 * i, 0, 0), atol=0.1)
 
 
+def test_without_odometry_a_robot_moves_on_for_as_long_as_the_stamps_say(site: Site) -> None:
+    tracker = Tracker(site)
+    for i, stamp_s in ((0, 0), (2, 1)):  # a metre in a second
+        tracker.localize(seen(0, 0.5 * i), None, stamp_s * 10**9)
+    fix = tracker.localize(seen(0, 4.0), None, 4 * 10**9)  # 3 m on after three, farther than it could be found without
+    assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
+    np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(4, 0, 0), atol=0.1)
+
+
 def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
     tracker = Tracker(site)
     for i in range(3):
