@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     from pipeline.online.inputs import Scan
-    from pipeline.online.site import Fix
+    from pipeline.online.site import Fix, Site
 
 KINDS = {
     "json": "an object a scan, each on a line",
@@ -18,6 +18,21 @@ KINDS = {
     "tum": "a trajectory of the accepted ones",
     "mcap": "the accepted ones as PoseWithCovarianceStamped, for Foxglove",
 }
+
+
+def check(site: "Site", promise: float, out: Path | None) -> None:
+    """Refuse a promise that the site does not make and a file in no folder; say if nothing will be accepted."""
+    if promise not in site.promises:
+        raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, site.promises))}")
+    check_folder(out)
+    if not site.promises[promise] > 0:
+        print(f"  no threshold keeps a promise of {promise:g}: every fix will be rejected (`yearloc inspect`)", file=sys.stderr)
+
+
+def check_folder(out: Path | None) -> None:
+    """Refuse a file in a folder that is not there."""
+    if out is not None and not out.parent.is_dir():
+        raise ConfigError(f"{out}: no folder {out.parent}")
 
 
 def localize(given: argparse.Namespace) -> None:
@@ -34,6 +49,7 @@ def localize(given: argparse.Namespace) -> None:
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
+    check(site, given.promise, given.out)
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
     told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
@@ -45,7 +61,7 @@ def localize(given: argparse.Namespace) -> None:
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
-                    told.broken.append(f"{scan.name}: {error}")
+                    told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
                     continue
                 if not told.fixes:
                     for line in unlike(points_m, about):
@@ -53,7 +69,8 @@ def localize(given: argparse.Namespace) -> None:
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)
                 else:
-                    known = np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all()
+                    known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
+                    told.steps[known] += 1
                     fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None, scan.stamp_ns)
                     before = scan.odom_T_scan
                 write(scan, fix)
@@ -70,7 +87,7 @@ class Summary:
     def __init__(self) -> None:
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
-        self.dropped = 0
+        self.dropped, self.steps = 0, Counter[bool]()
         self._ms: list[float] = []
         self._right = Counter[bool]()
 
@@ -94,6 +111,8 @@ class Summary:
         lines = [f"{sum(self.fixes.values())} scans: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
         if self._right:
             lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
+        if self.steps:
+            lines.append(f"followed by odometry over {self.steps[True]} steps, by constant motion over {self.steps[False]}")
         if self.dropped:
             lines.append(f"{self.dropped} more came while another was localised, and were dropped")
         if self.broken:

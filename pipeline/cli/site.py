@@ -2,13 +2,14 @@
 
 import argparse
 import os
+import socket
 import sys
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pipeline.cli.localize import KINDS, Summary
+from pipeline.cli.localize import KINDS, Summary, check, check_folder
 from pipeline.errors import ConfigError, LogError
 
 
@@ -67,6 +68,7 @@ def failures(given: argparse.Namespace) -> None:
     from pipeline.online.site import Site
 
     site = Site.open(given.site)
+    check(site, given.promise, given.out)
     every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])
     log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
     if not log:
@@ -92,8 +94,7 @@ def watch(given: argparse.Namespace) -> None:
     if given.save is not None and given.save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {given.save}: expected FILE.rrd or FILE.mcap")
     site, told = Site.open(given.site), Summary()
-    if given.promise not in site.promises:
-        raise ConfigError(f"--promise {given.promise}: expected one of {', '.join(map(str, site.promises))}")
+    check(site, given.promise, given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
     with recorder(site, given.save, given.promise) as recording:
         for number, scan in enumerate(scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])):
@@ -127,6 +128,11 @@ def serve(given: argparse.Namespace) -> None:
     from pipeline.online.site_file import read
 
     read(given.site)
+    try:
+        with socket.create_server((given.host, given.port)):
+            pass
+    except (OSError, OverflowError) as error:
+        raise ConfigError(f"--host {given.host} --port {given.port}: cannot be listened at ({error})") from None
     os.environ[online.SITE] = str(given.site.resolve())
     with TemporaryDirectory() as shared:
         if given.workers > 1:
@@ -140,6 +146,7 @@ def export(given: argparse.Namespace) -> None:
     """Write an ONNX file, or a site with one."""
     from pipeline.online.export import export
 
+    check_folder(given.out)
     print(export(given.site, given.out))
 
 
@@ -147,4 +154,5 @@ def pack(given: argparse.Namespace, conf: Path, studies: dict[str, dict[str, Any
     """Write a site file."""
     from pipeline.online.pack import Packing
 
+    check_folder(given.out)
     print(Packing(conf, Path("artifacts"), studies).pack(given.name, given.out, progress))

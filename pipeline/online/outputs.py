@@ -69,7 +69,8 @@ def person(scan: Scan, fix: Fix) -> str:
 def writer(kind: str, path: Path | None) -> Iterator[Write]:
     """Writes fixes as `text`, `json`, `csv`, `tum` or `mcap`, to a path, or to standard output.
 
-    TUM and mcap hold the accepted ones alone, since their readers know no verdict. Raises ConfigError for mcap without a path.
+    TUM and mcap hold the accepted ones alone, since their readers know no verdict; a scan without a stamp has its number in
+    seconds for one. Raises ConfigError for mcap without a path.
     """
     if kind == "mcap":
         if path is None:
@@ -86,11 +87,13 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
 
 
 def _text(kind: str, stream: TextIO) -> Write:
-    rows = csv.writer(stream)
+    rows, number = csv.writer(stream), -1
     if kind == "csv":
         rows.writerow(COLUMNS)
 
     def write(scan: Scan, fix: Fix) -> None:
+        nonlocal number
+        number += 1
         if kind == "json":
             stream.write(json.dumps(record(scan, fix), allow_nan=False) + "\n")
         elif kind == "csv":
@@ -99,7 +102,7 @@ def _text(kind: str, stream: TextIO) -> Write:
             stream.write(person(scan, fix) + "\n")
         elif fix.verdict == "accepted":
             stamp, *_ = _row(scan, fix)
-            stream.write(" ".join(map(str, (stamp or scan.name, *_pose(fix.world_T_sensor).values()))) + "\n")
+            stream.write(" ".join(map(str, (stamp or number, *_pose(fix.world_T_sensor).values()))) + "\n")
         stream.flush()
 
     return write
@@ -107,7 +110,7 @@ def _text(kind: str, stream: TextIO) -> Write:
 
 @contextmanager
 def _bag(path: Path) -> Iterator[Write]:
-    """PoseWithCovarianceStamped on /fix in the frame map; a scan without a stamp has that of its number in seconds."""
+    """PoseWithCovarianceStamped on /fix in the frame map."""
     if path.suffix != ".mcap":
         raise ConfigError(f"-o {path}: expected FILE.mcap")
     with TemporaryDirectory() as scratch:

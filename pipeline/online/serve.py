@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from numpy.typing import NDArray
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.multiprocess import MultiProcessCollector
+from starlette.exceptions import HTTPException
 
 from pipeline.errors import ConfigError, LogError, YearlocError
 from pipeline.formats.bag import CLOUD, typestore
@@ -25,6 +26,7 @@ from pipeline.online.site import Site
 
 FLOATS, CDR = "application/octet-stream", "application/cdr"
 """Bodies: points as little-endian float32 x, y, z; a sensor_msgs/PointCloud2 as ROS 2 sends it."""
+FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
 LARGEST_BYTES = 32 * 2**20  # 2.7 million points
 BODY_S, ANSWER_S = 10.0, 30.0
 WAITING = 16
@@ -65,14 +67,20 @@ def serving(path: Path, token: str = "") -> FastAPI:
         refusals.labels(error.status).inc()
         return JSONResponse({"error": str(error)}, error.status)
 
+    @app.exception_handler(HTTPException)
+    async def unknown(_: Request, error: HTTPException) -> Response:
+        refusals.labels(error.status_code).inc()
+        return JSONResponse({"error": f"{error.detail}; POST /localize, GET /healthz, GET /metrics"}, error.status_code)
+
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
-        promise = _promise(request, site)
+        promise, lift_m = _promise(request, site), _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
         if waiting.locked():
             raise RequestError(503, f"{WAITING} scans wait already; ask again")
         async with waiting:
             stamp_ns, points_m = _points(await _body(request), request.headers.get("content-type", FLOATS))
+            points_m = points_m + np.array([0.0, 0.0, lift_m])
             asked = asyncio.get_running_loop().run_in_executor(lane, site.localize, points_m, promise)
             try:
                 fix = await asyncio.wait_for(asyncio.shield(asked), ANSWER_S)
@@ -112,14 +120,21 @@ def _authorise(request: Request, token: str) -> None:
 
 
 def _promise(request: Request, site: Site) -> float:
-    text = request.query_params.get("promise", "0.99")
-    try:
-        promise = float(text)
-    except ValueError:
-        promise = 0.0
+    promise = _number(request, "promise", 0.99)
     if promise not in site.promises:
-        raise RequestError(400, f"promise={text[:20]!r}: expected one of {', '.join(map(str, site.promises))}")
+        raise RequestError(400, f"promise={promise:g}: expected one of {', '.join(map(str, site.promises))}")
     return promise
+
+
+def _number(request: Request, name: str, usual: float) -> float:
+    text = request.query_params.get(name)
+    try:
+        number = usual if text is None else float(text)
+    except ValueError:
+        number = float("nan")
+    if not abs(number) < 1e3:
+        raise RequestError(400, f"{name}={text!r:.30}: expected a number")
+    return number
 
 
 async def _body(request: Request) -> bytes:
@@ -148,7 +163,7 @@ def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
             return stamp_ns, np.asarray(decode(_message(body)), np.float64)
         except LogError as error:
             raise RequestError(400, str(error)) from None
-    if kind != FLOATS:
+    if kind not in (FLOATS, FORM, ""):
         raise RequestError(415, f"a body of {kind[:60]!r}: expected {FLOATS} (float32 x, y, z) or {CDR} (PointCloud2)")
     if len(body) % 12:
         raise RequestError(400, f"{len(body)} bytes are no whole number of float32 x, y, z")

@@ -53,6 +53,8 @@ def write(path: Path, about: Mapping[str, Any], model: Arrays, arrays: Arrays, n
 
 def read(path: Path) -> Parts:
     """The content of a site file; raises ArtifactError as `Site.open` does."""
+    if path.suffix == ".onnx":
+        raise ArtifactError(f"{path}: a network alone; `yearloc export SITE -o FILE.site` writes a site that answers with it")
     try:
         with zipfile.ZipFile(path) as file:
             entries = {entry.filename: entry.file_size for entry in file.infolist()}

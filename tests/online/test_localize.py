@@ -127,7 +127,7 @@ def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytes
 def test_a_broken_scan_among_others_is_counted(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
-    assert "1 could not be read, the first: 2.npy: " in run(capsys, site, tmp_path)[1]
+    assert f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy" in run(capsys, site, tmp_path)[1]
     assert "no whole .npy file" in refused(capsys, site, tmp_path / "2.npy")
 
 
@@ -145,7 +145,8 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
     [
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
-        (["1.bin", "--promise", "0.5"], "promise=0.5: expected one of"),
+        (["1.bin", "--promise", "0.5"], "--promise 0.5: expected one of"),
+        (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )

@@ -66,6 +66,8 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
     assert server.ask(floats(), promise=0.999).json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
+    lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
+    assert server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"] == "accepted"
 
 
 def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
@@ -83,7 +85,9 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (b"\0" * 12, "text/html", {}, 415, "expected application/octet-stream"),
         (b"", CDR, {}, 400, "without a whole header"),
         (b"\0\1\0\0" + b"\0" * 40, CDR, {}, 400, "PointCloud2"),
-        (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected one of 0.95"),
+        (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected a number"),
+        (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: expected one of 0.95"),
+        (b"\0" * 12, FLOATS, {"lift_m": "nan"}, 400, "lift_m='nan': expected a number"),
         (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
     ],
 )
@@ -116,6 +120,7 @@ def test_hostile_bodies_leave_it_running(server: Server) -> None:
 
 
 def test_health_and_metrics(server: Server) -> None:
+    assert server.get("/localize").json()["error"].startswith("Method Not Allowed; POST /localize")
     assert server.get("/healthz").json()["site"] == "three/10m/scan_context"
     server.ask(floats())
     text = server.get("/metrics").text
