@@ -26,9 +26,7 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
     if width == NCLT_BYTES:
         raise LogError(f"{path}: scaled 16-bit integers as NCLT's; the dataset nclt reads them from velodyne_sync/UTIME.bin")
     if not width:
-        raise LogError(
-            f"{path}: its {len(data)} bytes are no points: expected NCLT's, or records that begin with x, y, z as 32-bit floats"
-        )
+        raise LogError(f"{path}: {len(data)} bytes that are no points: neither NCLT's nor records of x, y, z as 32-bit floats")
     if len(data) % width:
         raise LogError(f"{path}: {len(data)} bytes are no whole number of {width}-byte points (reader.point_bytes)")
     return np.frombuffer(data, np.uint8).reshape(-1, width)[:, :12].copy().view("<f4")

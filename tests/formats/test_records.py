@@ -46,9 +46,9 @@ def test_few_points_have_the_commonest_layout_that_fits() -> None:
 @pytest.mark.parametrize(
     ("data", "why"),
     [
-        (b"", "its 0 bytes are no points"),
-        (bytes(1600), "bytes are no points"),
-        (np.random.default_rng(0).bytes(8000), "bytes are no points"),
+        (b"", "0 bytes that are no points"),
+        (bytes(1600), "bytes that are no points"),
+        (np.random.default_rng(0).bytes(8000), "bytes that are no points"),
         (np.tile(np.array([20000, 20100, 19000, 7 << 8], "<u2"), 100).tobytes(), "integers as NCLT's; the dataset nclt reads"),
     ],
     ids=["empty", "zeros", "noise", "nclt"],
