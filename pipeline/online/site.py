@@ -23,7 +23,7 @@ from pipeline.running.building import build
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 RUNNERS_UP = 3
-FARTHEST_M = 1e6
+FARTHEST_M = 1e3  # no lidar sees farther
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks.classifier import Classifier
 from pipeline.online import site_file
-from pipeline.online.export import export
+from pipeline.online.export import Parity, export
 from pipeline.online.site import Site
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
@@ -45,18 +45,11 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return path
 
 
-def test_parity_stands_beside_the_file(learned: Path, tmp_path: Path) -> None:
-    said = export(learned, tmp_path / "model.onnx")
-    assert "off torch at most, 100% with the same best place" in said
-    beside = json.loads((tmp_path / "model.parity.json").read_text())
-    assert (beside["site"], beside["views"], beside["same_first"]) == ("three/10m/scan_context", 32, 1.0)
-    assert beside["largest_difference"] <= 1e-4
-
-
 def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
     points_m, world_T_robot = scan(2)
     np.save(tmp_path / "scan.npy", points_m)
-    export(learned, tmp_path / "onnx.site")
+    said = export(learned, tmp_path / "onnx.site")
+    assert "off torch at most, 100% with the same best place" in said
     words = [sys.executable, "-c", WITHOUT_TORCH, str(tmp_path / "onnx.site"), str(tmp_path / "scan.npy")]
     verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
     assert verdict == "accepted"
@@ -74,6 +67,19 @@ def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     assert told.startswith("pipeline.errors.ArtifactError")
     assert "torch: not installed" in told
     assert "pip install 'yearloc[site]'" in told
+
+
+def test_parity_stands_beside_the_file(learned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = b"network", Parity(32, 2e-5, 1.0)
+    monkeypatch.setattr("pipeline.online.export.exported", lambda method, model: found)
+    assert "on 32 views 2.0e-05 off torch at most" in export(learned, tmp_path / "model.onnx")
+    assert (tmp_path / "model.onnx").read_bytes() == b"network"
+    beside = json.loads((tmp_path / "model.parity.json").read_text())
+    assert beside == {"site": "three/10m/scan_context", "views": 32, "largest_difference": 2e-5, "same_first": 1.0}
+    found = b"network", Parity(32, 2e-3, 1.0)
+    with one_line(ConfigError, "nothing was written"):
+        export(learned, tmp_path / "other.onnx")
+    assert not (tmp_path / "other.onnx").exists()
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
