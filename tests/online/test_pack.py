@@ -1,0 +1,83 @@
+"""A site is packed from a study's artifacts, and finds the poses that they hold."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import schemas, store
+from pipeline.errors import ConfigError
+from pipeline.matching.places import label
+from pipeline.matching.ranking import Rows
+from pipeline.methods.scan_context import ScanContext50
+from pipeline.online.description import describe
+from pipeline.online.pack import Packing
+from pipeline.online.site import Site
+from pipeline.running.progress import Progress
+from pipeline.views.draw import AS_DRIVEN
+from pipeline.views.scan_context import ScanContext
+from tests.online.made import ANCHORS, GRID, scan
+from tests.posing.scene import planar, scene, seen_from
+from tests.readers.damage import one_line
+from tests.views.made import artifacts
+
+ROOT = Path(__file__).parents[2]
+METHODS = [{"name": "scan_context", "view": "scan_context"}, {"name": "sad", "view": "birdview", "stage": "birdviews"}]
+STUDY = {"train": "monday", "grids": ["10m"], "methods": METHODS}
+
+
+@pytest.fixture(scope="module")
+def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
+    """A study of three places, eight scans in each, half a metre apart."""
+    folder = tmp_path_factory.mktemp("project")
+    shutil.copytree(ROOT / "conf", folder / "conf")
+    shutil.copy(folder / "conf/dataset/folder.yaml", folder / "conf/dataset/three.yaml")
+    steps = [(row, planar(0.5 * i, 0, 0)) for row in range(3) for i in range(8)]
+    clouds = [seen_from(scene(row), step) for row, step in steps]
+    poses = np.array([ANCHORS[row] @ step for row, step in steps])
+    made, images = folder / "artifacts", np.stack([ScanContext()(cloud) for cloud in clouds])
+    artifacts(folder / "made", clouds, poses)
+    for kind in ("scans", "submaps"):
+        (made / kind / "three").mkdir(parents=True)
+        shutil.move(folder / f"made/{kind}.zarr", made / f"{kind}/three/monday.zarr")
+    labels = label(poses, poses, GRID)
+    box = {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m}
+    with store.write(made / "labels/three/10m/monday.zarr", schemas.LABELS, days=0, **box) as out:
+        for name in schemas.LABELS.columns:
+            out.put(name, getattr(labels, name))
+    with store.write(made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN) as out:
+        out.put("images", images)
+        out.put("stamps_ns", np.arange(24))
+        out.put("world_T_anchor", poses)
+    model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
+    recipe = {"_target_": "pipeline.methods.scan_context.ScanContext50", "view": "scan_context", "candidates": 50}
+    store.write_model(made / "train/three/10m/scan_context.safetensors", model, recipe)
+    return Packing(folder / "conf", made, {"three": STUDY})
+
+
+def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
+    said = packing.pack("three/10m/scan_context", tmp_path / "three.site", Progress())
+    assert said.startswith(f"{tmp_path / 'three.site'}: 3 places, 24 submaps")
+    site, (points_m, world_T_robot) = Site.open(tmp_path / "three.site"), scan(2, 1.0, 0.5, 20.0)
+    fix = site.localize(points_m)
+    np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
+    assert site.about["reader"]["_target_"] == "pipeline.readers.folder.Folder"
+    assert site.about["sensor"]["ground_m"] == pytest.approx(0, abs=0.05)
+    assert site.about["provenance"]["train"] == "monday"
+    assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("three/10m", "expected STUDY/GRID/METHOD, a study being one of three"),
+        ("two/10m/sci", "expected STUDY/GRID/METHOD"),
+        ("three/5m/scan_context", "three has the grids 10m"),
+        ("three/10m/sci", "three has the models scan_context, sad"),
+        ("three/10m/sad", "matches sequences of bird-views"),
+    ],
+)
+def test_what_cannot_be_packed_is_named(packing: Packing, tmp_path: Path, name: str, says: str) -> None:
+    with one_line(ConfigError, says):
+        packing.pack(name, tmp_path / "a.site", Progress())
