@@ -75,7 +75,9 @@ def localize(given: argparse.Namespace) -> None:
                     before = scan.odom_T_scan
                 write(scan, fix)
                 told.add(scan, fix)
-            told.dropped += follower.dropped if follower else 0
+            if follower:
+                told.dropped += follower.dropped
+                told.broken += filter(None, [follower.damage])
     if not told.fixes:
         raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
     print(told.text(), file=sys.stderr)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import LogError
-from pipeline.formats.bag import ODOMETRY, POSE_COVARIANCE
+from pipeline.formats.bag import ODOMETRY, POSE_COVARIANCE, typestore
 from pipeline.formats.bag_file import plain
 from pipeline.frames import Poses
 
@@ -31,6 +31,14 @@ def header(data: bytes, ros: int) -> tuple[int, str]:
     if seconds < 0 or nanoseconds >= 10**9:
         raise LogError(f"a message stamped {seconds} s and {nanoseconds} ns, which is no time")
     return seconds * 10**9 + nanoseconds, frame_name(frame)
+
+
+def from_cdr(data: bytes, kind: str) -> Any:
+    """A standard message from its bytes as ROS 2 sends them; raises LogError for a broken one."""
+    try:
+        return typestore(2).deserialize_cdr(data, kind)
+    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
+        raise LogError(f"a broken {kind.rpartition('/')[2]} ({type(error).__name__})") from None
 
 
 def frame_name(name: str) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
-from pipeline.formats.bag import CLOUD, TRANSFORMS, typestore
-from pipeline.formats.messages import frame_name, header, poses, transform_numbers
+from pipeline.formats.bag import CLOUD, TRANSFORMS
+from pipeline.formats.messages import frame_name, from_cdr, header, poses, transform_numbers
 from pipeline.formats.pointcloud2 import decode
 from pipeline.online.inputs import NO_POSE, Scan, extrinsic
 from pipeline.readers.bag_poses import Tree
@@ -52,6 +52,8 @@ class Following:
     idle_s: float
     dropped: int = field(default=0, init=False)
     """Clouds that were pushed out by newer ones."""
+    damage: str = field(default="", init=False)
+    """Why reading ended before the recording did; empty where it did not."""
 
     def scans(self) -> Iterator[Scan]:
         """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it holds no cloud."""
@@ -73,6 +75,8 @@ class Following:
             number += 1
         if isinstance(self._ended, ConfigError):
             raise self._ended
+        if not number and self.damage:
+            raise LogError(self.damage)
         if not number:
             raise LogError(f"{file}: no PointCloud2{f' on {self.topic}' if self.topic else ''} came within {self.idle_s:g} s")
 
@@ -83,26 +87,31 @@ class Following:
     def _reader(self, data: bytes, tree: Tree) -> Callable[[], NDArray[np.float64]]:
         def points() -> NDArray[np.float64]:
             body_T_lidar = extrinsic(tree, {header(data, 2)[1]})
-            cloud = np.asarray(decode(_decoded(data, CLOUD)), np.float64)
+            cloud = np.asarray(decode(from_cdr(data, CLOUD)), np.float64)
             return np.asarray(cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] + np.array([0.0, 0.0, self.lift_m]))
 
         return points
 
     def _reading(self, file: Path) -> None:
         """Keep the newest clouds and all fixed transforms, until the file grows no more or is damaged."""
-        ended: Exception | bool = True
         try:
+            from mcap.exceptions import EndOfFile
             from mcap.stream_reader import StreamReader
-
+        except ImportError:
+            return self._end(ConfigError("mcap: not installed; `pip install 'yearloc[follow]'`"))
+        try:
             with file.open("rb") as growing:
                 stream: Any = Growing(growing, self.idle_s)
-                self._read(StreamReader(stream, record_size_limit=2**28).records)
-        except ImportError:
-            ended = ConfigError("mcap: not installed; `pip install 'yearloc[follow]'`")
-        except Exception:  # mcap raises whatever it likes where a recording is cut off: it ends there
-            pass
+                self._read(StreamReader(stream, validate_crcs=True, record_size_limit=2**28).records)
+        except EndOfFile:
+            pass  # it grows no more, and was not closed
+        except Exception as error:  # mcap, zstd and struct raise whatever they like at a damaged recording
+            self.damage = f"{file}: damaged, what follows was not read ({type(error).__name__}: {str(error)[:100]})"
+        self._end(True)
+
+    def _end(self, how: Exception | bool) -> None:
         with self._changed:
-            self._ended = ended
+            self._ended = how
             self._changed.notify()
 
     def _read(self, records: Iterator[Any]) -> None:
@@ -121,7 +130,12 @@ class Following:
                     self._keep(record)
 
     def _learn(self, data: bytes) -> None:
-        for one in _decoded(data, TRANSFORMS).transforms:
+        try:
+            transforms = from_cdr(data, TRANSFORMS).transforms
+        except LogError as error:
+            self.damage = f"{self.path}: a transform was left out: {error}"
+            return
+        for one in transforms:
             edge = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
             self._edges[edge] = np.zeros(1, np.int64), poses([transform_numbers(one)])
 
@@ -134,10 +148,3 @@ class Following:
             self.dropped += len(self._waiting) == WAITING
             self._waiting.append((stamp_ns, record.data))
             self._changed.notify()
-
-
-def _decoded(data: bytes, kind: str) -> Any:
-    try:
-        return typestore(2).deserialize_cdr(data, kind)
-    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
-        raise LogError(f"a broken {kind.rpartition('/')[2]} ({type(error).__name__})") from None

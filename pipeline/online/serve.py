@@ -17,8 +17,8 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.exceptions import HTTPException
 
 from pipeline.errors import ConfigError, LogError, YearlocError
-from pipeline.formats.bag import CLOUD, typestore
-from pipeline.formats.messages import header
+from pipeline.formats.bag import CLOUD
+from pipeline.formats.messages import from_cdr, header
 from pipeline.formats.pointcloud2 import decode
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.outputs import record
@@ -160,7 +160,7 @@ def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     if kind == CDR:
         try:
             stamp_ns, _ = header(body, 2)
-            return stamp_ns, np.asarray(decode(_message(body)), np.float64)
+            return stamp_ns, np.asarray(decode(from_cdr(body, CLOUD)), np.float64)
         except LogError as error:
             raise RequestError(400, str(error)) from None
     if kind not in (FLOATS, FORM, ""):
@@ -168,10 +168,3 @@ def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     if len(body) % 12:
         raise RequestError(400, f"{len(body)} bytes are no whole number of float32 x, y, z")
     return None, np.frombuffer(body, "<f4").reshape(-1, 3).astype(np.float64)
-
-
-def _message(body: bytes) -> Any:
-    try:
-        return typestore(2).deserialize_cdr(body, CLOUD)
-    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
-        raise LogError(f"a broken PointCloud2 ({type(error).__name__})") from None

@@ -96,21 +96,18 @@ class Site:
         """What was packed: study/grid/model."""
         return str(self.about["name"])
 
-    def localize(
-        self, points_m: NDArray[np.floating], promise: float = 0.99, guesses_m: NDArray[np.float64] | None = None
-    ) -> Fix:
+    def localize(self, points_m: NDArray[np.floating], promise: float = 0.99) -> Fix:
         """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; those not finite are dropped.
 
-        It is accepted with a promised precision, one of `promises`. Positions `guesses_m` (m, 2) are looked at before the
-        method's own. Raises InputError for points of another shape, or a promise that the site does not make.
+        It is accepted with a promised precision, one of `promises`. Raises InputError for points of another shape, or a promise
+        that the site does not make.
         """
         start = time.perf_counter()
         if promise not in self.promises:
             raise InputError(f"promise={promise}: expected one of {', '.join(map(str, self.promises))}")
         points_m = finite(points_m)
         ranking = self.rank(points_m)
-        answers_m = ranking.xy_m[0].astype(np.float64)
-        found = self.register(points_m, answers_m if guesses_m is None else np.concatenate([guesses_m, answers_m]))
+        found = self.register(points_m, ranking.xy_m[0].astype(np.float64))
         return replace(self.judge(found, promise), ms=1e3 * (time.perf_counter() - start))
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:

@@ -70,10 +70,20 @@ def test_the_command_follows_a_recording(recorded: bytes, tmp_path: Path, capsys
     assert " 0 rejected, 0 no pose" in told.err
 
 
-@pytest.mark.parametrize("data", [b"", b"no recording"], ids=["empty", "text"])
-def test_what_holds_no_cloud_ends_in_a_line(tmp_path: Path, data: bytes) -> None:
+def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(recorded: bytes, tmp_path: Path) -> None:
+    half = len(recorded) // 2
+    (tmp_path / "day.mcap").write_bytes(recorded[:half] + recorded[half + 1001 :])
+    following = Following(tmp_path / "day.mcap", None, 0.0, 0.3)
+    assert 0 < len(list(following.scans())) + following.dropped < COUNT
+    assert "day.mcap: damaged, what follows was not read" in following.damage
+
+
+@pytest.mark.parametrize(
+    ("data", "says"), [(b"", r"no PointCloud2 came within 0\.3 s"), (b"no recording at all", "damaged")], ids=["empty", "text"]
+)
+def test_what_holds_no_cloud_ends_in_a_line(tmp_path: Path, data: bytes, says: str) -> None:
     (tmp_path / "day.mcap").write_bytes(data)
-    with pytest.raises(LogError, match=r"day\.mcap: no PointCloud2 came within 0\.3 s"):
+    with pytest.raises(LogError, match=rf"day\.mcap: {says}"):
         list(Following(tmp_path / "day.mcap", None, 0.0, 0.3).scans())
     with pytest.raises(LogError, match=r"no \.mcap recording to follow"):
         list(Following(tmp_path / "none", None, 0.0, 0.3).scans())
