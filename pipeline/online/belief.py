@@ -16,8 +16,6 @@ DRIFT = 0.05
 """Standard deviation of the odometry's step, as a share of it; of its turn too."""
 REPEATS = 0.3
 """How often a wrong pose is followed by one that agrees with it: assumed, not learned."""
-USUAL = 0.8
-"""Chance of a usual fix: as many queries as a verdict expects to be of the map."""
 WITHIN = 1.5
 """Cells around a pose, each way, that are one with it."""
 
@@ -28,7 +26,9 @@ class Belief:
 
     anchors_m: NDArray[np.float64]
     """(n, 2) of the map."""
-    unseen: float = 1 - USUAL
+    unseen_share: float = 0.2
+    """Of queries to expect from places that the map does not have, as the verdict was learned with (METHODS 9.5)."""
+    unseen: float = field(init=False)
     chances: NDArray[np.float64] = field(init=False)
     """(heading, row, column)."""
 
@@ -40,6 +40,7 @@ class Belief:
         away_m = np.asarray(KDTree(self.anchors_m).query(centres.reshape(-1, 2))[0])
         self._on_map = away_m.reshape(centres.shape[:2]) < NEAR_MAP_M
         self._uniform = np.broadcast_to(self._on_map, (HEADINGS, *self._on_map.shape)) / (HEADINGS * self._on_map.sum())
+        self.unseen = self.unseen_share
         self.chances = (1 - self.unseen) * self._uniform
 
     def move(self, step: NDArray[np.float64]) -> None:
@@ -64,8 +65,8 @@ class Belief:
         kept = moved * self._on_map * (1 - min(LEAVES * length_m, 1))
         unseen = self.unseen * (1 - min(ENTERS * length_m, 1))
         entered = (self.unseen - unseen) * self._uniform
-        self.unseen = (1 - JUMPS) * (1 - float(kept.sum()) - float(entered.sum())) + JUMPS * (1 - USUAL)
-        self.chances = (1 - JUMPS) * (kept + entered) + JUMPS * USUAL * self._uniform
+        self.unseen = (1 - JUMPS) * (1 - float(kept.sum()) - float(entered.sum())) + JUMPS * self.unseen_share
+        self.chances = (1 - JUMPS) * (kept + entered) + JUMPS * (1 - self.unseen_share) * self._uniform
 
     def see(self, world_T_robot: NDArray[np.float64], chance: float, tracked: bool = False) -> float:
         """A pose was measured that is right with this chance; returns the chance that it is right now, given all before.
@@ -75,10 +76,11 @@ class Belief:
         one was sought where it was believed: that it agrees says nothing, only its chance does, against that of a usual fix.
         """
         near = self._near(world_T_robot)
-        everywhere, before = USUAL * float(self._uniform[near].sum()), float(self.chances[near].sum())
+        usual = 1 - self.unseen_share
+        everywhere, before = usual * float(self._uniform[near].sum()), float(self.chances[near].sum())
         if not everywhere > 0 or not before > 0:
             return 0.0  # off the map
-        repeated = USUAL / (1 - USUAL) if tracked else min(max(before, everywhere), REPEATS)
+        repeated = usual / (1 - usual) if tracked else min(max(before, everywhere), REPEATS)
         right, wrong = before * chance, (1 - before) * (1 - chance) * repeated
         self.chances *= (1 - chance) * repeated
         self.unseen *= (1 - chance) * repeated

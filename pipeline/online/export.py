@@ -3,7 +3,7 @@
 import json
 import logging
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -95,37 +95,37 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
         net.load_state_dict(loop.tensors(model))
         module: nn.Module = Scores(method, net)
         views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (rng.uniform(size=(TRIED, rings, sectors)) < 0.5)
-        names, compared = list(CLASSIFIED), lambda answers: answers[0]
+        given, names = INPUT, list(CLASSIFIED)
     elif isinstance(method, PointNetVlad):
         module = Describer()
         module.load_state_dict(loop.tensors(model))
         views = rng.uniform(-1, 1, (TRIED, int(model["points"]), 3))
-        names, compared = ["descriptor"], lambda answers: answers[0]
+        given, names = "points", ["descriptor"]
     else:
         raise ConfigError(f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad have one")
     inputs = torch.from_numpy(views.astype(np.float32))
-    data = _onnx(module.eval(), inputs[:1], names)
+    data = _onnx(module.eval(), inputs[:1], given, names)
     run = session(data)
     with torch.no_grad(), loop.reproducible(1):
-        ours = [_first(module(one[None]), compared) for one in inputs]
-    theirs = [_first(run.run(None, {INPUT: one[None].numpy()}), compared) for one in inputs]
+        ours = [_first(module(one[None])) for one in inputs]
+    theirs = [_first(run.run(None, {given: one[None].numpy()})) for one in inputs]
     largest = max(float(np.abs(a - b).max()) for a, b in zip(ours, theirs, strict=True))
     same = np.mean([a.argmax() == b.argmax() for a, b in zip(ours, theirs, strict=True)])
     return data, Parity(TRIED, largest, float(same))
 
 
-def _first(answers: Any, compared: Callable[[Any], Any]) -> NDArray[np.float64]:
-    chosen = answers if isinstance(answers, Tensor) else compared(answers)
-    return np.asarray(chosen, np.float64)
+def _first(answers: Any) -> NDArray[np.float64]:
+    """The output that is compared: scores, or the descriptor."""
+    return np.asarray(answers if isinstance(answers, Tensor) else answers[0], np.float64)
 
 
-def _onnx(module: nn.Module, example: Tensor, outputs: list[str]) -> bytes:
+def _onnx(module: nn.Module, example: Tensor, given: str, outputs: list[str]) -> bytes:
     """The file's bytes; torch's exporter talks of what does not matter here."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with torch.no_grad(), warnings.catch_warnings(), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         warnings.simplefilter("ignore")
         try:
-            program = torch.onnx.export(module, (example,), dynamo=True, input_names=[INPUT], output_names=outputs, verbose=False)
+            program = torch.onnx.export(module, (example,), dynamo=True, input_names=[given], output_names=outputs, verbose=False)
         except ImportError as error:
             raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[onnx]'`") from None
     assert program is not None

@@ -22,7 +22,7 @@ class Tracker:
 
     def __init__(self, site: Site, promise: float = 0.99) -> None:
         self.site, self._promise = site, promise
-        self.belief = Belief(site.targets.world_T_anchor[:, :2, 3])
+        self.belief = Belief(site.targets.world_T_anchor[:, :2, 3], float(site.about["verdict"]["unseen_share"]))
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
         self._step, self._misses = STILL, 0
