@@ -1,8 +1,10 @@
 """How real simulated scans are: `python -m benchmarks.realism [picture.png] ARTIFACTS/STUDY/SEQUENCE …`, recorded and simulated.
 
-Of the first submaps of each sequence it cuts each to 3,000 points, draws Scan Contexts and prints how full they are; how fast
-they change along the path, as the median distance of two that are so many metres apart; and how alike different places look:
-the distance that one in twenty pairs over 100 m apart stays below. Where that is high, a world is easier than real ones.
+Of the first submaps of each sequence it prints what a scan is like: its points, how far they lie, how many lie on the ground, how
+rough the surfaces above it are, and the widest arc without a point. Then it cuts each to 3,000 points, draws Scan Contexts
+and prints how full they are; how fast they change along the path, as the median distance of two that are so many metres apart;
+and how alike different places look: the distance that one in twenty pairs over 100 m apart stays below.
+A file of NCLT's velodyne_sync may be named too; of it only the first half is known.
 """
 
 import sys
@@ -11,8 +13,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from pipeline import schemas, store
+from pipeline.formats import nclt
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.shifts import Spectra
 from pipeline.views.scan_context import ScanContext
@@ -20,7 +24,47 @@ from pipeline.views.scan_context import ScanContext
 POINTS, SUBMAPS, QUERIES = 3000, 400, 60
 APART_M = (1, 2, 3, 5, 8, 12, 20, 30, 50)
 FAR_M = 100.0
+NEIGHBOURS, ROUGH_M, ROUGH_ABOVE_M, EVERY = 12, (3.0, 30.0), 0.5, 40
+"""Roughness is that of points so far away and so high, about the plane through their nearest ones, of every so-manieth submap."""
 VIEW = ScanContext(voxel_m=0.0, min_points=1, beyond="drop")
+
+
+def scan_like(clouds: list[NDArray[np.float64]]) -> dict[str, float]:
+    """Medians over clouds (n, 3) with the ground at 0."""
+    reach_m = [np.hypot(*cloud[:, :2].T) for cloud in clouds]
+    sectors = [np.sort(np.arctan2(cloud[:, 1], cloud[:, 0])) for cloud in clouds]
+    rough = np.array([roughness(cloud) for cloud in clouds[::EVERY]])
+    return {
+        "points": float(np.median([len(cloud) for cloud in clouds])),
+        "range": float(np.median([np.median(r_m) for r_m in reach_m])),
+        "below .3 m": float(np.median([(cloud[:, 2] < 0.3).mean() for cloud in clouds])),
+        "rough": float(np.nanmedian(rough[:, 0])),
+        "scattered": float(np.nanmedian(rough[:, 1])),
+        "gap °": float(np.median([np.rad2deg(np.diff(np.append(s, s[0] + 2 * np.pi)).max()) for s in sectors])),
+    }
+
+
+def roughness(cloud: NDArray[np.float64]) -> tuple[float, float]:
+    """Median metres from the plane of a point's neighbours, and the share of points that look like no line or plane."""
+    reach_m = np.hypot(*cloud[:, :2].T)
+    points = cloud[(cloud[:, 2] > ROUGH_ABOVE_M) & (reach_m > ROUGH_M[0]) & (reach_m < ROUGH_M[1])].astype(float)
+    if len(points) <= NEIGHBOURS:
+        return np.nan, np.nan
+    near = points[KDTree(points).query(points, NEIGHBOURS + 1)[1]]
+    near -= near.mean(1, keepdims=True)
+    third, second, first = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", near, near) / (NEIGHBOURS + 1)).clip(min=0).T
+    return float(np.median(np.sqrt(third))), float((third > np.maximum(second - third, first - second)).mean())
+
+
+def one_scan(path: Path) -> str:
+    """A line of text on a file of NCLT's velodyne_sync."""
+    points_m = nclt.decode(np.fromfile(path, np.uint16))
+    return f"{path.name:44} {told(scan_like([points_m]))}"
+
+
+def told(numbers: dict[str, float]) -> str:
+    """Numbers in a row."""
+    return "  ".join(f"{name} {value:7.3g}" for name, value in numbers.items())
 
 
 def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
@@ -41,16 +85,14 @@ def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
     near = [(away_m > 0.7 * apart) & (away_m < 1.3 * apart) for apart in APART_M]
     curve = np.array([np.median(distances[pairs]) if pairs.any() else np.nan for pairs in near])
     far = distances[away_m > FAR_M]
-    numbers = {
-        "points": np.median([len(cloud) for cloud in clouds]),
+    numbers = scan_like(clouds) | {
         "empty bins": (heights_m == 0).mean(),
         "empty sectors": (heights_m == 0).all(axis=1).mean(),
         "95 % height": np.percentile(np.concatenate(thin)[:, 2], 95),
         "far, 5 %": np.quantile(far, 0.05) if len(far) else np.nan,
     }
-    told = "  ".join(f"{name} {value:7.3g}" for name, value in numbers.items())
     steps = "  ".join(f"{value:.2f}" for value in curve)
-    return f"{f'{study} {sequence}':44} {told}   at {', '.join(map(str, APART_M))} m: {steps}", curve
+    return f"{f'{study} {sequence}':44} {told(numbers)}   at {', '.join(map(str, APART_M))} m: {steps}", curve
 
 
 def draw(curves: dict[str, NDArray[np.float64]], path: Path) -> None:
@@ -70,7 +112,9 @@ def main(*words: str) -> None:
     pictures = [word for word in words if word.endswith((".png", ".svg"))]
     curves = {}
     for word in words:
-        if word not in pictures:
+        if word.endswith(".bin"):
+            print(one_scan(Path(word)), flush=True)
+        elif word not in pictures:
             line, curves[" ".join(Path(word).parts[-2:])] = measured(Path(word))
             print(line, flush=True)
     for picture in pictures:

@@ -18,6 +18,10 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C ten times as
 SAFE_NAME = re.compile(r"\w[\w.+-]*")  # of a sequence: it becomes part of stage names and paths
 
 
+BUDGETS = {"tiny": "tiny", "year": "full"}
+"""Of the presets of simulated worlds; others train as the demo does."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A study for conf/studies.yaml, and what a person should know about it."""
@@ -40,7 +44,7 @@ def simulated(conf: Path, name: str, study: Mapping[str, Any], options: Mapping[
         raise ConfigError(f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}")
     drive = {"world": f"{name}_{world}", "source": "world", "heeds": "simulated", "root": f"artifacts/logs/{name}"}
     train = study["train"] if isinstance(study["train"], str) else study["train"][world]
-    return Proposal({**drive, "train": train, "tests": tests, "budget": world if world in ("tiny", "demo") else "full"}, [])
+    return Proposal({**drive, "train": train, "tests": tests, "budget": BUDGETS.get(world, "demo")}, [])
 
 
 def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]) -> Proposal:

@@ -110,8 +110,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if question == "viewpoints" and len(on_bird_views(methods)) < len(methods):
         raise ConfigError(f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about viewpoints")
     budget = options.get("budget", places["budget"])
-    if not (conf / "budget" / f"{budget}.yaml").is_file():
-        raise ConfigError(f"budget={budget}: expected tiny, demo or full")
+    _file(conf, "budget", budget, f"budget={budget}: expected one of")
     words = {"question": question, "submap": submap, "grids": own_grids, "budget": budget, "methods": methods}
     alterable = {name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()}
     altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}

@@ -29,6 +29,7 @@ class Stream(IntEnum):
     OUTAGES = 14
     LOOPS = 15
     FURTHER_EVENTS = 16
+    TRUTH = 17
 
 
 Noise: TypeAlias = Callable[[Stream], np.random.Generator]

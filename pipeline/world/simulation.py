@@ -12,8 +12,8 @@ from pipeline.formats.changes import Change
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
-from pipeline.world.driving.day import simulate_day
-from pipeline.world.driving.drive import drive
+from pipeline.world.driving.day import TWIGS_PER_M, simulate_day
+from pipeline.world.driving.drive import drive, survey
 from pipeline.world.driving.entry import Entry
 from pipeline.world.driving.recorder import Recorder, Recording
 from pipeline.world.driving.robots import ROBOTS, Robot
@@ -23,7 +23,7 @@ from pipeline.world.layout.events import Event, simulate_year, visible_changes
 from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.routes import Routes, loop_routes, training_routes
 from pipeline.world.names import kitti_log
-from pipeline.world.seeds import generator
+from pipeline.world.seeds import Stream, generator
 from pipeline.world.writers import Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter
 
@@ -54,9 +54,15 @@ class Simulation:
     """The share of those events near the training route."""
     route_file: str | None = None
     """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across the world."""
-    robot: Literal["segway", "push_broom_car", "scanner_car"] = "segway"
+    robot: Literal["segway", "segway_inverted", "push_broom_car", "scanner_car"] = "segway"
     logs: Format = "nclt"
     """The format of the logs."""
+    relief_m: float = 0.0
+    """How far parts of a wall lie in front of its plane, or behind it, at most."""
+    twigs_per_m: float = TWIGS_PER_M
+    """Extinction of a bare deciduous tree."""
+    truth_sd_m: float = 0.0
+    """Standard deviation of the written truth, which wanders about the driven path as SLAM's does; 0: it is exact."""
 
     def __post_init__(self) -> None:
         check(self, "world")
@@ -69,6 +75,8 @@ class Simulation:
             raise ConfigError(f"world.seed={self.seed}: must lie in 0 to {MAX_SEED}")
         if self.blocks < 2 or self.route_m < self.step_m:
             raise ConfigError(f"world.blocks={self.blocks}, route_m={self.route_m}: needs 2 blocks and a route of one step_m")
+        if min(self.relief_m, self.twigs_per_m, self.truth_sd_m) < 0:
+            raise ConfigError("world.relief_m, world.twigs_per_m and world.truth_sd_m must be 0 or more")
         if self.events_per_km_of_route < 0 or not 0 <= self.near_route <= 1:
             raise ConfigError("world.events_per_km_of_route must be 0 or more, world.near_route a share")
         if not self.sequences:
@@ -98,7 +106,8 @@ class Simulation:
         scans, points = len(recorder.drive.scan_rows), 0
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
         with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
-            logs.write_truth(recorder.drive, partial(generator, recorder.seed, when=recorder.when))
+            noise = partial(generator, recorder.seed, when=recorder.when)
+            logs.write_truth(recorder.drive, survey(recorder.drive, noise(Stream.TRUTH), self.truth_sd_m), noise)
             blocks = compute.rows(replace(recorder, logs=None if logs.in_order else logs).block, scans, block)
             for seen, unwritten in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
                 points += seen
@@ -159,5 +168,5 @@ class Simulation:
         side = TruthWriter(truth) if truth else None
         if side:
             side.write_year(day, events, {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage})
-        today = simulate_day(seed, campus, when, day)
+        today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
         return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), side), plan

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.world.driving.lidar import Lidar, Returns, hdl32, hdl64, lms151, measure
+from pipeline.world.driving.lidar import Lidar, Returns, hdl32, hdl32_inverted, hdl64, lms151, measure
 from pipeline.world.driving.scene import build_scene
 from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
@@ -59,6 +59,16 @@ def test_lasers_are_numbered_from_the_lowest_beam():
     elevation = np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T))
     # −30.67° + laser × 41.34° / 31
     assert np.rad2deg(elevation) == pytest.approx(-30.67 + returns.laser * 41.34 / 31, abs=1e-3)
+
+
+def test_upside_down_most_beams_look_up():
+    returns = scan(hdl32_inverted(360), records(BOX, y_m=9.0, top_m=9.0, **WALL))
+    elevation_deg = np.rad2deg(np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T)))
+    # −10.67° + laser × 41.34° / 31
+    assert elevation_deg == pytest.approx(-10.67 + returns.laser * 41.34 / 31, abs=1e-3)
+    # Of the wall's 9 m, 8 m away from a sensor 0.96 m up, 0.96 + 8 tan 30.67° = 5.7 m are seen.
+    heights_m = returns.points_m[returns.kind == Kind.BUILDING, 2] + 0.96
+    assert heights_m[np.abs(returns.points_m[returns.kind == Kind.BUILDING, 0]) < 0.5].max() == pytest.approx(5.7, abs=0.1)
 
 
 def test_a_push_broom_hangs_as_robotcar_publishes_it():

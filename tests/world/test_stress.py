@@ -70,7 +70,9 @@ def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
     assert 0.02 < plan.unseen < 0.15
 
 
-@pytest.mark.parametrize("name", ["campus_tiny", "campus_demo", "campus_year", "town_tiny", "town_demo", "town_year"])
+@pytest.mark.parametrize(
+    "name", ["campus_tiny", "campus_demo", "campus_harder", "campus_year", "town_tiny", "town_demo", "town_year"]
+)
 def test_stress_is_the_same_in_every_preset(name: str):
     assert list(preset(name).sequences.values())[-3:] == [
         {"unseen": 0.08, "reversed": 1.0},

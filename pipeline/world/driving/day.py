@@ -31,7 +31,8 @@ MOVERS_WITHIN_M = 80.0
 BARE_UNTIL, FULL_FROM, FULL_UNTIL, BARE_FROM = (4, 15), (5, 30), (9, 22), (11, 14)
 """(month, day): leaves come out between the first two and fall between the last two, as in Michigan."""
 
-BARE_AND_LEAVES_PER_M = {Species.DECIDUOUS: (0.06, 0.85), Species.CONIFER: (1.1, 0.0), Species.HEDGE: (0.5, 1.5)}
+TWIGS_PER_M = 0.06
+BARE_AND_LEAVES_PER_M = {Species.DECIDUOUS: (TWIGS_PER_M, 0.85), Species.CONIFER: (1.1, 0.0), Species.HEDGE: (0.5, 1.5)}
 """Extinction per metre of the twigs, and of all leaves, which adds to it; the free path of a ray is −log(u) / extinction."""
 
 
@@ -98,13 +99,13 @@ def people_at(xy_m: Floats, heights_m: Floats, ground: Ground) -> Records:
     return records(CYLINDER, x_m=x_m, y_m=y_m, reflectance=PERSON_REFLECTANCE, kind=Kind.PERSON, **size)
 
 
-def simulate_day(seed: int, campus: Campus, when: date, day: int) -> Day:
+def simulate_day(seed: int, campus: Campus, when: date, day: int, relief_m: float = 0.0, twigs_per_m: float = TWIGS_PER_M) -> Day:
     """The campus on the date `when`, which is `day` days after the training sequence."""
     rng = generator(seed, Stream.DAY, when)
     boxes, cylinders, crowns = shapes_on(campus, day)
     boxes = np.concatenate([boxes, _parked_cars(rng, campus, day)])
     for porous in (boxes, crowns):
-        porous["extinction_per_m"] = extinction_per_m(porous["species"], when)
+        porous["extinction_per_m"] = extinction_per_m(porous["species"], when, twigs_per_m)
     streets = campus.streets
     walked = rng.integers(0, len(streets.edges), int(WALKERS_PER_STREET * len(streets.edges)))
     walkers = Traffic.along(rng, streets, walked, WALKING_SPEEDS_MPS)
@@ -114,7 +115,7 @@ def simulate_day(seed: int, campus: Campus, when: date, day: int) -> Day:
     driven = roads[rng.integers(0, max(len(roads), 1), max(3, len(streets.edges) // STREETS_PER_DRIVER) if len(roads) else 0)]
     drivers = Traffic.along(rng, streets, driven, DRIVING_SPEEDS_MPS)
     drivers = drivers.aside(-DRIVER_LANE_M * np.sign(drivers.speeds_mps))
-    return Day(build_scene(boxes, cylinders, crowns, campus.ground), campus.ground, walkers, heights_m, drivers)
+    return Day(build_scene(boxes, cylinders, crowns, campus.ground, relief_m), campus.ground, walkers, heights_m, drivers)
 
 
 def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
@@ -146,9 +147,9 @@ def foliage(day: date) -> float:
     return float(np.interp(day.toordinal(), turns, [0.0, 1.0, 1.0, 0.0]))
 
 
-def extinction_per_m(species: NDArray[np.int64], day: date) -> Floats:
-    """Extinction (n,) of shapes of these `species` (n,) on `day`; solid ones get 0."""
+def extinction_per_m(species: NDArray[np.int64], day: date, twigs_per_m: float = TWIGS_PER_M) -> Floats:
+    """Extinction (n,) of shapes of these `species` (n,) on `day`; solid ones get 0. `twigs_per_m`: of bare deciduous trees."""
     density = np.zeros(len(species))
     for kind, (bare, leaves) in BARE_AND_LEAVES_PER_M.items():
-        density[species == kind] = bare + leaves * foliage(day)
+        density[species == kind] = (twigs_per_m if kind == Species.DECIDUOUS else bare) + leaves * foliage(day)
     return density

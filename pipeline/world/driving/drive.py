@@ -1,6 +1,6 @@
 """One drive along a plan: a robot that keeps to the right, never twice on the same line, and rocks as it goes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
 
 import numpy as np
@@ -30,6 +30,8 @@ HEADING_CORRELATION_M, HEADING_CLIP_DEG = 6.0, 11.5
 PILOT_BEHIND_M, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M = 1.7, 0.3, 10.0, 0.6
 PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG = 17.0, 15.0, 69.0
 PILOT_SIDE_SD_DEG = 20.0
+
+SURVEY_STEP_M, SURVEY_CORRELATION_M = 10.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,16 @@ def drive(
         return Drive(utimes, poses, rows)
     pilot_m = _pilot(generator(seed, Stream.PILOT, when), xy_m[rows], np.interp(knots_m[rows], stations_m, heading), step_m)
     return Drive(utimes, poses, rows, pilot_m)
+
+
+def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
+    """The drive as a SLAM solution tells it: positions wander about the true ones with the deviation `sd_m` in x and in y."""
+    knots_m = driven_m(driven.world_T_body[:, :2, 3])
+    reported, steps = driven.world_T_body.copy(), int(knots_m[-1] / SURVEY_STEP_M) + 2
+    for axis in (0, 1):
+        error_m = _wander(rng, steps, SURVEY_STEP_M, sd_m, SURVEY_CORRELATION_M, 3 * sd_m)
+        reported[:, axis, 3] += np.interp(knots_m, SURVEY_STEP_M * np.arange(steps), error_m)
+    return replace(driven, world_T_body=reported)
 
 
 def _path(rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float) -> tuple[Floats, Floats]:

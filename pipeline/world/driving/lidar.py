@@ -15,6 +15,8 @@ from pipeline.world.driving.scene import Scene
 from pipeline.world.layout.shapes import Records
 
 HDL32_DEG, HDL32_HEIGHT_M = np.linspace(-30.67, 10.67, 32), 1.3
+HDL32_INVERTED_HEIGHT_M = 0.96
+"""NCLT's Segway carries it upside down (METHODS 7.1): most of its beams look up."""
 HDL64_DEG, HDL64_HEIGHT_M = np.concatenate([np.linspace(-24.8, -8.87, 32), np.linspace(-8.33, 2.0, 32)]), 1.73
 """The lower half of the beams of an HDL-64E is spaced by half a degree, the upper half by a third."""
 LMS_DEG, LMS_HEIGHT_M = (-135.0, 135.0), 0.9
@@ -68,6 +70,11 @@ class Lidar:
 def hdl32(azimuths: int) -> Lidar:
     """A 32-beam spinning lidar on a pole."""
     return Lidar(_turning(HDL32_DEG, azimuths), 32, raised(HDL32_HEIGHT_M))
+
+
+def hdl32_inverted(azimuths: int) -> Lidar:
+    """The same upside down and lower, as NCLT's Segway carries it."""
+    return Lidar(_turning(-HDL32_DEG[::-1], azimuths), 32, raised(HDL32_INVERTED_HEIGHT_M))
 
 
 def hdl64(azimuths: int) -> Lidar:

@@ -14,7 +14,8 @@ from pipeline.world.layout.ground import height_at
 from pipeline.world.layout.shapes import Kind, Records
 
 GROUND_REFLECTANCE = 0.2
-_GROUND = int(Kind.GROUND)
+_GROUND, _BUILDING = int(Kind.GROUND), int(Kind.BUILDING)
+RELIEF_CELL_M = 0.7
 _REFINEMENTS = 3
 _NEVER = 1e30
 
@@ -49,9 +50,18 @@ def cast(
             if 0 < at < best:
                 best, kind, bright = at, mover.kind, cosine * mover.reflectance
         best, kind, bright = _first_hit(scene, start, direction, best, kind, bright, ray, seed)
+        if kind == _BUILDING and scene.relief_m > 0:
+            best += scene.relief_m * _relief(start[0] + best * dx, start[1] + best * dy, start[2] + best * dz)
         if kind > 0:
             ranges[ray], kinds[ray], brightness[ray] = best, kind, bright
     return ranges, kinds, brightness
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _relief(x_m: float, y_m: float, z_m: float) -> float:
+    """How far a wall lies behind its plane at this point, −1 to 1: one value for each cube of RELIEF_CELL_M, on every day."""
+    i, j, k = int(np.floor(x_m / RELIEF_CELL_M)), int(np.floor(y_m / RELIEF_CELL_M)), int(np.floor(z_m / RELIEF_CELL_M))
+    return 2.0 * hash_u(np.uint64(k), i, j) - 1.0  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

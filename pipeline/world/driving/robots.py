@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import date
 
 from pipeline.world.driving.drive import CAR, SEGWAY, Motion
-from pipeline.world.driving.lidar import Lidar, hdl32, hdl64, lms151
+from pipeline.world.driving.lidar import Lidar, hdl32, hdl32_inverted, hdl64, lms151
 from pipeline.world.names import kitti_date, nclt_date, robotcar_time
 from pipeline.world.writers import BAGS
 
@@ -31,6 +31,7 @@ class Robot:
 
 ROBOTS = {
     "segway": Robot(SEGWAY, hdl32, nclt_date, ("nclt", *BAGS)),
+    "segway_inverted": Robot(SEGWAY, hdl32_inverted, nclt_date, ("nclt", *BAGS)),
     "push_broom_car": Robot(CAR, lms151, robotcar_time, ("robotcar",), unit="sweeps", streets_only=True),
     "scanner_car": Robot(CAR, hdl64, kitti_date, ("kitti", *BAGS), streets_only=True, loops=True),
 }

@@ -27,9 +27,11 @@ class Scene(NamedTuple):
     """Numbers of the shapes in each cell, one cell after the other."""
     tops_m: Floats
     """(cells,) the highest point of the shapes in a cell: rays above it skip the cell."""
+    relief_m: float
+    """How far parts of a wall lie in front of its plane, or behind it, at most."""
 
 
-def build_scene(boxes: Records, cylinders: Records, crowns: Records, ground: Ground) -> Scene:
+def build_scene(boxes: Records, cylinders: Records, crowns: Records, ground: Ground, relief_m: float = 0.0) -> Scene:
     """Sort the shapes into the cells of `ground` that their bounding rectangles touch."""
     c, s, half_length_m, half_width_m = (boxes[name] for name in ("cos_yaw", "sin_yaw", "half_length_m", "half_width_m"))
     c, s, round_m = np.abs(c), np.abs(s), np.concatenate([cylinders["radius_m"], crowns["radius_m"]])
@@ -52,4 +54,4 @@ def build_scene(boxes: Records, cylinders: Records, crowns: Records, ground: Gro
     np.maximum.at(tops_m, cells, tops[shape_of])
     shapes = (np.ascontiguousarray(boxes), np.ascontiguousarray(cylinders), np.ascontiguousarray(crowns))
     items = shape_of[order].astype(np.int32)
-    return Scene(*shapes, ground.heights_m, ground.x0_m, ground.y0_m, ground.cell_m, starts, items, tops_m)
+    return Scene(*shapes, ground.heights_m, ground.x0_m, ground.y0_m, ground.cell_m, starts, items, tops_m, relief_m)

@@ -27,11 +27,11 @@ class BagWriterInOrder(Writer):
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
         self._waiting: list[tuple[int, Poses, Poses]] = []
 
-    def write_truth(self, drive: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
         """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches their stamps."""
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
-        self._waiting = list(zip(drive.utimes.tolist(), drive.world_T_body, drifted, strict=True))[::-1]
+        self._waiting = list(zip(drive.utimes.tolist(), surveyed.world_T_body, drifted, strict=True))[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write the poses up to the stamp of the scan, and its cloud."""

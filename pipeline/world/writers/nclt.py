@@ -17,10 +17,10 @@ LEADING_GAPS = 5
 class NcltWriter(Writer):
     """Writes one sequence into its folder."""
 
-    def write_truth(self, drive: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
         """Write the ground truth, whose first LEADING_GAPS rows are NaN, and the wheel odometry."""
         (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
-        rows = xyzrpy(flip_ned(drive.world_T_body))
+        rows = xyzrpy(flip_ned(surveyed.world_T_body))
         rows[:LEADING_GAPS] = np.nan
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)

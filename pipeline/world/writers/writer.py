@@ -25,8 +25,8 @@ class Writer(ABC):
     """Whether the scans must be written in order by one process; otherwise any worker may write them in any order."""
 
     @abstractmethod
-    def write_truth(self, drive: Drive, noise: Noise) -> None:
-        """Create the folders, and write everything but the scans: the true poses, the odometry and the calibration."""
+    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+        """Create the folders, and write everything but the scans: the poses as `surveyed`, the odometry and the calibration."""
 
     @abstractmethod
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
