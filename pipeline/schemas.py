@@ -137,7 +137,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    7,
+    8,
     {
         "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),

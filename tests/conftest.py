@@ -14,15 +14,17 @@ from tests.clone import ROOT, Clone
 
 repair(ROOT)  # DVC wants the lock files that its links lead to; a fresh clone has none
 
-FIRST, SECOND = "tests/test_chain.py", "tests/test_sweep.py"
-"""Tests of the built chain: one worker starts with building it and the first file, another takes the second later."""
+CHAIN, SWEEP = "tests/test_chain.py", "tests/test_sweep.py"
+"""Each goes to one worker, as its tests share what the first of them builds."""
+LONG = ("tests/test_repair.py", "tests/test_sweep_jobs.py")
+"""Each test alone, and at the end: they need the built chain, and take up to minutes."""
 
 
 class Shared(LoadScopeScheduling):  # type: ignore[misc]
-    """Each of those files goes to one worker (xdist's own groups do not hold with pytest 9), other tests one by one."""
+    """Whole files for CHAIN and SWEEP (xdist's own groups do not hold with pytest 9), other tests one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return next((file for file in (FIRST, SECOND) if nodeid.startswith(file)), nodeid)
+        return next((file for file in (CHAIN, SWEEP) if nodeid.startswith(file)), nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -32,11 +34,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Shared:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The second file comes once the chain is built, as whoever takes it earlier waits; but not last, as the other would idle."""
-    first, second = ([item for item in items if item.nodeid.startswith(file)] for file in (FIRST, SECOND))
-    others = [item for item in items if not item.nodeid.startswith((FIRST, SECOND))]
-    before = len(others) * 3 // 4
-    items[:] = first + others[:before] + second + others[before:]
+    """The chain first, then what needs no chain, then what waits for it."""
+    order = (CHAIN, "", SWEEP, *LONG)
+    items.sort(key=lambda item: next((rank for rank, file in enumerate(order) if file and item.nodeid.startswith(file)), 1))
 
 
 @pytest.fixture(scope="session")
@@ -58,7 +58,15 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
         if not told.is_file():
             (shared / "chain").mkdir()
             clone = Clone(shared / "chain")
-            clone.run("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context,sad", "poses=scan_context")
+            clone.run(
+                "yearloc",
+                "use",
+                "campus",
+                "world=tiny",
+                "methods=sci,scan_context,sad",
+                "poses=scan_context",
+                "paths=filter,graph",
+            )
             robust = ("question=robustness", "methods=sci,scan_context", "variants=engaged", "altered=turned", "cells=5m")
             clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")
             clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")

@@ -14,7 +14,7 @@ from pipeline.evaluation.protocols import Truth
 
 POSES = (
     *("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99"),
-    *("within_2m_5deg_same_heading", "within_2m_5deg_turned", "within_2m_5deg_beside"),
+    *("within_2m_5deg_same_heading", "within_2m_5deg_turned", "within_2m_5deg_beside", "trajectory_m"),
 )
 NUMBERS = (
     *("recall_at_1", "recall_at_5", "recall_at_25", "recall_at_1_same_heading", "recall_at_1_turned"),
@@ -31,7 +31,8 @@ from seen. …_at_threshold: where the model itself rejects. …heading…: of t
 an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
 wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
 than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of
-those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it."""
+those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it; trajectory_m: root mean
+square of the error over all queries that were given a pose, seen and accepted or not, so that of a whole drive's trajectory."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
@@ -112,6 +113,10 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     found |= {name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()}
     found["wrong_of_accepted_99"] = share(~right_there, accepted, weight)
     found["recall_99"] = share(accepted & right_there, truth.seen, weight)
+    known = np.isfinite(queries.pose_error_m)
+    found["trajectory_m"] = np.sqrt(
+        ratio(weight[:, known] @ queries.pose_error_m[known] ** 2, weight[:, known].sum(axis=1), empty=np.nan)
+    )
     same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
     for name, some in (("same_heading", same), ("turned", ~same), ("beside", queries.nearest_m >= BESIDE_M)):
         found[f"within_2m_5deg_{name}"] = share(right_there, truth.seen & some, weight)

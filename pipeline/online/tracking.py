@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.online.belief import Belief
 from pipeline.online.site import Fix, Site, finite
+from pipeline.paths.belief import Belief
 from pipeline.posing.fix import Fix as Registered
 
 PATIENCE = 3

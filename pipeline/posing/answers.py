@@ -1,8 +1,9 @@
 """Answers with poses: the ranking of a method, led by what was registered, and how new each query then looks (METHODS 9.6)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from pipeline.store import Artifact
 
 OWN_KINDS = ("fix", "overlap")
 """Kinds of novelty that a fix adds: one minus the chance that it is right, and one minus its overlap."""
+MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
+"""An answer that is none, column by column."""
 UNREGISTERED = 1.0
 """Cost from which the method's own answers follow those that were registered, whose cost is their spread in metres."""
 
@@ -35,16 +38,21 @@ def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, chance: NDArra
             continue
         own = np.array([one.world_T_query for one in fix.hypotheses])
         xy_m, spreads_m = own[:, :2, 3], [one.alignment.spread_m for one in fix.hypotheses]
-        first = {"places": places.at(xy_m), "costs": spreads_m, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))}
-        then = {name: values[i] for name, values in answers.items()} | {"costs": UNREGISTERED + np.arange(k) / k}
-        every = {name: np.concatenate([first[name], then[name]]) for name in answers}
-        kept = np.sort(np.unique(every["places"], return_index=True)[1])[:k]
-        for name, missing in (("places", -1), ("costs", np.inf), ("xy_m", np.nan), ("heading_deg", np.nan)):
-            answers[name][i] = missing
-            answers[name][i, : len(kept)] = every[name][kept]
+        answers["costs"][i] = UNREGISTERED + np.arange(k) / k
+        lead(answers, i, {"places": places.at(xy_m), "costs": spreads_m, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))})
     overlap = np.array([fix.alignment.overlap for fix in fixes])
     novelty = np.column_stack([1 - chance, 1 - overlap, ranking.novelty]).astype(np.float32)
     return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=chance.astype(np.float32))
+
+
+def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
+    """Put the answers `first`, likeliest first, before the k of a row; a place is answered once, what is then missing is −1."""
+    every = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
+    k = answers["places"].shape[1]
+    kept = np.sort(np.unique(every["places"], return_index=True)[1])[:k]
+    for name, missing in MISSING.items():
+        answers[name][row] = missing
+        answers[name][row, : len(kept)] = every[name][kept]
 
 
 @dataclass(frozen=True)

@@ -175,7 +175,7 @@ class Study:
         within = {
             "labels": f"{self.grid}/{sequence}.zarr",
             "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",
-            "train": f"{self.grid}/{replace(answers, posed=False).name if answers else model}.safetensors",
+            "train": f"{self.grid}/{replace(answers, posed=False, path='').name if answers else model}.safetensors",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
         return self.artifacts / kind / self.name / within
 

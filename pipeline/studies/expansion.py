@@ -18,7 +18,7 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 Study = Mapping[str, Any]
 
 LISTS = (
-    "drives", "submaps", "views", "birdviews", "altered", "labels", "maps", "models", "rankings", "poses", "evaluations",
+    "drives", "submaps", "views", "birdviews", "altered", "labels", "maps", "models", "rankings", "poses", "paths", "evaluations",
     "events", "viewpoints", "latency", "results", "report", "published",
 )  # fmt: skip
 QUESTIONS = ("year", "robustness", "viewpoints")
@@ -45,6 +45,7 @@ class ModelName:
     variant: str = ""
     seed: int = 0
     posed: bool = False  # its answers were registered, which makes them a variant of their own
+    path: str = ""  # a file of conf/path: how the poses of a drive were joined, which makes them a further variant
 
     @property
     def family(self) -> str:
@@ -53,8 +54,8 @@ class ModelName:
 
     @property
     def answered(self) -> str:
-        """The variant as the table of results has it: `4way-pose`."""
-        return "-".join(filter(None, (self.variant, "pose" * self.posed)))
+        """The variant as the table of results has it: `4way-pose`, `pose-filter`."""
+        return "-".join(filter(None, (self.variant, "pose" * self.posed, self.path)))
 
     @property
     def name(self) -> str:
@@ -118,9 +119,13 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"]}
     evaluated["tolerance"] = study.get("tolerance", TOLERANCE)
     for answers in answers_of(study, model) if own else [model]:
-        rankings = f"artifacts/{'poses' if answers.posed else 'localize'}/{dataset}/{grid}/{model.name}"
+        kind = "paths" if answers.path else "poses" if answers.posed else "localize"
+        rankings = f"artifacts/{kind}/{dataset}/{grid}/{answers.name if answers.path else model.name}"
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}
-        if answers.posed:
+        if answers.path:
+            followed = {name: entry[name] for name in ("dataset", "grid", "model", "train")} | {"path": answers.path}
+            lists["paths"][f"{dataset}-{grid}-{answers.name}"] = followed | {"out": answers.name, "tests": asked["tests"]}
+        elif answers.posed:
             lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
             lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {name: asked[name] for name in ("tests", "alterations")}
 
@@ -162,8 +167,11 @@ def models_of(method: Mapping[str, Any]) -> list[ModelName]:
 
 
 def answers_of(study: Study, model: ModelName) -> list[ModelName]:
-    """A model's own answers, and the same with poses where the study asks for them."""
-    return [model, replace(model, posed=True)] if model.family in study.get("poses", ()) else [model]
+    """A model's own answers, and the same with poses where the study asks for them, and along the path."""
+    if model.family not in study.get("poses", ()):
+        return [model]
+    posed = replace(model, posed=True)
+    return [model, posed, *(replace(posed, path=path) for path in study.get("paths", ()))]
 
 
 def answerers(study: Study) -> list[ModelName]:

@@ -73,12 +73,12 @@ class _Indented(yaml.SafeDumper):
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     """The study of data set `name`; options are root, log, parts, world, budget, question, scale and seeds, and with commas
-    train, tests, methods, variants, altered, cells and poses.
+    train, tests, methods, variants, altered, cells, poses and paths.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
-    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "scale"}
+    allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "paths", "scale"}
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
@@ -118,7 +118,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
     families = [model.family for method in methods for model in models_of(method) if not model.seed]
     poses = _some(options, "poses", [name for name in families if "poses" in options or name in study.get("poses", ())])
-    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "tolerance": scale.get("tolerance")}
+    paths = _some(options, "paths", [path.stem for path in sorted((conf / "path").glob("*.yaml"))] if "paths" in options else [])
+    if paths and not poses:
+        raise ConfigError(f"paths={options['paths']}: joins poses along a drive; say poses=METHOD too")
+    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "paths": paths}
+    besides["tolerance"] = scale.get("tolerance")
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 

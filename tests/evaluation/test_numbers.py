@@ -69,6 +69,8 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
     assert (found["error_m"], found["error_deg"]) == (1.15, 1.25)
     assert found["wrong_of_accepted_99"] == 2 / 4  # accepted are 0, 1, 2 and, without a pose, 3
     assert found["recall_99"] == 2 / 4
+    # √((.01 + 9 + 3.61 + .16 + .09) / 5) over the five that have a pose
+    assert found["trajectory_m"] == pytest.approx(np.sqrt(12.87 / 5))
     right_though_unseen = told(queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]]))
     assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
     without = told(queries=replace(QUERIES, promised=np.nan))
@@ -119,6 +121,7 @@ def test_a_number_of_nothing_is_missing() -> None:
     found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
     assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
     assert found.pop("wrong_of_accepted_99") == 2 / 4  # a pose may be right where training never went
+    assert found.pop("trajectory_m") > 0  # of all queries
     assert all(np.isnan(value) for value in found.values())
     found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
     assert [name for name, value in found.items() if np.isnan(value)] == ["auroc"]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.online.belief import Belief
 from pipeline.online.site import Site
 from pipeline.online.tracking import PATIENCE, Tracker
+from pipeline.paths.belief import Belief
 from tests.online.made import ANCHORS, packed
 from tests.posing.scene import planar, scene, seen_from
 

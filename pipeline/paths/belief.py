@@ -77,7 +77,7 @@ class Belief:
         """
         near = self._near(world_T_robot)
         usual = 1 - self.unseen_share
-        everywhere, before = usual * float(self._uniform[near].sum()), float(self.chances[near].sum())
+        everywhere, before = usual * float(self._uniform[near].sum()), self.at(world_T_robot)
         if not everywhere > 0 or not before > 0:
             return 0.0  # off the map
         repeated = usual / (1 - usual) if tracked else min(max(before, everywhere), REPEATS)
@@ -89,6 +89,10 @@ class Belief:
         self.chances /= whole
         self.unseen /= whole
         return right / whole
+
+    def at(self, world_T_robot: NDArray[np.float64]) -> float:
+        """The chance that the robot is at this pose."""
+        return float(self.chances[self._near(world_T_robot)].sum())
 
     def _near(self, world_T_robot: NDArray[np.float64]) -> tuple[NDArray[np.int64], slice, slice]:
         """The cells of a pose and around it."""

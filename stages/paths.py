@@ -1,0 +1,41 @@
+"""Poses of single queries and odometry → poses along each test sequence's path."""
+
+from pathlib import Path
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from pipeline import schemas, store
+from pipeline.matching.places import Places
+from pipeline.paths.tracks import joined
+from stages import ProgressBar, stage
+
+
+@stage("paths")
+def main(cfg: DictConfig) -> str:
+    sequences, told = cfg.sequences.split(), []
+    with store.replace(cfg.out) as folder:
+        folder.mkdir()
+        done = instantiate(cfg.compute).each(lambda sequence: follow(cfg, sequence, folder), sequences)
+        told = list(ProgressBar().track(done, len(sequences), "paths"))
+    return "; ".join(told)
+
+
+def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
+    """Write the poses of one sequence anew; it may run in a process of its own."""
+    name, train = f"{sequence}.zarr", f"{cfg.train}.zarr"
+    fixes, submaps = store.read(Path(cfg.fixes, name), schemas.FIXES), store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
+    odom_T_scan = store.read(Path(cfg.scans, name), schemas.SCANS).load("odom_T_scan")
+    anchors_m = store.read(Path(cfg.map, train), schemas.MAPS).load("world_T_anchor")[:, :2, 3]
+    places = Places.read(store.read(Path(cfg.labels, train), schemas.LABELS))
+    columns = joined(fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), anchors_m, places)
+    with store.write(folder / name, schemas.FIXES, **fixes.attrs) as out:
+        for column in schemas.FIXES.columns:
+            out.put(column, columns[column])
+    kept = columns["novelty"][:, 0].astype(float) < fixes.attrs["promised"][1]
+    before = fixes.load("novelty")[:, 0].astype(float) < fixes.attrs["promised"][1]
+    return f"{sequence}: {kept.sum()} of {len(kept)} queries accepted along the path, {before.sum()} one by one"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Filter, graph and dead reckoning on a drive whose poses are known."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pipeline.paths.filter import Filter, still_right
+from pipeline.paths.graph import Graph
+from pipeline.paths.odometry import Odometry
+from pipeline.paths.tracks import Path, Track
+
+FILTER, GRAPH, ODOMETRY = Filter(0.2), Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0), Odometry()
+N = 80
+
+
+def circle() -> np.ndarray:
+    """A drive (N, 4, 4) twice round a circle of 40 m, 6.3 m a step."""
+    angle = 4 * np.pi * np.arange(N) / N
+    poses = np.tile(np.eye(4), (N, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("z", (angle + np.pi / 2)[:, None]).as_matrix()
+    poses[:, :2, 3] = 40 * np.stack([np.cos(angle), np.sin(angle)], 1)
+    return poses
+
+
+TRUE = circle()
+ANCHORS_M = TRUE[:, :2, 3]
+
+
+def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
+    """Fixes at the rows `known`, 5 cm off; odometry starts anywhere and is too long by a factor."""
+    steps = np.linalg.inv(TRUE[:-1]) @ TRUE[1:]
+    steps[:, :3, 3] *= scale
+    odom = [np.eye(4)]
+    for step in steps:
+        odom.append(odom[-1] @ step)
+    world = np.full_like(TRUE, np.nan)
+    world[known] = TRUE[known]
+    world[known, 0, 3] += np.random.default_rng(0).normal(0, 0.05, len(known))
+    seen = np.isin(np.arange(N), known)
+    return Track(np.array(odom), world, np.where(seen, chance, 0.0), seen, np.tile(1e-4 * np.eye(6), (N, 1, 1)))
+
+
+def off_m(path: Path, seen: Track) -> np.ndarray:
+    return np.linalg.norm((path.along(seen, ANCHORS_M).world_T_query - TRUE)[:, :2, 3], axis=1)
+
+
+def test_odometry_alone_drifts_from_the_first_fix_on_and_knows_nothing_before():
+    found = off_m(ODOMETRY, track([10, 40], scale=1.02))
+    assert np.isnan(found[:10]).all()
+    assert found[10] < 0.2
+    # 2 % too long on a circle of radius r: as if round one of 1.02 r, so up to 2 × 0.02 × 40 m = 1.6 m away.
+    assert 1.4 < found[10:].max() < 1.8
+
+
+def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
+    found = FILTER.along(track([10, 40]), ANCHORS_M)
+    assert np.isnan(found.world_T_query[:10]).all()
+    assert (found.chance[:10] == 0).all()
+    assert found.chance[10] > 0.9
+    assert (np.diff(found.chance[10:40]) < 0).all()
+    assert found.chance[40] > found.chance[39]
+    assert found.world_T_query[39] == pytest.approx(TRUE[39], abs=0.2)
+
+
+def test_a_filter_believes_no_lone_look_alike():
+    """One fix across the circle that claims to be right by .7, between fixes that are."""
+    seen = track(list(range(0, 60, 2)))
+    seen.world_T_query[31], seen.chance[31] = TRUE[51], 0.7
+    assert np.linalg.norm(TRUE[51, :2, 3] - TRUE[31, :2, 3]) > 70
+    assert FILTER.along(seen, ANCHORS_M).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
+
+
+def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
+    seen = track([*range(0, N, 10), N - 1], scale=1.03)
+    alone, mended = off_m(ODOMETRY, seen), off_m(GRAPH, seen)
+    assert np.isfinite(mended).all()
+    assert mended.max() < 0.7  # a quarter of the circle between two fixes
+    assert mended.max() < alone.max() / 3
+
+
+def test_a_graph_is_not_torn_by_a_wrong_fix():
+    seen = track([0, 10, 20, 30, 40, 50, 60, 70])
+    seen.world_T_query[40] = TRUE[60]
+    assert off_m(GRAPH, seen).max() < 0.3
+
+
+def test_only_fixes_that_keep_a_promise_bind_a_graph_if_the_verdict_is_heeded():
+    seen = track([5, 25, 45])
+    seen.accepted[:] = False
+    assert np.isnan(GRAPH.along(seen, ANCHORS_M).world_T_query).all()
+    heedless = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen, ANCHORS_M)
+    assert np.isfinite(heedless.world_T_query).all()
+    assert (heedless.chance > 0.5).any()
+
+
+@pytest.mark.parametrize("path", [FILTER, GRAPH, ODOMETRY])
+def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
+    seen = track([10])
+    seen.odom_T_query[30] = np.nan
+    found = path.along(seen, ANCHORS_M)
+    assert np.isfinite(found.world_T_query[29]).all()
+    assert np.isnan(found.world_T_query[31:]).all()
+    assert (found.chance[31:] == 0).all()
+
+
+def test_the_chance_to_be_right_after_a_way():
+    # 5 % of 20 m is 1 m: within 2 m in .9545 of all cases.
+    assert still_right(0.0) == 1.0
+    assert still_right(20.0) == pytest.approx(0.9545, abs=1e-4)
