@@ -26,14 +26,14 @@ def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
     name, train = f"{sequence}.zarr", f"{cfg.train}.zarr"
     fixes, submaps = store.read(Path(cfg.fixes, name), schemas.FIXES), store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
     odom_T_scan = store.read(Path(cfg.scans, name), schemas.SCANS).load("odom_T_scan")
-    anchors_m = store.read(Path(cfg.map, train), schemas.MAPS).load("world_T_anchor")[:, :2, 3]
     places = Places.read(store.read(Path(cfg.labels, train), schemas.LABELS))
-    columns = joined(fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), anchors_m, places)
-    with store.write(folder / name, schemas.FIXES, **fixes.attrs) as out:
+    columns, attrs = joined(fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), places)
+    with store.write(folder / name, schemas.FIXES, **attrs) as out:
         for column in schemas.FIXES.columns:
             out.put(column, columns[column])
-    kept = columns["novelty"][:, 0].astype(float) < fixes.attrs["promised"][1]
-    before = fixes.load("novelty")[:, 0].astype(float) < fixes.attrs["promised"][1]
+    kept, before = (
+        values[:, 0] < one["promised"][1] for values, one in ((columns["novelty"], attrs), (fixes.load("novelty"), fixes.attrs))
+    )
     return f"{sequence}: {kept.sum()} of {len(kept)} queries accepted along the path, {before.sum()} one by one"
 
 

@@ -31,8 +31,8 @@ from seen. …_at_threshold: where the model itself rejects. …heading…: of t
 an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
 wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
 than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of
-those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it; trajectory_m: root mean
-square of the error over all queries that were given a pose, seen and accepted or not, so that of a whole drive's trajectory."""
+those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it; trajectory_m: root
+mean square of the error over all queries that were given a pose, seen and accepted or not, as of a whole drive's trajectory."""
 MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
 """What is measured of each kind of novelty."""
 PRECISE = 0.99

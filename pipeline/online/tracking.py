@@ -22,7 +22,7 @@ class Tracker:
 
     def __init__(self, site: Site, promise: float = 0.99) -> None:
         self.site, self._promise = site, promise
-        self.belief = Belief(site.targets.world_T_anchor[:, :2, 3], float(site.about["verdict"]["unseen_share"]))
+        self.belief = Belief(float(site.about["verdict"]["unseen_share"]))
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
         self._step, self._misses = STILL, 0
@@ -81,7 +81,6 @@ class Tracker:
             return fix
         chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
-        novelty = 1 - believed
-        kept = [one for one, reject_from in self.site.promises.items() if novelty < reject_from]
-        verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
-        return replace(fix, verdict=verdict, novelty=novelty, promised_precision=max(kept, default=None))
+        verdict: Literal["accepted", "rejected"] = "accepted" if believed >= self._promise else "rejected"
+        kept = [promise for promise in self.site.promises if believed >= promise]
+        return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=max(kept, default=None))

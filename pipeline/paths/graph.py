@@ -29,7 +29,7 @@ class Graph:
     outlier: float
     """From so many standard deviations on a constraint loses its weight (Cauchy)."""
 
-    def along(self, track: Track, anchors_m: NDArray[np.float64]) -> Estimates:
+    def along(self, track: Track) -> Estimates:
         """Estimates from the whole drive, future and past; a stretch without odometry or without a fix to believe has none."""
         poses, chances = np.full_like(track.world_T_query, np.nan), np.zeros(len(track.chance))
         broken = np.flatnonzero(~np.isfinite(track.steps).all((1, 2))) + 1

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.paths.filter import still_right
+from pipeline.paths.belief import still_right
 from pipeline.paths.tracks import Estimates, Track
 
 
@@ -13,7 +12,7 @@ from pipeline.paths.tracks import Estimates, Track
 class Odometry:
     """Dead reckoning."""
 
-    def along(self, track: Track, anchors_m: NDArray[np.float64]) -> Estimates:
+    def along(self, track: Track) -> Estimates:
         """Nothing before the first fix that keeps a promise of .99; where odometry is interrupted, the next one."""
         poses, chances = np.full_like(track.world_T_query, np.nan), np.zeros(len(track.chance))
         chance, driven_m = 0.0, 0.0
@@ -21,7 +20,7 @@ class Odometry:
             carried = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
             if np.isfinite(carried).all():
                 poses[row], driven_m = carried, driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
-                chances[row] = chance * still_right(driven_m)
+                chances[row] = chance * float(still_right(np.array(driven_m)))
             elif track.accepted[row]:
                 poses[row], driven_m, chance = track.world_T_query[row], 0.0, float(track.chance[row])
                 chances[row] = chance

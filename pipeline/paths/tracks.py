@@ -1,6 +1,5 @@
 """Tracks: the fixes of a drive in their order, and what they tell of each query together with the odometry (METHODS 9.9)."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Protocol
@@ -51,36 +50,28 @@ class Estimates:
 class Path(Protocol):
     """A way to join fixes and odometry: one file in pipeline/paths, one or more in conf/path."""
 
-    def along(self, track: Track, anchors_m: NDArray[np.float64]) -> Estimates:
-        """Estimates for each query of a track; `anchors_m` (n, 2) are the map's."""
+    def along(self, track: Track) -> Estimates:
+        """Estimates for each query of a track."""
 
 
-def joined(
-    fixes: Artifact, odom_T_anchor: Poses, path: Path, anchors_m: NDArray[np.float64], places: Places
-) -> Mapping[str, Any]:
-    """The columns of a fixes artifact anew, with the estimates along the path in place of the fixes; each case is a drive.
+def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The columns and attributes of a fixes artifact with the estimates along the path in place of the fixes.
 
+    Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for no held-out blocks tell more.
     Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps.
     """
     columns = {name: fixes.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
     columns |= {name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance")}
-    n, cases = len(odom_T_anchor), len(read_cases(fixes.attrs))
+    attrs, n, cases = fixes.attrs, len(odom_T_anchor), len(read_cases(fixes.attrs))
     if len(columns["places"]) != n * cases:
         raise InputError(f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps")
-    promised, kind = fixes.attrs["promised"][1], fixes.attrs["kinds"].index("fix")
+    kind = attrs["kinds"].index("fix")
     for case in range(cases):
         own = slice(case * n, (case + 1) * n)
-        novelty = columns["novelty"][own].astype(np.float64)
-        found = path.along(
-            Track(
-                odom_T_anchor @ turns(np.deg2rad(columns["turned_deg"][own].astype(np.float64))),
-                columns["world_T_query"][own],
-                1 - novelty[:, kind],
-                novelty[:, 0] < promised,
-                columns["covariance"][own],
-            ),
-            anchors_m,
-        )
+        odom_T_query = odom_T_anchor @ turns(np.deg2rad(columns["turned_deg"][own].astype(np.float64)))
+        novelty, world_T_query = columns["novelty"][own].astype(np.float64), columns["world_T_query"][own]
+        accepted = novelty[:, 0] < attrs["promised"][1]
+        found = path.along(Track(odom_T_query, world_T_query, 1 - novelty[:, kind], accepted, columns["covariance"][own]))
         columns["world_T_query"][own], columns["confidence"][own] = found.world_T_query, found.chance
         columns["novelty"][own, kind] = 1 - found.chance
         for row in np.flatnonzero(np.isfinite(found.world_T_query).all((1, 2))).tolist():
@@ -88,4 +79,6 @@ def joined(
             xy_m = pose[:, :2, 3]
             first = {"places": places.at(xy_m), "costs": [0.0], "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(pose))}
             lead(columns, case * n + row, first)
-    return columns
+    thresholds = [*attrs["thresholds"]]
+    thresholds[kind] = 1 - attrs["wanted_precision"]
+    return columns, attrs | {"thresholds": thresholds, "promised": [1 - promise for promise in attrs["promises"]]}

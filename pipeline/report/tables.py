@@ -30,7 +30,8 @@ POSES = (
     ("within 2 m, 5°", "within_2m_5deg", 3), ("training's heading", "within_2m_5deg_same_heading", 3),
     ("turned", "within_2m_5deg_turned", 3), ("2 m or more beside", "within_2m_5deg_beside", 3),
     ("within .5 m, 2°", "within_05m_2deg", 3), ("error [m]", "error_m", 2), ("error [°]", "error_deg", 2),
-    ("all poses, RMS [m]", "trajectory_m", 2), ("wrong of accepted at .99", "wrong_of_accepted_99", 4), ("recall at .99", "recall_99", 3),
+    ("all poses, RMS [m]", "trajectory_m", 2),
+    ("wrong of accepted at .99", "wrong_of_accepted_99", 4), ("recall at .99", "recall_99", 3),
 )  # fmt: skip
 MAIN = {
     "recall_at_1": ("recall@1", "oracle", "oracle", "recall_at_1"),

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.paths.filter import Filter, still_right
+from pipeline.paths.filter import Filter
 from pipeline.paths.graph import Graph
 from pipeline.paths.odometry import Odometry
 from pipeline.paths.tracks import Path, Track
 
-FILTER, GRAPH, ODOMETRY = Filter(0.2), Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0), Odometry()
+FILTER, GRAPH, ODOMETRY = Filter(), Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0), Odometry()
 N = 80
 
 
@@ -23,7 +23,6 @@ def circle() -> np.ndarray:
 
 
 TRUE = circle()
-ANCHORS_M = TRUE[:, :2, 3]
 
 
 def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
@@ -41,7 +40,7 @@ def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
 
 
 def off_m(path: Path, seen: Track) -> np.ndarray:
-    return np.linalg.norm((path.along(seen, ANCHORS_M).world_T_query - TRUE)[:, :2, 3], axis=1)
+    return np.linalg.norm((path.along(seen).world_T_query - TRUE)[:, :2, 3], axis=1)
 
 
 def test_odometry_alone_drifts_from_the_first_fix_on_and_knows_nothing_before():
@@ -53,7 +52,7 @@ def test_odometry_alone_drifts_from_the_first_fix_on_and_knows_nothing_before():
 
 
 def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
-    found = FILTER.along(track([10, 40]), ANCHORS_M)
+    found = FILTER.along(track([10, 40]))
     assert np.isnan(found.world_T_query[:10]).all()
     assert (found.chance[:10] == 0).all()
     assert found.chance[10] > 0.9
@@ -67,7 +66,7 @@ def test_a_filter_believes_no_lone_look_alike():
     seen = track(list(range(0, 60, 2)))
     seen.world_T_query[31], seen.chance[31] = TRUE[51], 0.7
     assert np.linalg.norm(TRUE[51, :2, 3] - TRUE[31, :2, 3]) > 70
-    assert FILTER.along(seen, ANCHORS_M).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
+    assert FILTER.along(seen).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
 
 
 def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
@@ -87,8 +86,8 @@ def test_a_graph_is_not_torn_by_a_wrong_fix():
 def test_only_fixes_that_keep_a_promise_bind_a_graph_if_the_verdict_is_heeded():
     seen = track([5, 25, 45])
     seen.accepted[:] = False
-    assert np.isnan(GRAPH.along(seen, ANCHORS_M).world_T_query).all()
-    heedless = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen, ANCHORS_M)
+    assert np.isnan(GRAPH.along(seen).world_T_query).all()
+    heedless = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen)
     assert np.isfinite(heedless.world_T_query).all()
     assert (heedless.chance > 0.5).any()
 
@@ -97,13 +96,7 @@ def test_only_fixes_that_keep_a_promise_bind_a_graph_if_the_verdict_is_heeded():
 def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
     seen = track([10])
     seen.odom_T_query[30] = np.nan
-    found = path.along(seen, ANCHORS_M)
+    found = path.along(seen)
     assert np.isfinite(found.world_T_query[29]).all()
     assert np.isnan(found.world_T_query[31:]).all()
     assert (found.chance[31:] == 0).all()
-
-
-def test_the_chance_to_be_right_after_a_way():
-    # 5 % of 20 m is 1 m: within 2 m in .9545 of all cases.
-    assert still_right(0.0) == 1.0
-    assert still_right(20.0) == pytest.approx(0.9545, abs=1e-4)

@@ -1,0 +1,71 @@
+"""Belief: how fixes along a path speak for and against each other."""
+
+import numpy as np
+import pytest
+
+from pipeline.paths.belief import JUMPS, Belief, still_right
+from tests.posing.scene import planar
+
+
+def test_at_first_a_chance_stays_what_it_is() -> None:
+    for chance in (0.05, 0.5, 0.99):
+        belief = Belief()
+        assert belief.best() is None
+        assert belief.see(planar(100, 0, 0), chance) == pytest.approx(chance)
+        pose, known = belief.best()
+        assert (pose[0, 3], known) == (100, pytest.approx(chance))
+
+
+def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_lower_it() -> None:
+    agreed, jumped = Belief(), Belief()
+    for belief in (agreed, jumped):
+        assert belief.see(planar(100, 0, 0), 0.8) == pytest.approx(0.8)
+        belief.move(planar(4, 0, 0))
+    # There with 0.8 × (1 − JUMPS), and wrong poses agree by 0.3: right by 0.8 (0.2 + 0.8 / 0.3), wrong by 0.2 × 0.2.
+    there = 0.8 * (1 - JUMPS)
+    right = 0.8 * (1 - there + there / 0.3)
+    assert agreed.see(planar(104, 0, 0), 0.8) == pytest.approx(right / (right + 0.2 * (1 - there)))
+    # Elsewhere: right by 0.8 × 0.2, wrong by 0.2.
+    assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(0.8 * (1 - there) / (0.8 * (1 - there) + 0.2))
+
+
+def test_a_tracked_pose_is_believed_by_its_own_chance_alone() -> None:
+    better, worse = Belief(), Belief()
+    before, _ = (belief.see(planar(100, 0, 0), 0.9) for belief in (better, worse))
+    assert better.see(planar(100, 0, 0), 0.95, tracked=True) > before
+    assert worse.see(planar(100, 0, 0), 0.3, tracked=True) < before - 0.3
+
+
+def test_belief_is_carried_by_the_odometry_and_less_sure_with_every_metre() -> None:
+    belief = Belief()
+    belief.see(planar(50, 0, 0), 0.99)
+    for step in (planar(8, 0, 0), planar(0, 0, 90), planar(2, 0, 0)):
+        belief.move(step)
+    pose, chance = belief.best()
+    assert pose == pytest.approx(planar(58, 2, 90))
+    assert chance == pytest.approx(0.99 * (1 - JUMPS) ** 3 * still_right(np.array(10.0)))
+
+
+def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
+    for off_m, agrees in ((4.9, True), (5.1, False)):  # 2 m, and three times 5 % of 20 m
+        belief = Belief()
+        belief.see(planar(0, 0, 0), 0.9)
+        belief.move(planar(20, 0, 0))
+        assert (belief.see(planar(20, off_m, 0), 0.9) > 0.9) == agrees
+
+
+def test_a_carried_robot_is_found_again_by_poses_that_agree() -> None:
+    belief = Belief()
+    chances = []
+    for x_m in (*[0] * 20, *[300] * 8):
+        belief.move(planar(0, 0, 0))
+        chances.append(belief.see(planar(x_m, 0, 0), 0.9))
+    assert chances[19] > 0.99
+    assert chances[20] < 0.1
+    assert chances[-1] > 0.99
+    assert belief.chances.sum() <= 1 + 1e-9
+
+
+def test_the_chance_to_be_right_after_a_way() -> None:
+    # 5 % of 20 m is 1 m: within 2 m in .9545 of all cases.
+    assert still_right(np.array([0.0, 20.0])) == pytest.approx([1.0, 0.9545], abs=1e-4)
