@@ -5,10 +5,12 @@ import json
 import sqlite3
 from contextlib import closing
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
+from pipeline import schemas, store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import definition
 from pipeline.studies.expansion import LISTS
@@ -124,3 +126,14 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     assert set(found.index) == {"turned", "demolition", "construction"}
     assert found["turned"] > 0.6  # its truth is turned with it
     assert not (built.folder / "artifacts/report/campus/10m/history_scan_context-pose.svg").exists()
+
+
+def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
+    for model, day in (("scan_context", "2012-06-15"), ("scan_context-pose-filter", "2012-10-28")):
+        out = built.run("yearloc", "failures", f"campus/10m/{model}", day, "-o", str(tmp_path), "--worst", "2")
+        assert f"{tmp_path}: " in out
+        poses = "paths/campus/10m/scan_context-pose-filter" if "filter" in model else "poses/campus/10m/scan_context"
+        artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.FIXES)
+        driven = len(artifact.load("novelty")) // len(artifact.attrs["cases"])
+        known = np.isfinite(artifact.load("world_T_query")[:driven]).all((1, 2)).sum()
+        assert out.endswith(f"; {known} poses have a true one\n")

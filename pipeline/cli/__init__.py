@@ -5,13 +5,14 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from pipeline.cli import site
+from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes, Lines
+from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
 
 ABOUT = """\
@@ -20,7 +21,7 @@ Learn a place from LiDAR on one day, localise in it for a year.
 The work itself is a chain of stages that DVC runs: `dvc repro` builds whatever is out of date, from raw logs to a report.
 This command chooses what the chain runs on, and looks at what it made.
 
-  yearloc use campus town                    the simulated campus and town (no data needed); world=tiny|demo|year methods=sci,m2dp
+  yearloc use campus town                    simulated campus and town (no data needed); world=tiny|demo|year methods=sci,m2dp
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack; train=DATE tests=DATE,DATE
   yearloc use robotcar root=/data/robotcar   Oxford RobotCar: 2-D sweeps gathered along the visual odometry
   yearloc use kitti root=/data/kitti log=00  KITTI odometry: the first part of one log against the rest
@@ -40,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
         "names of files in conf/dataset, and root, log, parts, train, tests, methods, world, budget, question, seeds, variants,"
-        " poses; without any, the studies in use"
+        " poses, paths; without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
@@ -80,12 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _use(given: argparse.Namespace) -> None:
     from pipeline.studies.names import complete, lists_text, propose, studies_text
 
-    conf = _conf()
+    conf = conf_folder()
     datasets = [word for word in given.words if "=" not in word]
     options = dict(word.split("=", 1) for word in given.words if "=" in word)
     if options and not datasets:
         raise ConfigError(f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`")
-    present = _studies(conf) if given.add or given.keep or not datasets else {}
+    present = read_studies() if given.add or given.keep or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
@@ -102,7 +103,7 @@ def _use(given: argparse.Namespace) -> None:
 def _fetch(given: argparse.Namespace) -> None:
     from pipeline.fetching.archives import Publisher
 
-    if not (path := _conf() / "fetch" / f"{given.dataset}.yaml").is_file():
+    if not (path := conf_folder() / "fetch" / f"{given.dataset}.yaml").is_file():
         known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no archives of {given.dataset}: expected one of {known}")
     options, sequences = dict(word.split("=", 1) for word in given.words if "=" in word), [w for w in given.words if "=" not in w]
@@ -120,7 +121,7 @@ def _fetch(given: argparse.Namespace) -> None:
 def _inspect(given: argparse.Namespace) -> None:
     from pipeline.inspection.report import inspect
 
-    if given.save and (given.save.parent.resolve() != (_conf() / "dataset").resolve() or given.save.suffix != ".yaml"):
+    if given.save and (given.save.parent.resolve() != (conf_folder() / "dataset").resolve() or given.save.suffix != ".yaml"):
         raise ConfigError(f"--save {given.save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it")
     if given.save and given.save.exists():
         raise ConfigError(f"--save {given.save}: is there already; remove it first, or give another name")
@@ -139,7 +140,7 @@ def _inspect(given: argparse.Namespace) -> None:
 
 def _results(given: argparse.Namespace) -> None:
     if not (given.csv or given.json or given.where):
-        places = [(name, grid) for name, study in _studies(_conf()).items() for grid in study["grids"]]
+        places = [(name, grid) for name, study in read_studies().items() for grid in study["grids"]]
         for text in (Path("artifacts/report", *place, "results.txt") for place in places):
             if not text.is_file():
                 raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
@@ -150,7 +151,7 @@ def _results(given: argparse.Namespace) -> None:
     from pipeline.evaluation.rows import COLUMNS
 
     conditions = dict(word.partition("=")[::2] for word in given.where)
-    table = results.where(results.read(Path("artifacts"), list(_studies(_conf()))), conditions)[[*COLUMNS]]
+    table = results.where(results.read(Path("artifacts"), list(read_studies())), conditions)[[*COLUMNS]]
     if given.csv:
         print(table.to_csv(index=False), end="")
     elif given.json:
@@ -162,7 +163,7 @@ def _results(given: argparse.Namespace) -> None:
 def _methods(given: argparse.Namespace) -> None:
     from pipeline.studies.catalogue import entries, table
 
-    print(table(entries(_conf())), end="")
+    print(table(entries(conf_folder())), end="")
 
 
 def _repair(given: argparse.Namespace) -> None:
@@ -184,35 +185,13 @@ def _unchanged(given: argparse.Namespace) -> None:
 
 
 def _pack(given: argparse.Namespace) -> None:
-    site.pack(given, _conf(), _studies(_conf()), Lines())
-
-
-def _conf() -> Path:
-    """The project's conf folder; the command is meant to be called from the project's root."""
-    conf = Path("conf")
-    if not (conf / "dataset").is_dir():
-        raise ConfigError("call this in the project's root folder, where conf/ is")
-    return conf
-
-
-def _studies(conf: Path) -> dict[str, dict[str, Any]]:
-    """The studies as conf/studies.yaml has them; none where there is no such file."""
-    path = conf / "studies.yaml"
-    if not path.is_file():
-        return {}
-    try:
-        studies = yaml.safe_load(path.read_text())["studies"]
-        if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
-            return studies
-    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
-        pass
-    raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
+    site.pack(given, conf_folder(), read_studies(), Lines())
 
 
 COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
     "localize": localize,
+    "failures": failures,
     "export": site.export,
     "serve": site.serve,
     "watch": site.watch,
-    "failures": site.failures,
 }

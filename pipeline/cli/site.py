@@ -1,10 +1,9 @@
-"""`yearloc pack`, `export`, `serve`, `watch`, `failures`: what is done with a site file but for localising scans."""
+"""`yearloc pack`, `export`, `serve`, `watch`: what is done with a site file but for localising scans."""
 
 import argparse
 import os
 import socket
 import sys
-from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -50,36 +49,12 @@ def add_commands(commands: Any) -> None:
     watch.add_argument("--save", type=Path, metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove")
     watch.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
     watch.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th scan (1)")
-    bad = commands.add_parser("failures", help="a picture of each fix that the verdict got wrong, of a log with true poses")
-    bad.add_argument("site", type=Path, metavar="SITE")
-    bad.add_argument("log", metavar="LOG")
+    bad = commands.add_parser("failures", help="a picture of each fix that the verdict got wrong")
+    bad.add_argument("of", metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses")
+    bad.add_argument("log", nargs="?", metavar="LOG|DAY", help="of a site a log with true poses; of a study one test day (all)")
     bad.add_argument("--worst", type=int, default=20, metavar="N")
-    bad.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER")
+    bad.add_argument("-o", "--out", type=Path, default=Path("failures"), metavar="FOLDER")
     bad.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
-
-
-def failures(given: argparse.Namespace) -> None:
-    """Localise a log and draw the worst of what went wrong."""
-    import numpy as np
-
-    from pipeline.online.failures import draw
-    from pipeline.online.failures import failures as wrong
-    from pipeline.online.inputs import scans
-    from pipeline.online.site import Site
-
-    site = Site.open(given.site)
-    check(site, given.promise, given.out)
-    every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])
-    log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
-    if not log:
-        raise LogError(f"{given.log}: no scan with a true pose: a log that the reader of this site's data set opens has them")
-    found = wrong(log, [site.localize(scan.points(), given.promise) for scan in log])
-    given.out.mkdir(parents=True, exist_ok=True)
-    for number, one in enumerate(found[: given.worst], start=1):
-        draw(site, one, given.promise, given.out / f"{number:03d}_{one.name}.png")
-    kinds = Counter(one.kind for one in found)
-    told = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "none"
-    print(f"{given.out}: {min(len(found), given.worst)} pictures of {told}; {len(log)} scans have a true pose")
 
 
 def watch(given: argparse.Namespace) -> None:

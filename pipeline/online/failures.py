@@ -1,6 +1,6 @@
 """Failure cards: a picture of each accepted fix that is wrong and each right one that was rejected."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.frames import apart
+from pipeline import schemas, store
+from pipeline.alterations import Case, read_cases
+from pipeline.errors import ConfigError
+from pipeline.frames import Poses, apart
+from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
-from pipeline.online.site import Fix, Site
+from pipeline.online.site import Fix
+from pipeline.posing.registration import Points
+from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
 WALL_M, SHOWN_M = 0.5, 45.0
@@ -20,66 +26,97 @@ MAP, QUERY = "#9A9A9A", "#B2182B"
 
 
 @dataclass(frozen=True)
-class Failure:
-    """A fix that the verdict got wrong."""
+class Judged:
+    """A fix whose truth is known."""
 
-    scan: Scan
-    fix: Fix
-    error_m: float
-    error_deg: float
+    name: str
+    points_m: Callable[[], Points]
+    """Reads the scan's points (n, 3)."""
+    world_T_found: Poses
+    world_T_true: Poses
+    accepted: bool
+    overlap: float
+    novelty: float
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """Metres and degrees from the true pose."""
+        away_m, turn_deg = apart(self.world_T_found[None], self.world_T_true[None])
+        return float(away_m[0]), float(turn_deg[0])
+
+    @property
+    def fails(self) -> bool:
+        """Whether the verdict is wrong."""
+        away_m, turn_deg = self.off
+        return (away_m < RIGHT_M and turn_deg < RIGHT_DEG) != self.accepted
 
     @property
     def kind(self) -> str:
-        return "accepted, and wrong" if self.fix.verdict == "accepted" else "rejected, and right"
+        return "accepted, and wrong" if self.accepted else "rejected, and right"
 
     @property
-    def name(self) -> str:
-        """Of its picture's file, without the suffix."""
-        letters = "".join(letter if letter.isalnum() else "_" for letter in self.scan.name)
-        return f"{self.fix.verdict}_{letters}"
+    def file_name(self) -> str:
+        letters = "".join(letter if letter.isalnum() else "_" for letter in self.name)
+        return f"{'accepted' if self.accepted else 'rejected'}_{letters}.png"
 
 
-def failures(scans: Sequence[Scan], fixes: Sequence[Fix]) -> list[Failure]:
-    """Those whose verdict is wrong, wrong accepted ones of least novelty first, then rejected right ones of the highest.
-
-    Scans without a true pose are passed over.
-    """
-    found = []
-    for scan, fix in zip(scans, fixes, strict=True):
-        if np.isfinite(scan.world_T_scan).all() and fix.verdict != "no pose":
-            (error_m,), (error_deg,) = apart(fix.world_T_sensor[None], scan.world_T_scan[None])
-            is_right = error_m < RIGHT_M and error_deg < RIGHT_DEG
-            if is_right != (fix.verdict == "accepted"):
-                found.append(Failure(scan, fix, float(error_m), float(error_deg)))
+def failures(judged: Iterable[Judged]) -> list[Judged]:
+    """Those whose verdict is wrong: accepted ones of least novelty first, then rejected ones of the highest."""
     return sorted(
-        found, key=lambda one: (one.fix.verdict, one.fix.novelty if one.fix.verdict == "accepted" else -one.fix.novelty)
+        (one for one in judged if one.fails), key=lambda one: (not one.accepted, one.novelty * (1 if one.accepted else -1))
     )
 
 
-def draw(site: Site, failure: Failure, promise: float, path: Path) -> None:
-    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken."""
-    points_m = failure.scan.points()
+def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[Judged]:
+    """The fixes of a log; scans without a true pose and fixes without any are passed over."""
+    for scan, fix in zip(scans, fixes, strict=True):
+        if np.isfinite(scan.world_T_scan).all() and fix.verdict != "no pose":
+            accepted = fix.verdict == "accepted"
+            yield Judged(scan.name, scan.points, fix.world_T_sensor, scan.world_T_scan, accepted, fix.overlap, fix.novelty)
+
+
+def of_study(fixes: Path, scans: Path, submaps: Path, promise: float) -> Iterator[Judged]:
+    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a promise that they lack."""
+    found, anchors = store.read(fixes, schemas.FIXES), store.read(submaps, schemas.SUBMAPS)
+    if promise not in found.attrs["promises"]:
+        raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, found.attrs['promises']))}")
+    driven, world_T_true, recorded = (
+        read_cases(found.attrs).index(Case()),
+        anchors.load("world_T_anchor"),
+        store.read(scans, schemas.SCANS),
+    )
+    own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
+    world_T_query, novelty = found.load("world_T_query")[own], found.load("novelty")[own].astype(np.float64)
+    reject_from = found.attrs["promised"][found.attrs["promises"].index(promise)]
+    overlap = 1 - novelty[:, found.attrs["kinds"].index("overlap")]
+    for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
+        points = lambda row=row: next(iter(submap_points(recorded, anchors, slice(row, row + 1))))  # noqa: E731
+        known = (world_T_query[row], world_T_true[row], novelty[row, 0] < reject_from, overlap[row], novelty[row, 0])
+        yield Judged(f"{fixes.stem} query {row}", points, *known)
+
+
+def draw(targets: Targets, one: Judged, path: Path, told: str) -> None:
+    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken; `told` ends its heading."""
+    points_m = one.points_m()
     points_m = points_m[points_m[:, 2] > WALL_M]
     figure = Figure((10, 5.6), layout="constrained", dpi=110)
     placed, true = figure.subplots(1, 2)
-    fix = failure.fix
-    _from_above(placed, site, points_m, fix.world_T_sensor)
-    placed.set_title(f"placed: {fix.verdict}, overlap {fix.overlap:.2f}", loc="left")
-    nearest_m = _from_above(true, site, points_m, failure.scan.world_T_scan)
+    _from_above(placed, targets, points_m, one.world_T_found)
+    placed.set_title(f"placed: {'accepted' if one.accepted else 'rejected'}, overlap {one.overlap:.2f}", loc="left")
+    nearest_m = _from_above(true, targets, points_m, one.world_T_true)
     true.set_title(f"taken here, {nearest_m:.1f} m from training", loc="left")
-    novelty = f"novelty {fix.novelty:.3f}, rejected from {site.promises[promise]:.3f} on (promise {promise:g})"
-    error = f"{failure.error_m:.1f} m and {failure.error_deg:.1f}° off"
-    where = f"{failure.scan.name}{', simulated' if site.about['simulated'] else ''}"
-    figure.suptitle(f"{where}: {failure.kind}; {error}; {novelty}", x=0.01, ha="left", fontsize=11)
+    away_m, turn_deg = one.off
+    heading = f"{one.name}: {one.kind}; {away_m:.1f} m and {turn_deg:.1f}° off; novelty {one.novelty:.3f}, {told}"
+    figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
     figure.savefig(path)
 
 
-def _from_above(axes: Axes, site: Site, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]) -> float:
+def _from_above(axes: Axes, targets: Targets, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]) -> float:
     """Draw the two submaps nearest a pose and the scan at it; returns how far the nearest is in metres."""
     centre_m = world_T_scan[:2, 3]
-    away_m = np.linalg.norm(site.targets.world_T_anchor[:, :2, 3] - centre_m, axis=1)
+    away_m = np.linalg.norm(targets.world_T_anchor[:, :2, 3] - centre_m, axis=1)
     for row in np.argsort(away_m)[:2]:
-        pose, mapped_m = site.targets.world_T_anchor[row], site.targets.points_m(int(row))
+        pose, mapped_m = targets.world_T_anchor[row], targets.points_m(int(row))
         mapped_m = mapped_m[mapped_m[:, 2] > WALL_M] @ pose[:3, :3].T + pose[:3, 3]
         axes.plot(*mapped_m[:, :2].T, ".", color=MAP, markersize=1.2, zorder=1)
     seen_m = points_m @ world_T_scan[:3, :3].T + world_T_scan[:3, 3]

@@ -1,6 +1,6 @@
 """The tables of a report, from the table of results: every cell is a row of it, or a mean and deviation over some rows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from textwrap import shorten
 from typing import Any
@@ -26,13 +26,6 @@ SHOWN_MEANS = (
     ("heading error [°]", "median_heading_error_deg", 1), ("within 10°", "heading_within_10deg", 3),
 )  # fmt: skip
 HEADINGS = SHOWN_MEANS[-2:]
-POSES = (
-    ("within 2 m, 5°", "within_2m_5deg", 3), ("training's heading", "within_2m_5deg_same_heading", 3),
-    ("turned", "within_2m_5deg_turned", 3), ("2 m or more beside", "within_2m_5deg_beside", 3),
-    ("within .5 m, 2°", "within_05m_2deg", 3), ("error [m]", "error_m", 2), ("error [°]", "error_deg", 2),
-    ("all poses, RMS [m]", "trajectory_m", 2),
-    ("wrong of accepted at .99", "wrong_of_accepted_99", 4), ("recall at .99", "recall_99", 3),
-)  # fmt: skip
 MAIN = {
     "recall_at_1": ("recall@1", "oracle", "oracle", "recall_at_1"),
     "auc_top1": ("AUC top-1", "oracle_auc_exact_top1", "oracle, exact", "auc_exact_top1"),
@@ -73,15 +66,6 @@ def sequences(study: Study) -> Table:
         rows.append((Cell(name, source=source), *counts[0], share, *counts[1]))
     cells, distance = ("cells: seen", "unseen", "share unseen"), ("distance: seen", "unseen", "not judged")
     return table("sequences", ("sequence", "days", "queries", *cells, *distance), rows)
-
-
-def poses(study: Study, posed: Sequence[Result]) -> Table:
-    """A row a model and test sequence: how near its poses are, and what became of the promise."""
-    rows, days = [], dates(posed)
-    for one in posed:
-        cells = [number(one.number("distance", name), digits, one.interval("distance", name)) for _, name, digits in POSES]
-        rows.append((one.model, Cell(days[one.sequence], source=study.source("evaluate", one.sequence, one.model)), *cells))
-    return table("poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2)
 
 
 def main(study: Study, protocol: str, name: str) -> Table:

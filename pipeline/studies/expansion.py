@@ -119,8 +119,7 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"]}
     evaluated["tolerance"] = study.get("tolerance", TOLERANCE)
     for answers in answers_of(study, model) if own else [model]:
-        kind = "paths" if answers.path else "poses" if answers.posed else "localize"
-        rankings = f"artifacts/{kind}/{dataset}/{grid}/{answers.name if answers.path else model.name}"
+        rankings = f"artifacts/{folder(dataset, grid, answers)}"
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}
         if answers.path:
             followed = {name: entry[name] for name in ("dataset", "grid", "model", "train")} | {"path": answers.path}
@@ -172,6 +171,13 @@ def answers_of(study: Study, model: ModelName) -> list[ModelName]:
         return [model]
     posed = replace(model, posed=True)
     return [model, posed, *(replace(posed, path=path) for path in study.get("paths", ()))]
+
+
+def folder(dataset: str, grid: str, answers: ModelName) -> str:
+    """Where rankings or poses lie, below artifacts/."""
+    if answers.path:
+        return f"paths/{dataset}/{grid}/{answers.name}"
+    return f"{'poses' if answers.posed else 'localize'}/{dataset}/{grid}/{replace(answers, posed=False).name}"
 
 
 def answerers(study: Study) -> list[ModelName]:

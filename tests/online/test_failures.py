@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from pipeline.cli import main
-from pipeline.online.failures import draw, failures
+from pipeline.online.failures import draw, failures, of_log
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site
 from tests.online.made import packed, scan
@@ -29,10 +29,14 @@ def test_wrong_verdicts_alone_are_found_the_worst_first(site: Site, tmp_path: Pa
     refused, nothing = replace(right, verdict="rejected"), replace(right, verdict="no pose")
     unknown = replace(taken, world_T_scan=NO_POSE)
     every = [(taken, right), (taken, wrong), (taken, surer), (taken, refused), (taken, nothing), (unknown, wrong)]
-    found = failures(*zip(*every, strict=True))  # type: ignore[arg-type]
-    assert [one.fix for one in found] == [surer, wrong, refused]
-    assert found[0].error_m == pytest.approx(30, abs=0.2)
-    draw(site, found[0], 0.99, tmp_path / "card.png")
+    found = failures(of_log(*zip(*every, strict=True)))  # type: ignore[arg-type]
+    assert [(one.kind, one.novelty) for one in found] == [
+        ("accepted, and wrong", 0.01),
+        ("accepted, and wrong", 0.05),
+        ("rejected, and right", right.novelty),
+    ]
+    assert found[0].off[0] == pytest.approx(30, abs=0.2)
+    draw(site.targets, found[0], tmp_path / "card.png", "promise 0.99")
     picture = np.asarray(Image.open(tmp_path / "card.png").convert("RGB")).reshape(-1, 3).astype(int)
     red = (picture[:, 0] - picture[:, 1] > 80).sum()
     grey = ((abs(picture[:, 0] - 0x9A) < 12) & (abs(picture[:, 0] - picture[:, 2]) < 4)).sum()
@@ -45,3 +49,9 @@ def test_scans_without_truth_are_refused(tmp_path: Path, capsys: pytest.CaptureF
     with pytest.raises(SystemExit):
         main(["failures", str(packed(tmp_path)), str(tmp_path / "1.npy"), "-o", str(tmp_path / "cards")])
     assert "no scan with a true pose" in capsys.readouterr().err
+
+
+def test_a_site_needs_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["failures", str(packed(tmp_path)), "-o", str(tmp_path / "cards")])
+    assert "say which log" in capsys.readouterr().err

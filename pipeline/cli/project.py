@@ -1,0 +1,30 @@
+"""The project that the commands are called in: its conf folder and its studies."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pipeline.errors import ConfigError
+
+
+def conf_folder() -> Path:
+    """The project's conf folder; the command is meant to be called from the project's root."""
+    folder = Path("conf")
+    if not (folder / "dataset").is_dir():
+        raise ConfigError("call this in the project's root folder, where conf/ is")
+    return folder
+
+
+def read_studies() -> dict[str, dict[str, Any]]:
+    """The studies as conf/studies.yaml has them; none where there is no such file."""
+    path = conf_folder() / "studies.yaml"
+    if not path.is_file():
+        return {}
+    try:
+        studies = yaml.safe_load(path.read_text())["studies"]
+        if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
+            return studies
+    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+        pass
+    raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
