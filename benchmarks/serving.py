@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import requests
 
+from pipeline.online.bodies import FLOATS
 from pipeline.online.inputs import scans
-from pipeline.online.serve import FLOATS
 from pipeline.online.site_file import read
 
 PORT, SCANS, HOSTILE = 8799, 120, 1000

@@ -43,6 +43,8 @@ def add_commands(commands: Any) -> None:
     serve.add_argument("--port", type=int, default=8765)
     serve.add_argument("--host", default="127.0.0.1", help="another one needs a token in YEARLOC_TOKEN (127.0.0.1)")
     serve.add_argument("--workers", type=int, default=1, help="processes, one a core (1)")
+    serve.add_argument("--zenoh", metavar="ENDPOINT", help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447")
+    serve.add_argument("--key", default="yearloc", help="scans of KEY/points are followed, fixes go to KEY/fix (yearloc)")
     watch = commands.add_parser("watch", help="see scans snapped onto the map, with verdicts, in rerun's viewer or as a file")
     watch.add_argument("site", type=Path, metavar="SITE")
     watch.add_argument("log", metavar="LOG", help="as of localize")
@@ -90,6 +92,9 @@ def watch(given: argparse.Namespace) -> None:
 
 def serve(given: argparse.Namespace) -> None:
     """Serve until it is stopped."""
+    if given.zenoh:
+        _bridge(given)
+        return
     try:
         import uvicorn
 
@@ -115,6 +120,20 @@ def serve(given: argparse.Namespace) -> None:
         options = {"host": given.host, "port": given.port, "workers": given.workers, "log_level": "warning"}
         print(f"serving {given.site} at http://{given.host}:{given.port}/localize; Ctrl-C stops it", file=sys.stderr, flush=True)
         uvicorn.run(application, factory=True, timeout_keep_alive=10, limit_concurrency=256, server_header=False, **options)
+
+
+def _bridge(given: argparse.Namespace) -> None:
+    """Serve over Zenoh."""
+    from pipeline.online.site import Site
+
+    try:
+        from pipeline.online import bridge
+    except ImportError as error:
+        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
+    site = Site.open(given.site)
+    with bridge.connected(given.zenoh) as session:
+        way = f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
+        bridge.run(site, session, given.key, 0.99, lambda: print(way, file=sys.stderr, flush=True), print)
 
 
 def export(given: argparse.Namespace) -> None:

@@ -17,17 +17,12 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.exceptions import HTTPException
 
 from pipeline.errors import ConfigError, LogError, YearlocError
-from pipeline.formats.bag import CLOUD
-from pipeline.formats.messages import from_cdr, header
-from pipeline.formats.pointcloud2 import decode
+from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.outputs import record
 from pipeline.online.site import Site
 
-FLOATS, CDR = "application/octet-stream", "application/cdr"
-"""Bodies: points as little-endian float32 x, y, z; a sensor_msgs/PointCloud2 as ROS 2 sends it."""
 FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
-LARGEST_BYTES = 32 * 2**20  # 2.7 million points
 BODY_S, ANSWER_S = 10.0, 30.0
 WAITING = 16
 """Scans that may wait in one worker; one more is refused."""
@@ -157,14 +152,9 @@ async def _body(request: Request) -> bytes:
 def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     """Stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
     kind = kind.partition(";")[0].strip()
-    if kind == CDR:
-        try:
-            stamp_ns, _ = header(body, 2)
-            return stamp_ns, np.asarray(decode(from_cdr(body, CLOUD)), np.float64)
-        except LogError as error:
-            raise RequestError(400, str(error)) from None
-    if kind not in (FLOATS, FORM, ""):
+    if kind not in (CDR, FLOATS, FORM, ""):
         raise RequestError(415, f"a body of {kind[:60]!r}: expected {FLOATS} (float32 x, y, z) or {CDR} (PointCloud2)")
-    if len(body) % 12:
-        raise RequestError(400, f"{len(body)} bytes are no whole number of float32 x, y, z")
-    return None, np.frombuffer(body, "<f4").reshape(-1, 3).astype(np.float64)
+    try:
+        return points(body, kind)
+    except LogError as error:
+        raise RequestError(400, str(error)) from None

@@ -16,7 +16,8 @@ import requests
 from pipeline.errors import ConfigError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
-from pipeline.online.serve import CDR, FLOATS, LARGEST_BYTES, check_reach
+from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES
+from pipeline.online.serve import check_reach
 from tests.online.made import packed, scan
 from tests.readers.damage import one_line
 

@@ -1,0 +1,25 @@
+"""Scans as they come over a network: float32 x, y, z, or a PointCloud2 as ROS 2 sends it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.formats.bag import CLOUD
+from pipeline.formats.messages import from_cdr, header
+from pipeline.formats.pointcloud2 import decode
+
+FLOATS, CDR = "application/octet-stream", "application/cdr"
+"""Little-endian float32 x, y, z; a sensor_msgs/PointCloud2."""
+LARGEST_BYTES = 32 * 2**20  # 2.7 million points
+
+
+def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
+    """Stamp in ns, if there is one, and points (n, 3) in metres; raises LogError for a body that is no scan."""
+    if len(body) > LARGEST_BYTES:
+        raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")
+    if kind == CDR:
+        stamp_ns, _ = header(body, 2)
+        return stamp_ns, np.asarray(decode(from_cdr(body, CLOUD)), np.float64)
+    if len(body) % 12:
+        raise LogError(f"{len(body)} bytes are no whole number of float32 x, y, z")
+    return None, np.frombuffer(body, "<f4").reshape(-1, 3).astype(np.float64)

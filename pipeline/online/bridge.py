@@ -1,0 +1,55 @@
+"""A site over Zenoh: scans from KEY/points are followed, and their fixes published on KEY/fix."""
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+
+from pipeline.errors import ConfigError, YearlocError
+from pipeline.online.bodies import CDR, FLOATS, points
+from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.outputs import person, record
+from pipeline.online.site import Site
+from pipeline.online.tracking import Tracker
+
+CONNECT_MS = 5000
+
+
+def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
+    """A session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447; no other is looked for.
+
+    `how` may be `listen` too. Raises ConfigError where nobody answers there.
+    """
+    config = zenoh.Config()
+    try:
+        config.insert_json5(f"{how}/endpoints", json.dumps([endpoint]))
+        config.insert_json5("connect/timeout_ms", str(CONNECT_MS))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        if how == "connect":
+            config.insert_json5("mode", '"client"')
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ConfigError(f"--zenoh {endpoint}: {str(error).partition(' at /')[0]}") from None
+
+
+def run(
+    site: Site, session: zenoh.Session, key: str, promise: float, ready: Callable[[], None], tell: Callable[[str], None]
+) -> None:
+    """Answer until the session is closed, after calling `ready`. While one scan is localised the newest waits."""
+    tracker, lift_m = Tracker(site, promise), float(site.about["sensor"]["lift_m"])
+    publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
+    scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))
+    ready()
+    for number, sample in enumerate(scans):
+        try:
+            stamp_ns, points_m = points(sample.payload.to_bytes(), CDR if str(sample.encoding) == CDR else FLOATS)
+            points_m = points_m + np.array([0.0, 0.0, lift_m])
+            fix = tracker.localize(points_m, None, stamp_ns)
+        except YearlocError as error:
+            tell(str(error))
+            publisher.put(json.dumps({"error": str(error)}))
+            continue
+        scan = Scan(str(number), stamp_ns, lambda points_m=points_m: points_m, NO_POSE, NO_POSE)  # type: ignore[misc]
+        tell(person(scan, fix))
+        publisher.put(json.dumps(record(scan, fix), allow_nan=False))

@@ -1,0 +1,73 @@
+"""A site over Zenoh, between two processes."""
+
+import json
+import queue
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.online.bodies import CDR, points
+from pipeline.online.bridge import connected
+from tests.online.made import packed, scan
+
+
+@pytest.fixture
+def endpoint() -> str:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+
+
+@pytest.fixture
+def bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., dict[str, object]]]:
+    """Another process that answers at this endpoint, once this one listens there."""
+    words = [sys.executable, "-m", "pipeline.cli", "serve", str(packed(tmp_path)), "--zenoh", endpoint, "--key", "robot"]
+    with connected(endpoint, "listen") as session:
+        process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+        fixes: queue.Queue[dict[str, object]] = queue.Queue()
+        fixed = session.declare_subscriber("robot/fix", lambda sample: fixes.put(json.loads(sample.payload.to_bytes())))
+        scans = session.declare_publisher("robot/points")
+        assert "robot/points" in process.stderr.readline()
+        for _ in range(100):  # a subscription takes a moment to be known here
+            if scans.matching_status.matching:
+                break
+            time.sleep(0.05)
+
+        def ask(body: bytes, encoding: str = "application/octet-stream") -> dict[str, object]:
+            scans.put(body, encoding=encoding)
+            return fixes.get(timeout=60)
+
+        yield ask
+        process.terminate()
+        process.communicate(timeout=10)
+        fixed.undeclare()
+
+
+def test_scans_of_another_process_get_fixes_and_what_is_no_scan_a_line(bridge) -> None:
+    points_m, world_T_robot = scan()
+    for _ in range(2):
+        fix = bridge(points_m.astype("<f4").tobytes())
+        assert fix["verdict"] == "accepted"
+        assert np.hypot(fix["x"] - world_T_robot[0, 3], fix["y"] - world_T_robot[1, 3]) < 0.2
+    assert bridge(b"12345") == {"error": "5 bytes are no whole number of float32 x, y, z"}
+    assert "error" in bridge(b"\0" * 40, CDR)
+    assert bridge(points_m.astype("<f4").tobytes())["verdict"] == "accepted"
+
+
+def test_nobody_at_the_endpoint_is_one_line(endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["serve", str(packed(tmp_path)), "--zenoh", endpoint])
+    assert f"--zenoh {endpoint}: Unable to connect" in capsys.readouterr().err
+
+
+def test_floats_are_points() -> None:
+    stamp_ns, points_m = points(np.array([[1, 2, 3], [4, 5, 6]], "<f4").tobytes(), "application/octet-stream")
+    assert stamp_ns is None
+    assert points_m.tolist() == [[1, 2, 3], [4, 5, 6]]
