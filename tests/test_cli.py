@@ -203,7 +203,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use moon", "expected one of bag, campus"),
         ("use nclt", "root=FOLDER"),
         ("use nclt root=/nowhere", "no such folder"),
-        ("use campus world=huge", "tiny, demo, harder, year"),
+        ("use campus world=huge", "tiny, demo, nclt, year"),
         ("use campus root=/data", "no option root"),
         ("use campus tiny", "no data set tiny"),
         ("use root=/data", "of which data set?"),

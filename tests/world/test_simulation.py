@@ -161,7 +161,7 @@ def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[s
         replace(small, **wrong)
 
 
-@pytest.mark.parametrize("size", ["tiny", "demo", "harder", "year"])
+@pytest.mark.parametrize("size", ["tiny", "demo", "nclt", "year"])
 def test_every_preset_holds_the_papers_eleven_sequences_and_three_of_stress(size: str):
     world = preset(f"campus_{size}")
     assert world.training == TRAINING

@@ -71,7 +71,7 @@ def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
 
 
 @pytest.mark.parametrize(
-    "name", ["campus_tiny", "campus_demo", "campus_harder", "campus_year", "town_tiny", "town_demo", "town_year"]
+    "name", ["campus_tiny", "campus_demo", "campus_nclt", "campus_year", "town_tiny", "town_demo", "town_year"]
 )
 def test_stress_is_the_same_in_every_preset(name: str):
     assert list(preset(name).sequences.values())[-3:] == [

@@ -1,4 +1,4 @@
-"""What the harder campus adds to the first one: relief on walls, denser bare trees, a truth that is not exact."""
+"""What the campus as NCLT's robot sees it adds to the first one: relief on walls, denser bare trees, a truth that is not exact."""
 
 from dataclasses import replace
 from datetime import date
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.formats import nclt
+from pipeline.formats.nclt import TRUTH
 from pipeline.world.driving.day import extinction_per_m
 from pipeline.world.driving.drive import SEGWAY, drive, survey
 from pipeline.world.driving.lidar import hdl32
@@ -61,13 +61,13 @@ def test_a_truth_that_is_off_leaves_scans_and_odometry_as_they_are(small: Simula
     same = [path.relative_to(exact) for path in exact.rglob("*") if path.is_file() and not path.name.startswith("groundtruth")]
     assert len(same) == 26
     assert all((exact / path).read_bytes() == (off / path).read_bytes() for path in same)
-    rows = [np.loadtxt(path / nclt.TRUTH.format(sequence="2012-02-04"), delimiter=",")[5:, 1:4] for path in (exact, off)]
+    rows = [np.loadtxt(path / TRUTH.format(sequence="2012-02-04"), delimiter=",")[5:, 1:4] for path in (exact, off)]
     assert 0.05 < np.hypot(*(rows[1] - rows[0])[:, :2].T).max() < 2.2
 
 
-def test_the_harder_campus_differs_from_the_demos_in_four_settings_alone():
-    demo, harder = preset("campus_demo"), preset("campus_harder")
-    assert replace(harder, robot=demo.robot, relief_m=0.0, twigs_per_m=demo.twigs_per_m, truth_sd_m=0.0) == demo
+def test_it_differs_from_the_demos_in_four_settings_alone():
+    demo, nclt = preset("campus_demo"), preset("campus_nclt")
+    assert replace(nclt, robot=demo.robot, relief_m=0.0, twigs_per_m=demo.twigs_per_m, truth_sd_m=0.0) == demo
 
 
 def test_less_than_nothing_is_refused(small: Simulation):
