@@ -1,4 +1,4 @@
-"""What the campus as NCLT's robot sees it adds to the first one: relief on walls, denser bare trees, a truth that is not exact."""
+"""What campus_nclt adds to the demo's campus: relief on walls, denser bare trees, a truth that is not exact."""
 
 from dataclasses import replace
 from datetime import date
