@@ -56,7 +56,7 @@ def localize(given: argparse.Namespace) -> None:
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             follower = Following(Path(source), given.topic, lift_m, given.idle) if given.follow else None
-            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic)
+            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic, given.odometry)
             for scan in found:
                 try:
                     points_m = scan.points()
@@ -81,6 +81,8 @@ def localize(given: argparse.Namespace) -> None:
     if not told.fixes:
         raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
     print(told.text(), file=sys.stderr)
+    if site.about["simulated"]:
+        print("the site is simulated, not recorded", file=sys.stderr)
 
 
 class Summary:

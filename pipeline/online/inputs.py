@@ -15,8 +15,9 @@ from pipeline.errors import ConfigError, LogError, YearlocError
 from pipeline.formats import folder, nclt, records
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import BagFile, find
+from pipeline.frames import Poses, Stamps
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_poses import Tree
+from pipeline.readers.bag_poses import KINDS, Tree, track
 from pipeline.readers.log import Log, raised
 from pipeline.running.building import build
 
@@ -26,6 +27,8 @@ SCANS = ("velodyne_sync", "velodyne", "scans", "points")
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 """Frames that stand for the vehicle, the first that a bag's fixed transforms know."""
 NO_POSE = np.full((4, 4), np.nan)
+ODOMETRY_GAP_S = 1.0
+"""Odometry is not interpolated over more."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +46,14 @@ class Scan:
     """(4, 4) true pose, NaN where it is unknown."""
 
 
-def scans(source: str, reader: Mapping[str, Any], lift_m: float, topic: str | None = None) -> Iterator[Scan]:
+def scans(
+    source: str, reader: Mapping[str, Any], lift_m: float, topic: str | None = None, odometry: str | None = None
+) -> Iterator[Scan]:
     """The scans of a path, or of standard input for `-`.
 
     A log that the site's own reader can open has its poses with it. Otherwise files and messages are taken as x forward, y left,
-    z up, and raised by `lift_m`. Raises LogError where there is no scan, ConfigError for a topic that a bag has not.
+    z up, and raised by `lift_m`; of a bag, `odometry` is a topic of poses or tf:PARENT>CHILD. Raises LogError where there is no
+    scan, ConfigError for a topic that a bag has not.
     """
     if source == "-":
         data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
@@ -61,7 +67,7 @@ def scans(source: str, reader: Mapping[str, Any], lift_m: float, topic: str | No
             points = _of_log(log, row)
             yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row])
     elif bags := find(path):
-        yield from _messages(path, [BagFile(bag) for bag in bags], topic, lift_m)
+        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m)
     else:
         files = [path] if path.is_file() else _files(path)
         for file in files:
@@ -118,24 +124,40 @@ def _stamp_ns(stem: str) -> int | None:
     return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
 
 
-def _messages(path: Path, files: list[BagFile], topic: str | None, lift_m: float) -> Iterator[Scan]:
-    """The clouds of bags."""
+def _messages(path: Path, files: list[BagFile], topic: str | None, odometry: str | None, lift_m: float) -> Iterator[Scan]:
+    """The clouds of bags, with the odometry interpolated at their stamps."""
     held = Counter({name: one.count for file in files for name, one in file.topics.items() if one.kind == CLOUD})
     if topic is None and not held:
         raise LogError(f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds")
     if topic is not None and topic not in held:
         raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
     clouds = Clouds.read(files, topic or held.most_common(1)[0][0], Counter())
-    body_T_lidar = extrinsic(Tree.read(files, moving=False), clouds.frames)
+    tree = Tree.read(files, moving=False)
+    body_T_lidar = extrinsic(tree, clouds.frames)
+    odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
 
         def points(row: int = row) -> NDArray[np.float64]:
             return np.asarray(clouds.points(row), np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
 
-        yield _unposed(f"{path.name} {row}", stamp_ns, lambda points=points: _raised(points(), lift_m))  # type: ignore[misc]
+        read = lambda points=points: _raised(points(), lift_m)  # noqa: E731
+        yield Scan(f"{path.name} {row}", stamp_ns, read, odom_T_body[row], NO_POSE)
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
     """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms; where they tell nothing, it is not turned."""
     known = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
     return next((found for found in known if found is not None), raised(0.0))
+
+
+def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps) -> Poses:
+    """Poses (n, 4, 4) of the vehicle at these stamps; NaN without odometry, and where it tells none."""
+    if name is None:
+        return np.tile(NO_POSE, (len(stamps_ns), 1, 1))
+    held = sorted({topic for file in files for topic, one in file.topics.items() if one.kind in KINDS})
+    if name not in held and not name.startswith("tf:"):
+        raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
+    found = track(files, name, ODOMETRY_GAP_S)
+    bodies = (tree.fixed(found.child, body) for body in BODIES if found.child)
+    child_T_body = next((known for known in bodies if known is not None), np.eye(4))
+    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body)

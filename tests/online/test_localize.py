@@ -16,7 +16,7 @@ from pipeline.frames import pose
 from pipeline.inspection.report import inspect
 from pipeline.online.outputs import COLUMNS
 from tests.online.made import packed, scan
-from tests.posing.scene import seen_from
+from tests.posing.scene import planar, seen_from
 
 UTIME = 1_326_652_795_280_148
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
@@ -103,6 +103,21 @@ def test_a_bag_with_its_lidar_where_its_transforms_say(
     assert near(second)
     assert second["stamp"] - first["stamp"] == pytest.approx(0.1, abs=1e-6)
     assert "--topic /other: " in refused(capsys, site, path, "--topic", "/other")
+
+
+def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points_m, path = scan()[0].astype(np.float32), tmp_path / "day"
+    with BagWriter(path, "mcap") as bag:
+        for i in range(3):
+            stamp_ns = UTIME * 1000 + i * 10**8
+            bag.odometry(stamp_ns - 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
+            bag.odometry(stamp_ns + 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
+            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    told = run(capsys, site, path, "--track", "--odometry", "/wheels")[1]
+    assert "followed by odometry over 2 steps, by constant motion over 1" in told
+    assert "the site is simulated" in told
+    assert "by constant motion over 3" in run(capsys, site, path, "--track")[1]
+    assert "--odometry /feet: " in refused(capsys, site, path, "--track", "--odometry", "/feet")
 
 
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
