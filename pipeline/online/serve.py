@@ -17,6 +17,7 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.exceptions import HTTPException
 
 from pipeline.errors import ConfigError, LogError, YearlocError
+from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.outputs import record
@@ -55,6 +56,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
     answers = Counter("yearloc_fixes", "Fixes by verdict", ["verdict"], registry=registry)
     refusals = Counter("yearloc_refused", "Requests without a fix by status", ["status"], registry=registry)
     took = Histogram("yearloc_fix_seconds", "From points to fix", registry=registry, buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))
+    unlike: list[str] | None = None
     app, waiting = FastAPI(docs_url=None, redoc_url=None, openapi_url=None), asyncio.Semaphore(WAITING)
 
     @app.exception_handler(RequestError)
@@ -83,6 +85,9 @@ def serving(path: Path, token: str = "") -> FastAPI:
                 raise RequestError(504, f"no fix within {ANSWER_S:g} s") from None
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
+        nonlocal unlike
+        if unlike is None and fix.verdict != "no pose":  # the first scan tells of the sensor
+            unlike = sensor.unlike(points_m, site.about["sensor"])
         answers.labels(fix.verdict).inc()
         took.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
@@ -90,7 +95,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
     @app.get("/healthz")
     async def healthz() -> dict[str, Any]:
-        return {"site": site.name, "promises": list(site.promises), "waiting": WAITING - waiting._value}
+        return {"site": site.name, "promises": list(site.promises), "waiting": WAITING - waiting._value, "unlike": unlike}
 
     @app.get("/metrics")
     async def metrics(request: Request) -> Response:

@@ -64,6 +64,7 @@ def floats() -> bytes:
 def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     found = server.ask(floats()).json()
     assert found["verdict"] == "accepted"
+    assert server.get("/healthz").json()["unlike"] == []  # warnings on the first scan's sensor
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
     assert server.ask(floats(), promise=0.999).json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
