@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import get_terminal_size
 
 import yaml
 
@@ -57,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     look.add_argument(
         "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
     )
-    results = commands.add_parser("results", help="print the results: tables for a reader, or every number as csv or json")
+    results = commands.add_parser("results", help="the results in a few lines, all tables, or every number as csv or json")
+    results.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
     results.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
     results.add_argument("--json", action="store_true", help="the same as a list of objects")
     results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
@@ -139,7 +141,7 @@ def _inspect(given: argparse.Namespace) -> None:
 
 
 def _results(given: argparse.Namespace) -> None:
-    if not (given.csv or given.json or given.where):
+    if given.full:
         places = [(name, grid) for name, study in read_studies().items() for grid in study["grids"]]
         for text in (Path("artifacts/report", *place, "results.txt") for place in places):
             if not text.is_file():
@@ -150,8 +152,15 @@ def _results(given: argparse.Namespace) -> None:
     from pipeline.evaluation import results
     from pipeline.evaluation.rows import COLUMNS
 
-    conditions = dict(word.partition("=")[::2] for word in given.where)
-    table = results.where(results.read(Path("artifacts"), list(read_studies())), conditions)[[*COLUMNS]]
+    studies = read_studies()
+    table = results.read(Path("artifacts"), list(studies))
+    if not (given.csv or given.json or given.where):
+        from pipeline.report.brief import brief
+
+        print(brief(table, studies, get_terminal_size().columns))
+        print("`yearloc results --full` for all tables; a page to read: artifacts/report/page.html")
+        return
+    table = results.where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
     if given.csv:
         print(table.to_csv(index=False), end="")
     elif given.json:

@@ -80,7 +80,15 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
     one = evaluation()
     found = {(row["case"], row["protocol"], row["number"]): row for row in of_evaluation(one)}
-    names = ("queries", "seen", "unseen", "threshold", "turned_share", *(name for name in NUMBERS if name not in POSES))
+    names = (
+        "queries",
+        "seen",
+        "unseen",
+        "threshold",
+        "turned_share",
+        "answered",
+        *(name for name in NUMBERS if name not in POSES),
+    )
     novelties = [f"novelty {kind}" for kind in one.kinds]
     assert list(found) == [
         *(key for by in ("cells", "distance") for key in (
@@ -91,6 +99,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
     told = {name: found["", "cells", name]["value"] for name in names}
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and unseen right, energy all.
     assert [told[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
+    assert told["answered"] == 4 / 7  # novelties below .5
     assert told["recall_at_1"] == 3 / 5
     assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx([0.9, 1.0])
     assert found["novelty energy", "cells", "auroc"]["kind"] == "energy"
@@ -104,7 +113,7 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
     parts = {(row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found}
     assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
-    assert len(found) == 2 * (5 + len(NUMBERS) - len(POSES)) + 2
+    assert len(found) == 2 * (6 + len(NUMBERS) - len(POSES)) + 2
 
 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(gathered: pd.DataFrame) -> None:

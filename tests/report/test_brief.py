@@ -1,0 +1,57 @@
+"""The results in a few lines."""
+
+import numpy as np
+import pandas as pd
+
+from pipeline.evaluation.rows import row, table
+from pipeline.report.brief import LINES, brief
+
+STUDY = {"source": "world", "train": "2012-01-15", "tests": ["2012-02-04", "2013-04-05"], "grids": ["10m"]}
+
+
+def results(name: str, methods: int = 1, void: bool = False) -> pd.DataFrame:
+    """Method number i is right .5 + i / 100 on the first day and a tenth less often on the last."""
+    rows = []
+    for i in range(methods):
+        for days, sequence in ((20, "2012-02-04"), (446, "2013-04-05"), (440, "2013-03-16")):
+            place = {"grid": "10m", "method": f"m{i}", "sequence": sequence, "days": days}
+            place |= {"stress": "heavy"} if sequence == "2013-03-16" else {}
+            share = 0.5 + i / 100 - (0.1 if days > 20 else 0)
+            rows.append(place | row("recall_at_1", "distance", share))
+            rows.append(place | row("recall_at_1", "cells", 0.123))
+            rows.append(place | row("answered", "distance", 0.25))
+            rows.append(place | row("precision_at_threshold", "distance", np.nan if i else 0.875))
+            rows += [place | row("void", "distance", 1.0)] if void else []
+        rows.append({"grid": "10m", "method": f"m{i}"} | row("query_ms", "", 12.4))
+    return table(rows, study=name, dataset=name)
+
+
+def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_column() -> None:
+    text = brief(results("campus", methods=2), {"campus": STUDY}, 200)
+    title, _, heads, first, second, _ = text.split("\n")
+    assert title == "campus, simulated: learned 2012-01-15, cells of 10 m"
+    assert heads.split() == ["2012-02-04", "2013-04-05", "answered", "right", "ms", "a", "query"]
+    assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "12"]
+    assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "12"]
+    assert max(map(len, text.split("\n"))) <= 78
+
+
+def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
+    tables = pd.concat([results("campus", methods=40), results("robot", methods=40)])
+    lines = brief(tables, {"campus": STUDY, "robot": STUDY | {"source": "robot"}}, 60).split("\n")
+    assert len(lines) < LINES
+    assert max(map(len, lines)) <= 60
+    assert any("robot, recorded" in line for line in lines)
+    assert sum("more" in line for line in lines) == 2
+
+
+def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
+    text = brief(results("yard", void=True), {"yard": STUDY | {"tolerance": "2m"}}, 80)
+    assert text.split("\n")[3].split()[:3] == ["m0", "void", "void"]
+    assert "right within 2 m" in text
+
+
+def test_a_study_of_viewpoints_alone_points_to_its_tables() -> None:
+    assert brief(table([]), {"suburb": {**STUDY, "train": "01 02"}}, 80).startswith(
+        "suburb, simulated: judged by viewpoints alone"
+    )
