@@ -79,14 +79,15 @@ def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> An
 
 def line(day: Day, way: Way) -> str:
     """What became of all starts, in a row of a table."""
-    rng, accepted, wrong = np.random.default_rng(0), 0, 0
+    rng, accepted, wrong = np.random.default_rng(0), np.zeros(2, int), np.zeros(2, int)
     first, again = list[tuple[float, float]](), list[tuple[float, float]]()
     for start in rng.integers(0, len(day.stamps_ns) - LONGEST, STARTS).tolist():
         off_m = np.linalg.norm(day.world_T_true[:-LONGEST, :2, 3] - day.world_T_true[start, :2, 3], axis=1)
         carried = int(rng.choice(np.flatnonzero(off_m > CARRIED_M)))
         rows = np.concatenate([start + np.arange(LONGEST), carried + np.arange(LONGEST)])
         kept, good = way(day, rows, rng)
-        accepted, wrong = accepted + int(kept.sum()), wrong + int((kept & ~good).sum())
+        accepted += kept.reshape(2, -1).sum(axis=1)
+        wrong += (kept & ~good).reshape(2, -1).sum(axis=1)
         for part, found in ((slice(0, LONGEST), first), (slice(LONGEST, None), again)):
             hits = np.flatnonzero((kept & good)[part])
             row = rows[part][hits[0]] if len(hits) else None
@@ -101,8 +102,8 @@ def line(day: Day, way: Way) -> str:
             f"{np.median(metres):5.1f} m {np.median(seconds):5.1f} s, 90 % {np.quantile(metres, 0.9, method='higher'):6.1f} m"
         )
     never = np.isinf(np.array(first)[:, 0]).mean()
-    wrongly = f"wrong {wrong} of {accepted} ({wrong / max(accepted, 1):.2%})"
-    return f"start {cells[0]} | carried {cells[1]} | never {never:6.1%} | {wrongly}"
+    before, after = (f"{bad} of {all_} ({bad / max(all_, 1):.2%})" for bad, all_ in zip(wrong, accepted, strict=True))
+    return f"start {cells[0]} | carried {cells[1]} | never {never:6.1%} | wrong {before}, carried {after}"
 
 
 def main(artifacts: str, model: str, sequence: str) -> None:

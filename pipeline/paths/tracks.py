@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import schemas
 from pipeline.alterations import read_cases
 from pipeline.errors import InputError
 from pipeline.frames import Poses, turns, yaw
@@ -81,4 +82,5 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
             lead(columns, case * n + row, first)
     thresholds = [*attrs["thresholds"]]
     thresholds[kind] = 1 - attrs["wanted_precision"]
-    return columns, attrs | {"thresholds": thresholds, "promised": [1 - promise for promise in attrs["promises"]]}
+    kept = {name: attrs[name] for name in schemas.FIXES.attrs}
+    return columns, kept | {"thresholds": thresholds, "promised": [1 - promise for promise in attrs["promises"]]}

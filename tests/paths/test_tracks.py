@@ -1,13 +1,20 @@
 """Filter, graph and dead reckoning on a drive whose poses are known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline import schemas, store
+from pipeline.errors import InputError
+from pipeline.grid import Grid
+from pipeline.matching.places import Places
+from pipeline.paths import tracks
 from pipeline.paths.filter import Filter
 from pipeline.paths.graph import Graph
 from pipeline.paths.odometry import Odometry
-from pipeline.paths.tracks import Path, Track
+from pipeline.paths.tracks import Track, joined
 
 FILTER, GRAPH, ODOMETRY = Filter(), Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0), Odometry()
 N = 80
@@ -39,7 +46,7 @@ def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
     return Track(np.array(odom), world, np.where(seen, chance, 0.0), seen, np.tile(1e-4 * np.eye(6), (N, 1, 1)))
 
 
-def off_m(path: Path, seen: Track) -> np.ndarray:
+def off_m(path: tracks.Path, seen: Track) -> np.ndarray:
     return np.linalg.norm((path.along(seen).world_T_query - TRUE)[:, :2, 3], axis=1)
 
 
@@ -100,3 +107,37 @@ def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
     assert np.isfinite(found.world_T_query[29]).all()
     assert np.isnan(found.world_T_query[31:]).all()
     assert (found.chance[31:] == 0).all()
+
+
+def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
+    """A query without a pose gets its neighbour's, carried; its place is the cell that it stands in, and it is accepted."""
+    seen, k, path = track([row for row in range(N) if row != 22]), 3, tmp_path / "day.zarr"
+    places = Places(Grid(10.0, (-60.0, 60.0), (-60.0, 60.0)), np.arange(144))
+    columns = {
+        "places": np.tile(np.arange(k), (N, 1)),
+        "costs": np.tile(np.arange(k, dtype=np.float32), (N, 1)),
+        "xy_m": np.zeros((N, k, 2)),
+        "novelty": np.stack([1 - seen.chance, 1 - seen.chance], axis=1).astype(np.float32),
+        "confidence": seen.chance.astype(np.float32),
+        "heading_deg": np.zeros((N, k), np.float32),
+        "turned_deg": np.zeros(N, np.float32),
+        "world_T_query": seen.world_T_query,
+        "covariance": seen.covariance,
+    }
+    case = {"change": "", "level": 0.0, "shadow": False, "repeat": 0}
+    attrs = {"cases": [case], "kinds": ["fix", "overlap"], "thresholds": [0.6, 0.5], "wanted_precision": 0.9}
+    attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300, "clear_m": 0.01}
+    with store.write(path, schemas.FIXES, **attrs) as out:
+        for name, values in columns.items():
+            out.put(name, values)
+    found, told = joined(store.read(path, schemas.FIXES), seen.odom_T_query, FILTER, places)
+    with store.write(tmp_path / "anew.zarr", schemas.FIXES, **told) as out:
+        for name in schemas.FIXES.columns:
+            out.put(name, found[name])
+    assert found["world_T_query"][22] == pytest.approx(TRUE[22], abs=0.2)
+    assert found["places"][22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
+    assert found["novelty"][22, 0] < told["promised"][1] == pytest.approx(0.01)
+    assert found["novelty"][22, 1] == columns["novelty"][22, 1]
+    assert told["thresholds"] == pytest.approx([0.1, 0.5])
+    with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
+        joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)
