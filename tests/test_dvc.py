@@ -120,3 +120,11 @@ def test_no_two_instances_of_a_stage_share_a_name():
 def test_a_command_has_no_blanks_that_dvc_lock_would_lose():
     """It is written in folded lines there, and a changed command runs again for ever."""
     assert not [stage.cmd for stage in STAGES if stage.cmd != " ".join(stage.cmd.split())]
+
+
+def test_every_lock_file_lies_where_git_ignores_it() -> None:
+    folders = sorted(path.parent for path in (ROOT / "dag").glob("*/dvc.yaml"))
+    assert folders
+    assert [(folder / "dvc.lock").readlink().as_posix() for folder in folders] == [
+        f"../../.dvc/locks/{folder.name}.lock" for folder in folders
+    ]
