@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
 
@@ -76,6 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except YearlocError as error:
         print(f"yearloc {given.command}: {error}", file=sys.stderr)
         sys.exit(1)
+    except KeyboardInterrupt:
+        print(f"yearloc {given.command}: interrupted", file=sys.stderr)
+        sys.exit(130)
     except BrokenPipeError:  # a reader such as head has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -94,6 +98,9 @@ def _use(given: argparse.Namespace) -> None:
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
     chosen = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
     studies = complete(conf, chosen)
+    with suppress(ConfigError):  # a broken list is written anew
+        for name in sorted(read_studies().keys() - studies.keys()):
+            print(f"  {name} is no longer among the studies; --add keeps what is there")
     for path, text in ((conf / "studies.yaml", studies_text(studies)), (conf / "lists.yaml", lists_text(studies))):
         if not path.is_file() or path.read_text() != text:
             path.write_text(text)
@@ -158,9 +165,11 @@ def _results(given: argparse.Namespace) -> None:
         from pipeline.report.brief import brief
 
         print(brief(table, studies, get_terminal_size().columns))
-        print("`yearloc results --full` for all tables; a page to read: artifacts/report/page.html")
+        print("all tables: yearloc results --full; a page: artifacts/report/page.html")
         return
     table = results.where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
+    if table.empty:
+        raise ConfigError(f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all")
     if given.csv:
         print(table.to_csv(index=False), end="")
     elif given.json:

@@ -1,7 +1,6 @@
 """`yearloc failures`: pictures of what the verdict got wrong."""
 
 import argparse
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,9 +35,9 @@ def failures(given: argparse.Namespace) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(found[: given.worst], start=1):
         cards.draw(targets, one, given.out / f"{number:03d}_{one.file_name}", told + ", simulated" * simulated)
-    kinds = Counter(one.kind for one in found)
-    counted = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "none"
-    print(f"{given.out}: {min(len(found), given.worst)} pictures of {counted}; {len(every)} poses have a true one")
+    wrong = sum(one.accepted for one in found)
+    counted = f"of {len(every)} poses {wrong} were accepted though wrong, {len(found) - wrong} rejected though right"
+    print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn")
 
 
 def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]":
@@ -71,8 +70,10 @@ def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[Judg
     study, root = studies[dataset], Path("artifacts")
     posed = {one.name: one for one in answerers(study) if one.posed}
     if (own := posed.get(name) or posed.get(f"{name}-pose")) is None:
-        has = ", ".join(posed) or "none; `yearloc use … poses=METHOD` asks for them"
-        raise ConfigError(f"{given.of}: models with poses: {has}")
+        ask = f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make them"
+        raise ConfigError(
+            f"{given.of}: the models with poses are {', '.join(posed)}" if posed else f"{given.of}: no poses; {ask}"
+        )
     days = [*study["tests"], *study.get("stress", {})]
     if given.log not in (None, *days):
         raise ConfigError(f"{given.log}: expected one of {', '.join(days)}")

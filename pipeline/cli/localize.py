@@ -46,6 +46,8 @@ def localize(given: argparse.Namespace) -> None:
     from pipeline.online.site import Site
     from pipeline.online.tracking import Tracker
 
+    if given.odometry and not given.track:
+        raise ConfigError(f"--odometry {given.odometry}: is of --track alone")
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)

@@ -22,6 +22,8 @@ def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
     `how` may be `listen` too. Raises ConfigError where nobody answers there.
     """
     config = zenoh.Config()
+    if "/" not in endpoint:
+        raise ConfigError(f"--zenoh {endpoint}: expected an endpoint such as tcp/127.0.0.1:7447")
     try:
         config.insert_json5(f"{how}/endpoints", json.dumps([endpoint]))
         config.insert_json5("connect/timeout_ms", str(CONNECT_MS))

@@ -5,7 +5,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TextIO
@@ -78,12 +78,16 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
         with _bag(path) as write:
             yield write
         return
-    stream = sys.stdout if path is None else path.open("w", newline="")
-    try:
-        yield _text(kind, stream)
-    finally:
-        if path is not None:
-            stream.close()
+    inner: Write | None = None
+    with ExitStack() as stack:
+
+        def write(scan: Scan, fix: Fix) -> None:
+            nonlocal inner
+            if inner is None:  # not before there is something to write: a file of before outlives a call that is refused
+                inner = _text(kind, sys.stdout if path is None else stack.enter_context(path.open("w", newline="")))
+            inner(scan, fix)
+
+        yield write
 
 
 def _text(kind: str, stream: TextIO) -> Write:

@@ -81,6 +81,6 @@ class Tracker:
             return fix
         chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
-        verdict: Literal["accepted", "rejected"] = "accepted" if believed >= self._promise else "rejected"
-        kept = [promise for promise in self.site.promises if believed >= promise]
+        kept = [promise for promise, reject_from in self.site.promises.items() if reject_from > 0 and believed >= promise]
+        verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
         return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=max(kept, default=None))

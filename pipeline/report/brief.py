@@ -12,6 +12,7 @@ from pipeline.report.table import MISSING
 from pipeline.studies.expansion import TOLERANCE
 
 LINES, WIDEST = 30, 78
+WIDTHS, LEAST_NAME = (0, 11, 11, 12, 10, 12), 20
 AROUND = 4
 """Lines of a study besides its methods; the last line of all says where the rest is."""
 NUMBERS = ("recall_at_1", "answered", "precision_at_threshold", "query_ms", VOID)
@@ -49,13 +50,15 @@ def _study(name: str, own: pd.DataFrame, study: Mapping[str, Any], most: int, wi
         told = MISSING if np.isnan(ms) else f"{ms:.0f}" if ms >= 10 else f"{ms:.1f}"
         rows.append((of["recall_at_1"][1], ("-".join(filter(None, (method, variant))), *right, *dares, told)))
     rows.sort(key=lambda row: -row[0])
-    heads = ("", day(first), day(last), "answered", "right", "ms a query")
-    widths = [width - 54, 11, 11, 10, 10, 12]
-    title = f"{name}: learned {day(study['train'].split()[0])}, cells of {own['grid'].iloc[0].removesuffix('m')} m"
+    heads = ("", day(first), day(last), "answers", "right", "ms a query")
+    shown = next(count for count in (6, 5, 3) if width - sum(WIDTHS[1:count]) >= LEAST_NAME or count == 3)
+    widths = [width - sum(WIDTHS[1:shown]), *WIDTHS[1:shown]]
+    cells = f"cells of {own['grid'].iloc[0].removesuffix('m')} m"
+    title = f"{name}: learned {day(study['train'].split()[0])}, {len(days)} test days, {cells}"
     within = f"right within {study.get('tolerance', TOLERANCE).removesuffix('m')} m"
-    over = within.rjust(widths[0] + widths[1] + widths[2]) + "of all".rjust(widths[3]) + "of those".rjust(widths[4])
+    over = within.rjust(sum(widths[:3])) + ("at its own threshold".rjust(sum(WIDTHS[3:5])) if shown > 3 else "")
     found = [title[:width], over, _row(heads, widths)]
-    found += [_row(cells, widths) for _, cells in rows[:most]]
+    found += [_row(values, widths) for _, values in rows[:most]]
     return [*found, f"  … and {len(rows) - most} more" if len(rows) > most else ""]
 
 
@@ -66,4 +69,4 @@ def _share(value: float) -> str:
 def _row(cells: Sequence[str], widths: Sequence[int]) -> str:
     name, *others = cells
     name = name if len(name) <= widths[0] else name[: widths[0] - 1] + "…"
-    return (name.ljust(widths[0]) + "".join(cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))).rstrip()
+    return (name.ljust(widths[0]) + "".join(cell.rjust(width) for cell, width in zip(others, widths[1:], strict=False))).rstrip()

@@ -117,7 +117,11 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
     assert "followed by odometry over 2 steps, by constant motion over 1" in told
     assert "the site is simulated" in told
     assert "by constant motion over 3" in run(capsys, site, path, "--track")[1]
-    assert "--odometry /feet: " in refused(capsys, site, path, "--track", "--odometry", "/feet")
+    kept = tmp_path / "kept.csv"
+    kept.write_text("of before")
+    assert "--odometry /feet: " in refused(capsys, site, path, "--track", "--odometry", "/feet", "--csv", "-o", kept)
+    assert kept.read_text() == "of before"
+    assert "is of --track alone" in refused(capsys, site, path, "--odometry", "/wheels")
 
 
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,8 +29,8 @@ def results(name: str, methods: int = 1, void: bool = False) -> pd.DataFrame:
 def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_column() -> None:
     text = brief(results("campus", methods=2), {"campus": STUDY}, 200)
     title, _, heads, first, second, _ = text.split("\n")
-    assert title == "campus, simulated: learned 2012-01-15, cells of 10 m"
-    assert heads.split() == ["2012-02-04", "2013-04-05", "answered", "right", "ms", "a", "query"]
+    assert title == "campus, simulated: learned 2012-01-15, 2 test days, cells of 10 m"
+    assert heads.split() == ["2012-02-04", "2013-04-05", "answers", "right", "ms", "a", "query"]
     assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "12"]
     assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "12"]
     assert max(map(len, text.split("\n"))) <= 78
@@ -43,6 +43,7 @@ def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
     assert max(map(len, lines)) <= 60
     assert any("robot, recorded" in line for line in lines)
     assert sum("more" in line for line in lines) == 2
+    assert {"m39", "m38"} <= {line.split()[0] for line in lines if line.split()}
 
 
 def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
