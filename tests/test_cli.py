@@ -224,6 +224,16 @@ def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, word
     assert part in refused(capsys, *words.split())
 
 
+def test_options_may_come_before_words_and_a_study_that_goes_is_named(project, capsys):
+    main(["use", "campus", "town"])
+    main(["use", "campus", "--keep", "poses=sci_ring"])
+    assert studies(project)["campus"]["poses"] == ["sci_ring"]
+    assert "town is no longer among the studies; --add keeps" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["use", "campus", "--kep"])
+    assert "unrecognized arguments: --kep" in capsys.readouterr().err
+
+
 def test_a_broken_list_of_studies_is_written_anew(project, capsys):
     for text in ("studies: {campus: year}\n", "studies: [\n", ""):
         (project / "conf/studies.yaml").write_text(text)

@@ -71,7 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
     )
     same.add_argument("--remember", action="store_true", help="`dvc repro` has just ended well")
-    given = parser.parse_args(arguments)
+    given, rest = parser.parse_known_args(arguments)
+    if rest and (given.command != "use" or any(word.startswith("-") for word in rest)):
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    if rest:  # argparse takes no words after a flag
+        given.words += rest
     try:
         COMMANDS[given.command](given)
     except YearlocError as error:
