@@ -65,7 +65,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
                 "world=tiny",
                 "methods=sci,scan_context,sad",
                 "poses=scan_context",
-                "paths=filter,graph",
+                "paths=filter,graph_all",
             )
             robust = ("question=robustness", "methods=sci,scan_context", "variants=engaged", "altered=turned", "cells=5m")
             clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")

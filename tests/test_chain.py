@@ -89,7 +89,7 @@ EDITS = {
     "a world, poses, turned queries": [
         ("conf/world/town_tiny.yaml", "seed: 1", "seed: 2", {"logs", "events"}),
         ("conf/poses.yaml", "k: 25", "k: 20", {"poses"}),
-        ("conf/path/graph.yaml", "fix_m: 0.1", "fix_m: 0.2", {"paths"}),
+        ("conf/path/graph_all.yaml", "fix_m: 0.1", "fix_m: 0.2", {"paths"}),
         ("conf/alteration/turned.yaml", "repeats: 5", "repeats: 4", {"altered"}),
     ],
     "a colour": [("pipeline/studies/colours.py", "#0072B2", "#0072B3", {"report", "publish"})],
@@ -115,11 +115,12 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     table = results.read(built.folder / "artifacts", ["campus"])
     own = table[(table["method"] == "scan_context") & (table["case"] == "") & (table["protocol"] == "distance")]
     values = own.set_index(["variant", "number", "sequence"])["value"].sort_index()
-    assert set(own["variant"]) == {"", "engaged", "pose", "pose-filter", "pose-graph"}
+    assert set(own["variant"]) == {"", "engaged", "pose", "pose-filter", "pose-graph_all"}
     assert (values["pose", "recall_at_1"] > values["", "recall_at_1"]).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
-    for path in ("filter", "graph"):  # odometry carries what was found to queries that find nothing
+    # Held-out queries are too few for a verdict here; odometry carries what was found to queries that find nothing.
+    for path in ("filter", "graph_all"):
         assert (values[f"pose-{path}", "within_2m_5deg"] >= values["pose", "within_2m_5deg"]).all()
     altered = table[(table["variant"] == "pose") & (table["number"] == "within_2m_5deg") & (table["protocol"] == "distance")]
     found = altered[altered["change"] != ""].set_index("change")["value"]
