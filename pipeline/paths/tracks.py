@@ -59,28 +59,28 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
     """The columns and attributes of a fixes artifact with the estimates along the path in place of the fixes.
 
     Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for no held-out blocks tell more.
-    Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps.
+    Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps, or fixes are not rejected by their chance.
     """
     columns = {name: fixes.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
     columns |= {name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance")}
     attrs, n, cases = fixes.attrs, len(odom_T_anchor), len(read_cases(fixes.attrs))
     if len(columns["places"]) != n * cases:
         raise InputError(f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps")
-    kind = attrs["kinds"].index("fix")
+    if attrs["kinds"][0] != "fix":
+        raise InputError(f"{fixes.path}: rejects by {attrs['kinds'][0]}; paths join chances: novelty: fix in conf/poses.yaml")
     for case in range(cases):
         own = slice(case * n, (case + 1) * n)
         odom_T_query = odom_T_anchor @ turns(np.deg2rad(columns["turned_deg"][own].astype(np.float64)))
         novelty, world_T_query = columns["novelty"][own].astype(np.float64), columns["world_T_query"][own]
         accepted = novelty[:, 0] < attrs["promised"][1]
-        found = path.along(Track(odom_T_query, world_T_query, 1 - novelty[:, kind], accepted, columns["covariance"][own]))
+        found = path.along(Track(odom_T_query, world_T_query, 1 - novelty[:, 0], accepted, columns["covariance"][own]))
         columns["world_T_query"][own], columns["confidence"][own] = found.world_T_query, found.chance
-        columns["novelty"][own, kind] = 1 - found.chance
+        columns["novelty"][own, 0] = 1 - found.chance
         for row in np.flatnonzero(np.isfinite(found.world_T_query).all((1, 2))).tolist():
             pose = found.world_T_query[None, row]
             xy_m = pose[:, :2, 3]
             first = {"places": places.at(xy_m), "costs": [0.0], "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(pose))}
             lead(columns, case * n + row, first)
-    thresholds = [*attrs["thresholds"]]
-    thresholds[kind] = 1 - attrs["wanted_precision"]
+    thresholds = [1 - attrs["wanted_precision"], *attrs["thresholds"][1:]]
     kept = {name: attrs[name] for name in schemas.FIXES.attrs}
     return columns, kept | {"thresholds": thresholds, "promised": [1 - promise for promise in attrs["promises"]]}
