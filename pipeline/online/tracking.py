@@ -40,8 +40,9 @@ class Tracker:
         points_m = finite(points_m)
         took_s = None if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
-        step = self._onwards(took_s) if step is None or not np.isfinite(step).all() else step
-        self.belief.move(step)
+        guessed = step is None or not np.isfinite(step).all()
+        step = self._onwards(took_s) if step is None or guessed else step
+        self.belief.move(step, guessed)
         guess = None if self._pose is None else self._pose @ step
         found, tracked = self._find(points_m, guess)
         fix = self._judge(found, tracked)

@@ -16,6 +16,8 @@ JUMPS = 0.001
 REPEATS = 0.3
 """How often a wrong pose is followed by one that agrees with it: assumed, not learned."""
 FORGOTTEN = 1e-5
+GUESS_M = 40.0
+"""A guessed step is as uncertain as so much odometry."""
 DEVIATIONS = 3.0
 
 
@@ -32,10 +34,10 @@ class Belief:
     driven_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) since that fix."""
 
-    def move(self, step: Poses) -> None:
-        """After the robot moved by `step` (4, 4), its new pose in the old one's frame."""
+    def move(self, step: Poses, guessed: bool = False) -> None:
+        """After the robot moved by `step` (4, 4), its new pose in the old one's frame, by odometry or guessed."""
         self.poses, self.chances = self.poses @ step, (1 - JUMPS) * self.chances
-        self.driven_m = self.driven_m + float(np.linalg.norm(step[:3, 3]))
+        self.driven_m = self.driven_m + (GUESS_M if guessed else float(np.linalg.norm(step[:3, 3])))
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
         """A pose was measured that is right with this chance; returns the chance that it is right now, given all before.

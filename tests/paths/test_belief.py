@@ -54,6 +54,16 @@ def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
         assert (belief.see(planar(20, off_m, 0), 0.9) > 0.9) == agrees
 
 
+def test_a_guessed_step_lets_poses_agree_that_are_metres_from_it() -> None:
+    # 2 m, and three times 5 % of 40 m; a pose that was only guessed from keeps erf(2 / (√2 × 2 m)) = .68 of its chance.
+    for off_m, agrees in ((7.9, True), (8.1, False)):
+        belief = Belief()
+        belief.see(planar(0, 0, 0), 0.9)
+        belief.move(np.eye(4), guessed=True)
+        assert belief.best()[1] == pytest.approx(0.9 * (1 - JUMPS) * 0.6827, abs=1e-4)
+        assert (belief.see(planar(off_m, 0, 0), 0.9) > 0.9) == agrees
+
+
 def test_a_carried_robot_is_found_again_by_poses_that_agree() -> None:
     belief = Belief()
     chances = []
