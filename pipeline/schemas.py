@@ -102,7 +102,9 @@ FIXES = Schema(
     {
         **RANKINGS.columns,
         "world_T_query": Column("f8", ("query", "row", "col"), "the query's pose; NaN where it has too few points to tell"),
-        "covariance": Column("f8", ("query", "turn_step", "turn_step"), "of a turn in radians and a step in metres"),
+        "covariance": Column(
+            "f8", ("query", "turn_step", "turn_step"), "of a turn in radians and a step in metres; NaN along a path"
+        ),
     },
     {
         **RANKINGS.attrs,

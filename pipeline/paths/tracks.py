@@ -76,6 +76,7 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
         found = path.along(Track(odom_T_query, world_T_query, 1 - novelty[:, 0], accepted, columns["covariance"][own]))
         columns["world_T_query"][own], columns["confidence"][own] = found.world_T_query, found.chance
         columns["novelty"][own, 0] = 1 - found.chance
+        columns["covariance"][own] = np.nan  # that of each query's own fix, which is not what answers now
         for row in np.flatnonzero(np.isfinite(found.world_T_query).all((1, 2))).tolist():
             pose = found.world_T_query[None, row]
             xy_m = pose[:, :2, 3]

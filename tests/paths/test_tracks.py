@@ -139,6 +139,7 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     assert found["novelty"][22, 0] < told["promised"][1] == pytest.approx(0.01)
     assert found["novelty"][22, 1] == columns["novelty"][22, 1]
     assert told["thresholds"] == pytest.approx([0.1, 0.5])
+    assert np.isnan(found["covariance"]).all()
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)
     with store.write(path, schemas.FIXES, **attrs | {"kinds": ["overlap", "fix"]}) as out:
