@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from pipeline import cli
 from pipeline.cli import main
 from pipeline.evaluation.rows import COLUMNS, row, table
 from tests.readers.logs import carmen_log
@@ -232,6 +233,17 @@ def test_options_may_come_before_words_and_a_study_that_goes_is_named(project, c
     with pytest.raises(SystemExit):
         main(["use", "campus", "--kep"])
     assert "unrecognized arguments: --kep" in capsys.readouterr().err
+
+
+def test_ctrl_c_is_one_line(project, capsys, monkeypatch):
+    def stopped(given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(cli.COMMANDS, "methods", stopped)
+    with pytest.raises(SystemExit) as ended:
+        main(["methods"])
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "yearloc methods: interrupted\n"
 
 
 def test_a_broken_list_of_studies_is_written_anew(project, capsys):
