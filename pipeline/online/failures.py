@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.online.site import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
+from pipeline.store import Artifact
 
 WALL_M, SHOWN_M = 0.5, 45.0
 """Points below are ground; around the robot so much is drawn."""
@@ -80,19 +82,20 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float) -> Iterato
     found, anchors = store.read(fixes, schemas.FIXES), store.read(submaps, schemas.SUBMAPS)
     if promise not in found.attrs["promises"]:
         raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, found.attrs['promises']))}")
-    driven, world_T_true, recorded = (
-        read_cases(found.attrs).index(Case()),
-        anchors.load("world_T_anchor"),
-        store.read(scans, schemas.SCANS),
-    )
+    world_T_true, recorded = anchors.load("world_T_anchor"), store.read(scans, schemas.SCANS)
+    driven = read_cases(found.attrs).index(Case())
     own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
     world_T_query, novelty = found.load("world_T_query")[own], found.load("novelty")[own].astype(np.float64)
     reject_from = found.attrs["promised"][found.attrs["promises"].index(promise)]
     overlap = 1 - novelty[:, found.attrs["kinds"].index("overlap")]
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
-        points = lambda row=row: next(iter(submap_points(recorded, anchors, slice(row, row + 1))))  # noqa: E731
         known = (world_T_query[row], world_T_true[row], novelty[row, 0] < reject_from, overlap[row], novelty[row, 0])
-        yield Judged(f"{fixes.stem} query {row}", points, *known)
+        yield Judged(f"{fixes.stem} query {row}", partial(_points, recorded, anchors, row), *known)
+
+
+def _points(scans: Artifact, submaps: Artifact, row: int) -> Points:
+    """The points (n, 3) of one submap, in its anchor's frame."""
+    return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
 
 
 def draw(targets: Targets, one: Judged, path: Path, told: str) -> None:
