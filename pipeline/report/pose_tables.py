@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 
 from pipeline.report.result import Result, dates
-from pipeline.report.study import Study
-from pipeline.report.table import Cell, Table, number, table
+from pipeline.report.table import Table, number, table
 
 POSES = (
     ("within 2 m, 5°", "within_2m_5deg", 3), ("training's heading", "within_2m_5deg_same_heading", 3),
@@ -15,10 +14,10 @@ POSES = (
 )  # fmt: skip
 
 
-def poses(study: Study, posed: Sequence[Result]) -> Table:
+def poses(posed: Sequence[Result]) -> Table:
     """A row a model and test sequence: how near its poses are, and what became of the promise."""
     rows, days = [], dates(posed)
     for one in posed:
         cells = [number(one.number("distance", name), digits, one.interval("distance", name)) for _, name, digits in POSES]
-        rows.append((one.model, Cell(days[one.sequence], source=study.source("evaluate", one.sequence, one.model)), *cells))
+        rows.append((one.model, days[one.sequence], *cells))
     return table("poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2)

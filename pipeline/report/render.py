@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from pipeline.report.findings import Finding
+from pipeline.report.result import day
 from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Table, fixed, signed
 
@@ -145,6 +146,7 @@ def _environment(html: bool) -> Environment:
         env.filters[own.__name__] = own
     env.filters |= {
         "g": "{:g}".format,
+        "short": day,
         "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",
         "end": lambda loop, between: "." if loop.last else between,
     }

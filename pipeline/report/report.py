@@ -9,11 +9,13 @@ import pandas as pd
 
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.events import Bands
-from pipeline.report import page, terminal
+from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, poses, viewpoints, year
 from pipeline.report.study import Study
+from pipeline.report.web import page
+from pipeline.report.web.front import Front
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 from pipeline.views.birdview import BirdView
@@ -28,7 +30,7 @@ def write(
 
     `view` gives the bird-view of a name of conf/view.
     """
-    every, sections = [], list[Section]()
+    entries = []
     for name, words in studies.items():
         for grid in words["grids"]:
             study, own = Study(artifacts, name, words, grid, table[table["study"] == name]), folder / name / grid
@@ -42,12 +44,12 @@ def write(
             ]
             (own / "results.txt").write_text(terminal.text(study, len(list(own.glob("*.svg")))) + "\n")
             (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n")
-            sections += found
-            every += [study] if asks_about_the_year(words) else []
-    if not sections:
+            entries.append(page.Entry(study, found, Front(study) if asks_about_the_year(words) else None))
+    if not entries:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
-    path.write_text(page.html(every, sections, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
+    path.write_text(page.html(entries, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
+    sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)
     counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6

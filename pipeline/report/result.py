@@ -74,8 +74,8 @@ def _by_day(results: Sequence[Result]) -> list[Result]:
 
 
 def day(sequence: str) -> str:
-    """The date that a sequence is named by, without its time of day; its whole name, where that is no date."""
-    return sequence[:10] if DATE.match(sequence) else sequence
+    """The date that a sequence is named by, without its time of day; of a part of a log the part, else its whole name."""
+    return sequence[:10] if DATE.match(sequence) else sequence.partition("+")[2] or sequence
 
 
 def dates(results: Sequence[Result]) -> dict[str, str]:

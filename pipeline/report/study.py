@@ -17,7 +17,7 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, Values, by_model
 from pipeline.report.table import average
 from pipeline.store import Artifact
-from pipeline.studies.expansion import ModelName, answerers, models_of
+from pipeline.studies.expansion import ModelName, answerers, folder, models_of
 
 
 @dataclass(frozen=True)
@@ -169,9 +169,12 @@ class Study:
         return Bootstrap(**self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["bootstrap"])
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
-        """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model, the others of both."""
+        """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model, the others of both; what a
+        model with poses answered lies with the poses."""
         views = {method["name"]: method["view"] for method in self.words["methods"]}
         answers = {one.name: one for one in answerers(self.words)}.get(model)
+        if kind == "localize" and answers:
+            return self.artifacts / folder(self.name, self.grid, answers) / f"{sequence}.zarr"
         within = {
             "labels": f"{self.grid}/{sequence}.zarr",
             "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",

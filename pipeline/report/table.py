@@ -1,4 +1,4 @@
-"""Tables of a report: each cell has a text, a number to sort by and the artifact that it is from."""
+"""Tables of a report: each cell has a text and a number to sort by."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class Cell:
     key: float | None = None  # what the column is sorted by; None for a word or a missing number
     small: str = ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
-    source: str = ""  # path of the artifact that the number is from
+    of: tuple[str, str] = ("", "")  # model and sequence, where the page's map can show what the number is of
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -34,7 +34,7 @@ class Table:
     rows: Sequence[Sequence[Cell]]
     words: int = 1
     values: Mapping[str, object] = field(default_factory=dict)  # what its caption is filled with
-    mean: bool = False  # the last row holds the means of the others and stays below them
+    foot: bool = False  # the last row stays below the others: the oracle's, which is no method
 
     def markdown(self) -> str:
         """A GitHub table, padded so that it can be read as it stands."""
@@ -71,16 +71,14 @@ def table(kind: str, header: Iterable[str], rows: Iterable[Iterable[object]], /,
     return Table(kind, tuple(header), cells, words, values=values)
 
 
-def number(value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = "", source: str = "") -> Cell:
+def number(value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = "") -> Cell:
     """A number and its interval; a dash for NaN."""
-    return (
-        Cell(fixed(value, digits), float(value), bracket(interval, digits), mark, source) if np.isfinite(value) else Cell(MISSING)
-    )
+    return Cell(fixed(value, digits), float(value), bracket(interval, digits), mark) if np.isfinite(value) else Cell(MISSING)
 
 
-def count(value: float, source: str = "") -> Cell:
+def count(value: float) -> Cell:
     """A whole number."""
-    return number(value, 0, source=source)
+    return number(value, 0)
 
 
 def difference(value: float, digits: int, interval: tuple[float, float] = (np.nan, np.nan)) -> Cell:

@@ -32,6 +32,8 @@ MAIN = {
 }
 """Number of the models: its heading, the oracle's number beside it and its heading, and the number of the paired test whose mark
 stands behind it: the papers' area and the exact one differ little."""
+BOTH = PROTOCOLS[::-1]
+"""In the order in which people ask."""
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
 COSTS = (
     ("CPU [s] to train", "train_cpu_s", 1), ("wall [s]", "train_wall_s", 1), ("peak memory [MB]", "train_peak_memory_mb", 0),
@@ -44,13 +46,12 @@ def setup(study: Study, longest: int = 400) -> Table:
     """A row a model: what it is, what it looks at, how much of its own full training it had, and its size."""
     rows = []
     for model, learned in ((model, study.models[model]) for model in study.families if model in study.trained):
-        recipe, source = learned.recipe, study.source("train", model=model)
+        recipe = learned.recipe
         what = shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …") or MISSING
         best = "" if learned.best_round is None else f", no. {learned.best_round + 1} kept"
         budget, trained = recipe.get("budget", MISSING), f"{learned.rounds} rounds{best}"
         own = (budget, trained) if learned.rounds else (MISSING, "nothing")
-        size = number(learned.megabytes, 1, source=source)
-        rows.append((Cell(model, source=source), what, recipe.get("view", MISSING), *own, size))
+        rows.append((model, what, recipe.get("view", MISSING), *own, number(learned.megabytes, 1)))
     return table("setup", ("model", "what it is", "looks at", "budget", "trained", "model [MB]"), rows, words=5)
 
 
@@ -58,36 +59,31 @@ def sequences(study: Study) -> Table:
     """Table II of the SCI paper: each test sequence's age, and how much of it lies where training went, by both protocols."""
     rows = []
     for name, (first, *_) in by_sequence(study.results).items():
-        source, queries = study.source("labels", name), first.number("cells", "queries")
-        (seen, unseen), (near, far) = ([first.number(by, one) for one in ("seen", "unseen")] for by in PROTOCOLS)
-        by_cells, by_distance = (first.days, queries, seen, unseen), (near, far, queries - near - far)
-        share = number(unseen / queries if queries else np.nan, 3, source=source)
-        counts = [[count(one, source) for one in of] for of in (by_cells, by_distance)]
-        rows.append((Cell(name, source=source), *counts[0], share, *counts[1]))
-    cells, distance = ("cells: seen", "unseen", "share unseen"), ("distance: seen", "unseen", "not judged")
-    return table("sequences", ("sequence", "days", "queries", *cells, *distance), rows)
+        queries = first.number("cells", "queries")
+        (near, far), (seen, unseen) = ([first.number(by, one) for one in ("seen", "unseen")] for by in BOTH)
+        counts = [first.days, queries, near, far, queries - near - far, seen, unseen]
+        rows.append((name, *map(count, counts), number(unseen / queries if queries else np.nan, 3)))
+    distance, cells = ("distance: seen", "unseen", "not judged"), ("cells: seen", "unseen", "share unseen")
+    return table("sequences", ("sequence", "days", "queries", *distance, *cells), rows)
 
 
 def main(study: Study, protocol: str, name: str) -> Table:
-    """One number of MAIN by one protocol, a row a test sequence and a column a model, with intervals; the oracle last."""
+    """One number of MAIN by one protocol, a row a model and a column a test day, with intervals; the oracle last."""
     heading, oracle, beside, tested = MAIN[name]
     marks, days, models = _marks(study, protocol, tested), dates(study.results), by_model(study.results)
+    several = len(days) > 1
 
     def entry(one: Result) -> Cell:
-        mark, source = marks.get((one.model, one.sequence), ""), study.source("evaluate", one.sequence, one.model)
-        known = number(one.number(protocol, name), 3, one.interval(protocol, name), mark, source)
-        return Cell(VOID, source=source) if one.void(protocol) else known
+        mark = marks.get((one.model, one.sequence), "")
+        known = number(one.number(protocol, name), 3, one.interval(protocol, name), mark)
+        return Cell(VOID) if one.void(protocol) else known
 
-    rows, best = [], []
-    for sequence, group in by_sequence(study.results).items():
-        source = study.source("labels", sequence)
-        best.append(group[0].number(protocol, oracle))
-        rows.append((Cell(days[sequence], source=source), *map(entry, group), number(best[-1], 3, source=source)))
-    if several := len(rows) > 1:
-        means = (spread([one.number(protocol, name) for one in group], 3) for group in models.values())
-        rows.append((Cell("mean"), *means, spread(best, 3)))
+    best = [group[0].number(protocol, oracle) for group in by_sequence(study.results).values()]
+    means = {model: [spread([one.number(protocol, name) for one in group], 3)] * several for model, group in models.items()}
+    rows = [(model, *map(entry, models[model]), *means[model]) for model in study.ranked]
+    rows.append((beside, *(number(value, 3) for value in best), *[spread(best, 3)] * several))
     about: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
-    return replace(table(f"main_{name}", (heading, *models, beside), rows, **about), mean=several)
+    return replace(table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **about), foot=True)
 
 
 def _marks(study: Study, protocol: str, tested: str) -> dict[tuple[str, str], str]:
@@ -101,7 +97,7 @@ def means(study: Study) -> Table:
     """The other numbers of each model by both protocols: means over the test sequences."""
     rows = [
         (model, by, *(number(average([one.number(by, key) for one in group]), digits) for _, key, digits in SHOWN_MEANS))
-        for by in PROTOCOLS
+        for by in BOTH
         for model, group in by_model(study.results).items()
     ]
     return table("means", ("mean", "by", *(heading for heading, *_ in SHOWN_MEANS)), rows, words=2)
@@ -121,13 +117,12 @@ def everything(study: Study, protocol: str) -> Table:
 def headings(study: Study) -> Table | None:
     """How well headings were found, by both protocols; None where no model gives one."""
     rows: list[tuple[Cell | str, ...]] = []
-    columns = [(f"{heading}, by {by}", by, key, digits) for by in PROTOCOLS for heading, key, digits in HEADINGS]
+    columns = [(f"{heading}, by {by}", by, key, digits) for by in BOTH for heading, key, digits in HEADINGS]
     for model, group in by_model(study.results).items():
         if not any(np.isfinite(one.evaluation.heading_error_deg).any() for one in group):
             continue
         for one in group:
-            source = study.source("evaluate", one.sequence, model)
-            cells = [number(one.number(by, key), digits, one.interval(by, key), source=source) for _, by, key, digits in columns]
+            cells = [number(one.number(by, key), digits, one.interval(by, key)) for _, by, key, digits in columns]
             rows.append((model, one.sequence, *cells))
         if len(group) > 1:
             found = [spread([one.number(by, key) for one in group], digits) for _, by, key, digits in columns]
@@ -154,7 +149,7 @@ def paired(study: Study, protocol: str) -> Table | None:
     rows, reference = [], study.families[0]
     known = indexed(against(study.rows, protocol), "model", "sequence", "number")
     for model, sequence in dict.fromkeys((model, sequence) for model, sequence, _ in known):
-        cells: list[Cell | str] = [Cell(model, source=study.source("evaluate", sequence, model)), sequence]
+        cells: list[Cell | str] = [model, sequence]
         for name in COMPARED:
             value, *interval = known[model, sequence, f"{name}_difference"]
             p, *_ = known[model, sequence, f"{name}_difference_p"]
@@ -172,7 +167,7 @@ def costs(study: Study) -> Table | None:
     numbers = {(ModelName(*names).name, key): value for (*names, key), (value, *_) in known.items()}
     for model in study.trained:
         cells = [number(numbers.get((model, key), np.nan), digits) for _, key, digits in COSTS]
-        rows.append((Cell(model, source=study.source("train", model=model)), *cells))
+        rows.append((model, *cells))
     found = table("costs", ("model", *(heading for heading, *_ in COSTS)), rows)
     return found if any(cell.key is not None for row in found.rows for cell in row) else None
 

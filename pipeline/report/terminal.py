@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Iterator
 
-from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report import findings, tables, viewpoint_tables
 from pipeline.report.render import caption, sentence, words
 from pipeline.report.study import Study
@@ -21,7 +20,7 @@ def _blocks(study: Study) -> Iterator[str]:
     if asks_about_the_year(study.words):
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
-        for protocol in PROTOCOLS:
+        for protocol in tables.BOTH:
             for one in (tables.main(study, protocol, number) for number in tables.MAIN):
                 yield from (_wrapped(caption(one)), one.text())
         yield from (tables.means(study).text(), _wrapped(words("terminal")) + "\n")

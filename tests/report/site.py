@@ -6,13 +6,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from pipeline import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.rows import row, table
 from pipeline.report.findings import Finding
+from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Cell, Table, number
+from pipeline.report.web.front import Front
+from pipeline.report.web.page import Entry
 
 TRAIN, TESTS = ("2012-01-15", "2012-01-22"), {"2012-02-04": 20, "2012-03-17": 62}
 LOOKS = {"m2dp": schemas.SIGNATURES, "sci": schemas.VIEWS}
@@ -24,7 +29,7 @@ PATH_XY_M = np.stack([np.linspace(100, 0, 50), np.zeros(50)], axis=1)
 SVG = '<svg width="72pt" height="36pt" xmlns="http://www.w3.org/2000/svg"><path id="p" d="M0 0h72" stroke="#f00"/></svg>'
 EVIL = 'a </script><script>window.evil = 1</script> & "b"'
 WORDS: dict[str, Any] = {
-    "findings": {"answer": "`sci` is right for {{ share }}", "plain": "{{ text }}"},
+    "findings": {"plain": "{{ text }}"},
     "sections": {"turned": "Turned <headings>\nDoes it *matter*?", "setup": "In {{ study }}"},
     "figures": {"how": "How turned\nRead it so."},
     "tables": {"auc": "AUC by `case`", "auroc": "AUROC by `case`"},
@@ -36,6 +41,7 @@ def evaluation() -> SimpleNamespace:
     seen, novelty = np.arange(7) < 5, np.array([[0.1, 0.3, 0.2, 0.3, 0.05, 0.4, 0.9]]).T
     distance = SimpleNamespace(outcome=np.array([0, 0, 2, 0, 0, 2, 3]), true_rank=np.array([0, 0, -1, 0, 0, -1, -1]), seen=seen)
     cells = SimpleNamespace(outcome=np.array([0, 1, 2, 2, 0, 2, 3]), true_rank=np.array([0, 0, -1, 1, 0, -1, -1]), seen=seen)
+    distance.recall_at = np.array([0.6, 0.8])
     shown = {"xy_m": XY_M, "answer_xy_m": ANSWERS_XY_M.copy(), "nearest_m": np.where(seen, 1.0, 100.0)}
     return SimpleNamespace(distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,), **shown)
 
@@ -47,7 +53,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
         return root / kind / "campus" / (f"{model}/{sequence}.zarr" if sequence else f"{model}.safetensors")
 
     tests, given = [{"sequence": day, "days": days} for day, days in TESTS.items()], evaluation()
-    results = [SimpleNamespace(model=model, evaluation=given, **test) for model in LOOKS for test in tests]
+    results = [Result(model, **test, evaluation=given, wanted_precision=0.9, numbers={}) for model in LOOKS for test in tests]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
         with store.write(find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attrs}) as draft:
@@ -56,6 +62,8 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
             draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
     one = SimpleNamespace(name="campus", grid="10m", cell_m=10.0, simulated=True, train=" ".join(TRAIN), best="sci", find=find)
     one.distance, one.bootstrap, one.train_xy_m, one.results = Distance(correct_m=12.0), Bootstrap(), path_xy_m, results
+    one.rows = one.driven = told()
+    one.words, one.families, one.held_out_best = {"tests": list(TESTS)}, list(LOOKS), lambda model: np.nan
     one.models, one.trained = dict.fromkeys(LOOKS), {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
     one.source = lambda *names, **model: find(*names, **model).as_posix()
@@ -64,27 +72,43 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     return one
 
 
+def told() -> pd.DataFrame:
+    """The results of both days, as driven, and of the first turned: `sci` is right twice as often."""
+    rows = []
+    for (model, share), (day, days) in product((("m2dp", 0.4), ("sci", 0.8)), TESTS.items()):
+        numbers = {"recall_at_1": share - days / 1000, "answered": 0.25, "precision_at_threshold": 0.875}
+        place = {"grid": "10m", "method": model, "sequence": day, "days": days}
+        rows += [place | row(name, "distance", value, value - 0.05, value + 0.05) for name, value in numbers.items()]
+        rows += [place | {"change": "turned"} | row("recall_at_1", "distance", share / 4)] if days == 20 else []
+    return table(rows, study="campus", dataset="campus")
+
+
 def heights(views: int) -> np.ndarray:
     """Scan Contexts of noise."""
     return np.random.default_rng(views).uniform(0, 16, (views, 40, 120)).astype(np.float32)
 
 
+def entries(root: Path) -> list[Entry]:
+    """The study as the page takes it."""
+    one = study(root)
+    return [Entry(one, sections(root), Front(one))]
+
+
 def sections(root: Path) -> list[Section]:
-    """An answer, a set-up, and a study with two figures, of which one is lost, and two tables."""
+    """A set-up, and a study with two figures, of which one is lost, and two tables."""
     (root / "turned.svg").write_text(SVG)
     numbers = (
-        number(0.81, 3, (0.7, 0.9), "+", f"{root}/evaluate/campus/sci/2012-02-04.zarr"),
+        number(0.81, 3, (0.7, 0.9), "+"),
         Cell(MISSING),
         number(10.9, 2),
         number(1, 1),
     )
     rows = tuple((Cell(name), cell) for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True))
-    tables = tuple(Table(kind, ("method", "AUC"), rows, mean=True) for kind in ("auc", "auroc"))
+    tables = tuple(Table(kind, ("method", "AUC"), rows, foot=True) for kind in ("auc", "auroc"))
     says = Finding("plain", text=EVIL)
     figures = (Illustration("how", root / "turned.svg", findings=(says,)), Illustration("how", root / "lost.svg"))
     own = {"sources": ("artifacts/turned.zarr",), "parameters": {"seed": 0, "trained with": {"sci": [1, 2]}}}
     return [
-        Section("campus-10m-answer", "answer", "answer", findings=(Finding("answer", share="80 %"),)),
         Section("campus-10m-setup", "setup", "setup", {"study": EVIL}),
         Section("campus-10m-turned", "turned", "studies", findings=(says, says), illustrations=figures, tables=tables, **own),
     ]

@@ -8,6 +8,7 @@ import subprocess
 from base64 import b64decode
 from collections.abc import Iterator
 from html import unescape
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,13 @@ from PIL import Image
 
 from pipeline.report import render
 from pipeline.report.alike import best_shift, best_shifts, spectra
-from pipeline.report.map import COLUMNS, NONE, chart, picture
-from pipeline.report.page import Picture, html
+from pipeline.report.web.chart import APART, BEST, Series
+from pipeline.report.web.chart import chart as drawn
+from pipeline.report.web.front import PRECISIONS, coverage
+from pipeline.report.web.map import COLUMNS, NONE, chart, picture
+from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
-from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, heights, sections, study
+from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 LISTEN = """<script>
@@ -34,6 +38,7 @@ console.error = console.warn = (...words) => faults.push(words.join(" "));
 WORK = """<script>
 addEventListener("load", () => {
   const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas"), shown = { faults, evil: window.evil };
+  document.querySelector("#campus-10m-turned").open = true;
   const words = (parent) => [...parent.children].map((one) => one.textContent);
   const query = () => [...get("query").querySelectorAll("h3, dd")].map((one) => one.textContent);
   const table = document.querySelector("#campus-10m-turned table");
@@ -47,6 +52,7 @@ addEventListener("load", () => {
   const at = { clientX: x, clientY: y, bubbles: true, cancelable: true };
   const wheel = () => !canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, ...at }));
   Object.assign(shown, { red: red.length, "by distance": words(get("legend")) });
+  shown.opened = query().slice(0, 3);
   get("next").click();
   shown.first = query().slice(1, 4);
   get("wrong").click();
@@ -75,15 +81,16 @@ addEventListener("load", () => {
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the artifacts lie; the words are the page's own and some for the study."""
-    page = yaml.safe_load(render.part("words.yaml"))["page"]
+    own = yaml.safe_load(render.part("words.yaml"))
+    words = own | {group: own[group] | texts for group, texts in WORDS.items()}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render, "_words", lambda: {"page": page, **WORDS})
+        patch.setattr(render, "_words", lambda: words)
         yield tmp_path_factory.mktemp("page") / "artifacts"
 
 
 @pytest.fixture(scope="module")
 def page(root: Path) -> str:
-    return html([study(root)], sections(root), LOCK)
+    return html(entries(root), LOCK)
 
 
 def test_the_page_asks_nothing_of_the_network(page: str) -> None:
@@ -98,14 +105,14 @@ def test_every_link_within_the_page_leads_somewhere_once(page: str) -> None:
     names = re.findall(r'\sid="([^"]+)"', page)
     assert len(names) == len(set(names))
     assert set(re.findall(r'href="#([^"]*)"', page)) <= set(names)
-    assert '<a href="#campus-10m-turned">Turned &lt;headings&gt;</a>' in page.partition("</nav>")[0]
+    assert '<a href="#campus-10m">campus <small>simulated</small></a>' in page.partition("</nav>")[0]
 
 
-def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, page: str) -> None:
-    place = render.anchor("at", f"{root}/evaluate/campus/sci/2012-02-04.zarr")
+def test_captions_lead_to_sources_and_models_to_their_recipe(page: str) -> None:
     cell = '<span class="number"><span>0.810</span><b class="mark">+</b><small>[.70, .90]</small></span>'
-    assert f'data-key="0.81"><a href="#{place}">{cell}</a>' in page
-    assert '<a href="#campus-10m-turned-source"><span class="number"><span>10.90' in page  # no artifact of its own
+    assert f'data-key="0.81">{cell}' in page
+    assert '<p class="caption">AUC by <code>case</code> <a href="#campus-10m-turned-source">Source</a></p>' in page
+    assert page.count('href="#campus-10m-turned-source"') == 2  # one link a table, none a number
     assert re.search(r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
     shown = ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "1,000 resamples", "<dt>trained with</dt><dd>sci 1, 2</dd>")
     assert all(part in page for part in shown)
@@ -113,31 +120,57 @@ def test_numbers_lead_to_their_artifact_and_models_to_their_recipe(root: Path, p
 
 
 def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
-    assert page.count('<p class="banner">Simulated, not recorded data</p>') == 3  # the answer, the set-up and the study
+    assert page.count('<p class="banner">Simulated, not recorded data</p>') == 3  # the first screen, the set-up and the study
     assert EVIL not in page
     assert page.count("a &lt;/script&gt;&lt;script&gt;") >= 4
     assert "late &lt;b&gt;" in page
 
 
-def test_a_section_shows_its_first_table_and_folds_the_others(page: str) -> None:
-    first, _, others = page.partition('<section id="campus-10m-turned"')[2].partition("Further tables")
-    assert "AUC by <code>case</code>" in first
-    assert "AUROC by <code>case</code>" in others
-    assert first.count("<li>") == first.count("<tfoot>") == 1  # the second finding; the means
+def test_the_first_screen_answers_before_all_else(page: str) -> None:
+    first, _, below = page.partition("Every method, every day")
+    assert "<h1>Learned in one day. Still right after 62\N{NO-BREAK SPACE}days?</h1>" in first
+    assert [re.sub("<.*?>", "", one) for one in re.findall(r'<p class="big">(.*?)</p>', first)] == [
+        one.replace(" %", "\N{NO-BREAK SPACE}%") for one in ("78 % → 73.8 %", "38 % → 33.8 %", "25 %")
+    ]
+    assert "<code>sci</code>" in first.partition("Right most often")[2][:60]
+    assert below.index('data-model="sci" data-day="2012-03-17"') < below.index('data-model="m2dp" data-day="2012-02-04"')
+    shown = below.partition("All tables and figures")
+    assert "<details" not in shown[0].partition("</article>")[0]
+    assert shown[2].count('<details class="chapter"') == 4  # the set-up, the study, words, sources
+    turned = re.search(r"Turned, rebuilt, older.*?<tbody>(.*?)</tbody>", below, re.DOTALL)
+    assert turned
+    assert re.findall(r'data-key="([\d.]+)"', turned[1]) == ["0.78", "0.2", "0.38", "0.1"]
+
+
+def test_coverage_counts_what_can_be_answered_at_a_precision() -> None:
+    novelty, right = np.array([0.1, 0.2, 0.2, 0.9]), np.array([True, True, False, False])
+    shares = dict(zip(PRECISIONS, coverage(novelty, right), strict=True))
+    assert (shares[0.5], shares[0.66], shares[0.67], shares[1.0]) == (1.0, 0.75, 0.25, 0.25)  # equal novelties go together
+    assert set(coverage(novelty, np.zeros(4, bool))) == {0.0}
+
+
+def test_names_at_the_ends_of_lines_stand_apart_and_only_the_best_has_a_band() -> None:
+    lines = [Series(f"m{i}", [0, 10], [0.5, 0.01 * i], [(0.4, 0.6), (0.0, 0.1)] if i == 0 else ()) for i in range(9)]
+    found = drawn(lines, {"m0": BEST}, (0, 10), {}, 300.0)
+    heights = sorted(line.name_y for line in found.lines)
+    assert min(after - before for before, after in pairwise(heights)) >= APART
+    assert heights[-1] <= 300
+    assert [line.model for line in found.lines if line.band] == ["m0"] == [found.lines[-1].model]
+    assert not drawn([Series("m", [0], [np.nan])], {}, (0, 1), {}, 300.0).lines
 
 
 def test_the_page_shows_what_it_is_given_and_says_what_is_missing(root: Path, page: str) -> None:
-    missing = page.partition("What is not in this page")[2]
+    missing = page.partition("About this page")[2]
     assert "lost.svg: no such figure; <code>dvc repro</code> draws it" in missing
-    fewer = html([study(root)], sections(root)[:2], LOCK)  # the figures of the third still lie in the folder
+    fewer = html([Entry(study(root), sections(root)[:1])], LOCK)  # the figures of the other still lie in the folder
     assert "Turned" not in fewer
-    assert "Nothing is missing." in fewer
-    assert "There is no study to show." in html([], [], LOCK)
-    assert html([study(root)], sections(root), LOCK) == page
+    assert "no such figure" not in fewer
+    assert "There is no study to show." in html([], LOCK)
+    assert html(entries(root), LOCK) == page
 
 
 def test_a_section_as_markdown(root: Path) -> None:
-    section = sections(root)[2]
+    section = sections(root)[1]
     text = render.template("section.md.j2", section=section, simulated=True, folder=root)
     head = "# Turned <headings>\n\n**Simulated, not recorded data.**\n\nDoes it *matter*?"
     assert text.startswith(f"{head}\n\n{EVIL}\n\n- {EVIL}\n\n## How")
@@ -200,7 +233,8 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tm
         "null": ["sci", "m2dp", "late <b>", "mean"],
         "by distance": ["right 4", "wrong 1", "unseen 2", "training path"],
         "by cells": ["hit 2", "miss 1", "false alarm 3", "correct rejection 1", "training path"],
-        "first": ["right: within 12 m", "1.0 m from query to answer", "0.100 (entropy); accepted: threshold 0.500"],
+        "opened": ["Query 3 of 7", "wrong: seen, but placed elsewhere", "200 m from query to answer"],
+        "first": ["right: within 12 m", "6.0 m from query to answer", "0.300 (entropy); accepted: threshold 0.500"],
         "wrong": ["Query 3 of 7", "wrong: seen, but placed elsewhere", "200 m from query to answer"],
         "picked": "Query 2 of 7",
         "zoomed": [False, True, True],  # the wheel scrolls the page until the map has the focus

@@ -21,7 +21,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
             "poses",
             values={"study": study},
             illustrations=list(_illustrations(study, folder, posed)),
-            tables=[poses(study, posed)],
+            tables=[poses(posed)],
             sources=[study.source("evaluate", one.sequence, one.model) for one in posed],
         )
 

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.report import findings, tables
 from pipeline.report.figures import ageing, curves, maps, matches, rejection
@@ -40,15 +39,15 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     unfolded: Any = {"folded": False, "parameters": rests}
     setup = [one for one in (tables.setup(study), tables.sequences(study), tables.costs(study)) if one]
     yield Section(f"{name}-setup", "setup", "setup", values, tables=setup, sources=trained, **unfolded)
-    for by in reversed(PROTOCOLS):
+    for by in tables.BOTH:
         main = [tables.main(study, by, number) for number in tables.MAIN]
         yield Section(
             f"{name}-results-{by}", "results", "results", {**values, "protocol": by}, tables=main, sources=judged, **unfolded
         )
-    further = [tables.means(study), tables.headings(study), *(tables.paired(study, by) for by in PROTOCOLS)]
-    further += [one(study, by) for one in (tables.novelties, tables.everything) for by in PROTOCOLS]
-    found = [one for by in PROTOCOLS for one in findings.paired(study.rows, by)]
-    found += [one for by in PROTOCOLS for one in findings.novelties(study, by)]
+    further = [tables.means(study), tables.headings(study), *(tables.paired(study, by) for by in tables.BOTH)]
+    further += [one(study, by) for one in (tables.novelties, tables.everything) for by in tables.BOTH]
+    found = [one for by in tables.BOTH for one in findings.paired(study.rows, by)]
+    found += [one for by in tables.BOTH for one in findings.novelties(study, by)]
     compared = [one for one in further if one]
     yield Section(f"{name}-further", "further", "results", values, found, tables=compared, sources=judged)
     drawn = [
@@ -68,7 +67,7 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
 
     results, path_xy_m = study.results, study.train_xy_m
     yield from saved("year", curves.year(results, study.train))
-    for by in PROTOCOLS:
+    for by in tables.BOTH:
         yield from saved("precision_recall", curves.precision_recall(results, by), f"precision_recall_{by}", protocol=by)
     yield from saved("recall_at", curves.recall_at(results))
     yield from saved("montage", maps.montage(results, path_xy_m), "outcomes")

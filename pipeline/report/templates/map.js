@@ -2,9 +2,7 @@
 (() => {
   const get = (name) => document.getElementById(`map-${name}`);
   const canvas = get("canvas"), pen = canvas.getContext("2d"), plane = d3.select(canvas);
-  const choices = Object.fromEntries(["study", "model", "sequence", "by"].map((name) => [name, get(name)]));
-  if (!choices.study.options.length) return;
-  document.getElementById("mapped").hidden = false;
+  const choices = Object.fromEntries(["model", "sequence", "by"].map((name) => [name, get(name)])), mapped = document.getElementById("mapped");
 
   const NONE = 0xffffffff; // the training row of an answer without a position
   const QUIET = { name: "not judged", colour: "#c9c8c2", says: "between seen and unseen" };
@@ -13,35 +11,49 @@
   const revive = (_, value) => value && value.base64 !== undefined
     ? new TYPES[value.dtype](Uint8Array.from(atob(value.base64), (letter) => letter.charCodeAt(0)).buffer) : value;
   const make = (name, text = "", attributes = {}) => Object.assign(document.createElement(name), { textContent: text }, attributes);
+  const tone = (name) => getComputedStyle(canvas).getPropertyValue(name);
   const studies = new Map(), images = new Map();
-  let study, day, answers, kinds, points = [], chosen = -1, view = d3.zoomIdentity;
+  let study, tested, day, answers, kinds, points = [], chosen = -1, size = [0, 0], view = d3.zoomIdentity;
 
   const image = (sheet) => { // the picture of all views of a sequence
     const load = (done) => make("img", "", { onload: (event) => done(event.target), src: `data:image/png;base64,${sheet.png}` });
     if (!images.has(sheet)) images.set(sheet, new Promise(load));
     return images.get(sheet);
   };
-  const refill = (select, options, wanted) => {
-    select.replaceChildren(...options.map(([value, label]) => make("option", label, { value })));
-    if (options.some(([value]) => value === wanted)) select.value = wanted;
-  };
 
-  function chooseStudy() {
-    const name = choices.study.value;
+  function chooseStudy(article) { // it opens on what its best model got wrong on the last day
+    const name = article.dataset.chart;
+    if (!name) return;
+    article.querySelector(".slot").append(mapped);
+    mapped.hidden = false;
     if (!studies.has(name)) studies.set(name, JSON.parse(document.getElementById(name).textContent, revive));
     study = studies.get(name);
-    refill(choices.model, Object.keys(study.answers).map((model) => [model, model]), study.best);
-    get("simulated").hidden = !study.simulated;
-    chooseDay();
+    choices.model.replaceChildren(...Object.keys(study.answers).map((model) => make("option", model, { value: model })));
+    choices.model.value = study.best;
+    chooseModel(study.sequences.length);
     showAll();
+    acts.wrong();
   }
-  function chooseDay() { // one of those that the model was tested on
-    const before = day, tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
-    refill(choices.sequence, tested.map(({ name, label }) => [name, label]), choices.sequence.value);
-    day = tested.find(({ name }) => name === choices.sequence.value);
+  function chooseModel(at = choices.sequence.value) { // and one of the days that it was tested on
+    tested = study.sequences.filter(({ name }) => name in study.answers[choices.model.value]);
+    choices.sequence.max = tested.length - 1;
+    choices.sequence.value = Math.min(at, tested.length - 1);
+    choices.sequence.closest("label").hidden = tested.length < 2;
+    chooseDay();
+  }
+  function chooseDay() {
+    const before = day;
+    day = tested[choices.sequence.value];
+    get("day").textContent = choices.sequence.ariaValueText = day.label;
     answers = study.answers[choices.model.value][day.name];
     if (day !== before) chosen = -1;
     colour();
+  }
+  function open({ model, day: name }) {
+    choices.model.value = model;
+    chooseModel(study.sequences.findIndex((one) => one.name === name));
+    acts.wrong();
+    mapped.scrollIntoView({ block: "nearest" });
   }
   function colour() {
     const [hit, , alarm, rejection] = study.outcomes, by = choices.by.value;
@@ -60,7 +72,7 @@
     };
     const counted = kinds.map((kind, i) => [kind, points.filter((one) => one === i).length]).filter(([kind, count]) => count || kind !== QUIET);
     get("legend").replaceChildren(...counted.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
-      entry("#cfcec8", "line", "training path", "where training drove"));
+      entry(tone("--path"), "line", "training path", "where training drove"));
     choose(chosen);
   }
 
@@ -74,6 +86,7 @@
     const range = (axis) => [...study.path, ...day.xy].filter((_, i) => i % 2 === axis)
       .reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
     const [[left, right], [low, high]] = [range(0), range(1)], { clientWidth: width, clientHeight: height } = canvas;
+    size = [width, height];
     const scale = Math.min((width - 56) / Math.max(right - left, 1), (height - 56) / Math.max(high - low, 1));
     zoom.scaleExtent([scale / 2, 200]);
     plane.call(zoom.transform, d3.zoomIdentity.translate(width / 2, height / 2).scale(scale).translate(-(left + right) / 2, (low + high) / 2));
@@ -83,7 +96,7 @@
     [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.lineJoin = pen.lineCap = "round";
-    colourPen("#cfcec8", 4);
+    colourPen(tone("--path"), 4);
     pen.beginPath();
     for (let i = 0, path = study.path; 2 * i < path.length; i++) {
       const jump = i && Math.hypot(path[2 * i] - path[2 * i - 2], path[2 * i + 1] - path[2 * i - 1]) > 30;
@@ -115,10 +128,11 @@
   }
   function drawChosen(size) { // a ring around the query, a line to a diamond at the answer
     const from = onScreen(day.xy, chosen);
-    colourPen("#111", 1.6);
+    colourPen(tone("--ink"), 1.6);
     if (answers.row[chosen] !== NONE) {
       const [x, y] = onScreen(answers.xy, chosen);
-      line("stroke", from, [x, y]);
+      const [dx, dy] = [x - from[0], y - from[1]], edge = Math.min(1, (size + 4) / (Math.hypot(dx, dy) || 1));
+      line("stroke", [from[0] + edge * dx, from[1] + edge * dy], [x, y]);
       line("fill", [x, y - 6], [x + 6, y], [x, y + 6], [x - 6, y]);
     }
     disc(from, size + 4, "stroke");
@@ -126,7 +140,7 @@
   function drawScale(height) { // the longest of 1, 2, 5, 10, … metres that fits into 130 pixels
     const wanted = 130 / view.k, power = 10 ** Math.floor(Math.log10(wanted));
     const length = Math.max(...[1, 2, 5].map((step) => step * power).filter((step) => step <= wanted));
-    colourPen("#333", 2);
+    colourPen(tone("--quiet"), 2);
     line("stroke", [14, height - 14], [14 + length * view.k, height - 14]);
     pen.font = "12px sans-serif";
     pen.fillText(`${length} m`, 14, height - 20);
@@ -165,11 +179,11 @@
   }
   function views(i) {
     if (!day.views || !study.train) return [make("p", "No model of this study looks at Scan Contexts, so no view is shown.", { className: "quiet" })];
-    const rolled = (shift) => shift ? `, rolled by ${degrees(around(shift * 360 / day.views.sectors))} to look most like the query` : "";
+    const rolled = (shift) => shift ? `, rolled by ${degrees(around(shift * 360 / day.views.sectors))}` : "";
     const shown = [[day.views, i, 0, "The query"]];
-    const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `Training view nearest to ${what}${rolled(shift[i])}`]);
-    if (answers.row[i] !== NONE) training(answers, "the answer");
-    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "where it truly is");
+    const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `${what}: training's view${rolled(shift[i])}`]);
+    if (answers.row[i] !== NONE) training(answers, "The answer");
+    if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The truth");
     const figures = shown.map(([sheet, row, shift, caption]) => {
       const figure = make("figure", "", { className: "view" });
       const painted = make("canvas", "", { width: sheet.sectors, height: sheet.rings, role: "img", ariaLabel: caption });
@@ -177,7 +191,7 @@
       image(sheet).then((loaded) => paint(painted.getContext("2d"), loaded, sheet, row, shift));
       return figure;
     });
-    return [...figures, make("p", document.getElementById("mapped").dataset.note, { className: "quiet" })];
+    return [...figures, make("p", mapped.dataset.note, { className: "quiet" })];
   }
   function paint(brush, loaded, { rings, sectors, columns }, row, shift) {
     const left = (row % columns) * sectors, top = Math.floor(row / columns) * rings, rest = sectors - shift;
@@ -210,12 +224,15 @@
     acts[keys[event.key]]();
   });
   for (const [name, act] of Object.entries(acts)) get(name).addEventListener("click", act);
-  for (const [name, act] of Object.entries({ study: chooseStudy, model: chooseDay, sequence: chooseDay, by: colour })) choices[name].addEventListener("change", act);
-  chooseStudy();
-  let size = [canvas.clientWidth, canvas.clientHeight];
+  choices.model.addEventListener("change", () => chooseModel());
+  choices.sequence.addEventListener("input", chooseDay);
+  choices.by.addEventListener("change", colour);
+  addEventListener("study", ({ detail }) => chooseStudy(detail));
+  addEventListener("open", ({ detail }) => open(detail));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => study && colour());
   new ResizeObserver(() => { // what was in the middle stays there
     const before = size;
     size = [canvas.clientWidth, canvas.clientHeight];
-    plane.call(zoom.translateBy, (size[0] - before[0]) / 2 / view.k, (size[1] - before[1]) / 2 / view.k);
+    if (before[0] && size[0]) plane.call(zoom.translateBy, (size[0] - before[0]) / 2 / view.k, (size[1] - before[1]) / 2 / view.k);
   }).observe(canvas);
 })();

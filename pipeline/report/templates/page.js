@@ -20,11 +20,24 @@ for (const table of document.querySelectorAll("table.sortable")) {
     body.append(...(next ? [...given].sort(compare) : given));
   }));
 }
-// A link into a closed fold opens it.
+// One study at a time: the links above choose it, and so does a link to anything within it, whose folds open.
+const articles = [...document.querySelectorAll("main > article")], links = [...document.querySelectorAll("nav a")];
+const show = (article) => {
+  if (!article || !article.hidden && articles.some((one) => one.hidden)) return;
+  for (const one of articles) one.hidden = one !== article;
+  for (const link of links) link.toggleAttribute("aria-current", link.hash === `#${article.id}`);
+  dispatchEvent(new CustomEvent("study", { detail: article }));
+};
 const reveal = () => {
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  show(target && target.closest("article") || articles.find((one) => !one.hidden));
   for (let fold = target && target.closest("details"); fold; fold = fold.parentElement.closest("details")) fold.open = true;
   if (target) target.scrollIntoView();
 };
 addEventListener("hashchange", reveal);
-if (location.hash) reveal();
+addEventListener("DOMContentLoaded", reveal);
+// What a number or a dot is of, the map shows.
+addEventListener("click", ({ target }) => {
+  const of = target.closest("[data-day]");
+  if (of) dispatchEvent(new CustomEvent("open", { detail: of.dataset }));
+});

@@ -115,7 +115,7 @@ def _answers(study: Study, result: Result, views: Views | None, training: Traini
     """What one model answered, with outcomes by both protocols; headings (q,) are of queries as driven, whose rows come first."""
     given, count = result.evaluation, len(result.evaluation.xy_m)
     try:
-        rankings = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS)
+        rankings = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS, schemas.FIXES)
         first_deg = rankings.load("heading_deg")[:count, 0]
     except ArtifactError:
         first_deg = np.full(count, np.nan)

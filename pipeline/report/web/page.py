@@ -11,14 +11,15 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
-from pipeline.report.map import chart
 from pipeline.report.render import anchor, part, template, words
 from pipeline.report.result import by_sequence
 from pipeline.report.section import Section
 from pipeline.report.study import Study
+from pipeline.report.web.front import Front
+from pipeline.report.web.map import chart
 from pipeline.running.dvc_files import DvcLock
 
-SCRIPTS = ("tables.js", "vendor/d3-zoom.min.js", "map.js")
+SCRIPTS = ("page.js", "vendor/d3-zoom.min.js", "map.js")
 LISTS = ("conf/studies.yaml", "conf/lists.yaml")  # parameters of every stage, but of no number
 SIZE = "@megabytes@"  # stands in the page until its size is known
 POINT_PX = 1.2 * 96 / 72  # a figure is shown at 1.2 times its printed size where there is room
@@ -40,22 +41,38 @@ class Picture:
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
 
 
-def html(studies: Sequence[Study], sections: Sequence[Section], lock: DvcLock) -> str:
-    """The whole file, of these studies and sections alone; it says which figures could not be read."""
+@dataclass(frozen=True)
+class Entry:
+    """One study at one cell size on the page."""
+
+    study: Study
+    sections: Sequence[Section]
+    front: Front | None = None  # of a study that asks about the year
+
+    @property
+    def id(self) -> str:
+        """Its place on the page."""
+        return anchor(self.study.name, self.study.grid)
+
+
+def html(entries: Sequence[Entry], lock: DvcLock) -> str:
+    """The whole file, of these studies alone; it says which figures could not be read."""
     lines, pictures = list[str](), dict[Path, Picture]()
+    sections = [section for entry in entries for section in entry.sections]
     for path in (one.path for section in sections for one in section.illustrations if one.on_page):
         try:
             pictures[path] = Picture.of(path.read_text(encoding="utf-8"))
         except OSError:
             lines.append(words("page", "no_figure", path=path))
-    artifacts = {path: (*lock.of(path), recipe) for path, recipe in _artifacts(studies, sections).items()}
+    fronts = [entry.front for entry in entries if entry.front]
+    artifacts = {path: (*lock.of(path), recipe) for path, recipe in _artifacts([one.study for one in fronts], sections).items()}
     stages = [stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage]
     page = template(
         "page.html.j2",
-        studies=studies,
-        sections=[(section, _simulated(section, studies)) for section in sections],
+        entries=entries,
+        fronts=fronts,
         pictures=pictures,
-        charts={anchor(study.name, study.grid): _json(chart(study)) for study in studies},
+        charts={entry.id: _json(chart(entry.study)) for entry in entries if entry.front},
         missing=lines,
         artifacts=artifacts,
         stages={stage: _yaml(lock.params(stage)) for stage in stages},
@@ -64,12 +81,6 @@ def html(studies: Sequence[Study], sections: Sequence[Section], lock: DvcLock) -
         megabytes=SIZE,
     )
     return page.replace(SIZE, f"{len(page.encode()) / 1e6:.1f}")
-
-
-def _simulated(section: Section, studies: Sequence[Study]) -> bool:
-    """Whether its data are: as it says itself, else as its study says, and any study where none is named."""
-    own = [study for study in studies if f"{section.name}-".startswith(f"{anchor(study.name, study.grid)}-")]
-    return bool(section.values.get("simulated", any(study.simulated for study in own or studies)))
 
 
 def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[str, Mapping[str, str]]:
@@ -84,7 +95,6 @@ def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[st
             shown = {name: value for name, value in study.recipe(model).items() if not name.startswith("_")}
             recipes[study.source("train", model=model)] = shown
     named = [path for section in sections for path in section.sources]
-    named += [cell.source for one in sections for table in one.tables for row in table.rows for cell in row if cell.source]
     return recipes | {path: {} for path in named if path not in recipes}
 
 

@@ -1,0 +1,102 @@
+"""Curves as the page draws them: an SVG of its own text and colours, one line a model, its name at the end of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+WIDE = 560.0  # px; the page scales it
+LEFT, RIGHT, TOP, BOTTOM = 58.0, 172.0, 14.0, 34.0
+APART = 14.0  # between the names at the ends of lines
+BEST, NEXT, OTHER = "best", "next", "other"
+
+
+@dataclass(frozen=True)
+class Series:
+    """One model's values over something; those that are not finite are left out."""
+
+    model: str
+    x: Sequence[float]
+    y: Sequence[float]
+    bounds: Sequence[tuple[float, float]] = ()  # the 95 % interval of each, of the best alone
+    dots: Sequence[tuple[float, float, str]] = ()  # marks on the line, and what each says
+    opens: Sequence[str] = ()  # the test day that the map shows for each dot
+
+
+@dataclass(frozen=True)
+class Line:
+    """The same in px; `name_y` is where the model's name stands."""
+
+    model: str
+    role: str
+    path: str
+    band: str
+    dots: Sequence[tuple[float, float, str, str]]
+    end: tuple[float, float]
+    name_y: float = 0.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Lines, the less important ones first, and where the ticks are."""
+
+    lines: Sequence[Line]
+    x_ticks: Sequence[tuple[float, str]]
+    y_ticks: Sequence[tuple[float, str]]
+    high: float
+
+    @property
+    def size(self) -> dict[str, float]:
+        """Of the whole, and where its corners lie."""
+        return {"wide": WIDE, "high": self.high, "left": LEFT, "right": WIDE - RIGHT, "top": TOP, "bottom": self.high - BOTTOM}
+
+
+def chart(
+    series: Sequence[Series], roles: Mapping[str, str], x_range: tuple[float, float], x_ticks: Mapping[float, str], high: float
+) -> Chart:
+    """The lines of some models over `x_range` and over 0 to 1, `high` px; a model without a role is one of the others."""
+    first, last = x_range
+
+    def across(value: float) -> float:
+        return round(LEFT + (value - first) / ((last - first) or 1.0) * (WIDE - LEFT - RIGHT), 1)
+
+    def up(value: float) -> float:
+        return round(high - BOTTOM - value * (high - TOP - BOTTOM), 1)
+
+    lines = []
+    for one in sorted(series, key=lambda one: (OTHER, NEXT, BEST).index(roles.get(one.model, OTHER))):
+        at = [i for i, pair in enumerate(zip(one.x, one.y, strict=True)) if np.isfinite(pair).all()]
+        if not at:
+            continue
+        points = [(across(one.x[i]), up(one.y[i])) for i in at]
+        edges = [(across(one.x[i]), *map(up, one.bounds[i])) for i in at if one.bounds and np.isfinite(one.bounds[i]).all()]
+        band = [*((x, top) for x, _, top in edges), *((x, bottom) for x, bottom, _ in reversed(edges))]
+        opens = one.opens or [""] * len(one.dots)
+        dots = [
+            (across(x), up(y), text, day) for (x, y, text), day in zip(one.dots, opens, strict=True) if np.isfinite([x, y]).all()
+        ]
+        lines.append(Line(one.model, roles.get(one.model, OTHER), _points(points), _points(band), dots, points[-1]))
+    heights = _apart([line.end[1] for line in lines], high - BOTTOM)
+    named = [Line(**{**vars(line), "name_y": y}) for line, y in zip(lines, heights, strict=True)]
+    shares = [(up(share), f"{100 * share:.0f} %") for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    return Chart(named, [(across(x), text) for x, text in x_ticks.items()], shares, high)
+
+
+def _points(points: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:g},{y:g}" for x, y in points)
+
+
+def _apart(heights: Sequence[float], lowest: float) -> list[float]:
+    """Heights moved as little as a pass downwards and one upwards need to be APART, none below `lowest`."""
+    order = np.argsort(heights, kind="stable")
+    moved = np.asarray(heights, float)[order]
+    for before, after in pairwise(range(len(moved))):
+        moved[after] = max(moved[after], moved[before] + APART)
+    if len(moved):
+        moved[-1] = min(moved[-1], lowest)
+    for after, before in pairwise(reversed(range(len(moved)))):
+        moved[before] = min(moved[before], moved[after] - APART)
+    found = np.empty(len(moved))
+    found[order] = moved
+    return [round(float(y), 1) for y in found]
