@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies real year report test dashboard benchmarks clean
+.PHONY: demo studies real year report test docs dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
@@ -55,6 +55,10 @@ test: .venv/tools
 	lint-imports
 	pytest
 
+# The pages of docs/ into site/; nothing is loaded from the network, neither here nor by who reads them.
+docs: .venv/docs
+	NO_MKDOCS_2_WARNING=1 mkdocs build --strict
+
 # yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
 dashboard: .venv/ready
 	@for study in $$(yearloc use | cut -d: -f1); do \
@@ -79,5 +83,9 @@ benchmarks: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+.venv/docs: .venv/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
 clean:
-	rm -rf .venv artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock
+	rm -rf .venv site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock

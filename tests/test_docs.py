@@ -1,18 +1,38 @@
-"""What the code and the pages refer to is there: sections of docs/METHODS.md, and the targets of links."""
+"""What the code and the pages refer to is there: sections of METHODS, targets of links, commands, modules and files of conf/."""
 
+import importlib.util
 import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
+
+from pipeline import cli
+from pipeline.errors import ConfigError
+from pipeline.evaluation.rows import COLUMNS
+from pipeline.studies.names import propose
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("pipeline", "stages", "conf", "benchmarks", "docs", "tests")
 CITING = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*")) if path.suffix in {".py", ".yaml", ".md"}]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = [*sorted(ROOT.glob("*.md")), *DOCS]
 NUMBER = r"\d+(?:\.\d+)?"
 CITATION = re.compile(rf"METHODS(?:\.md)?\s+({NUMBER}(?:(?:,| and| to)\s+{NUMBER})*)")
 FENCED, CODE = re.compile(r"```.*?```", re.DOTALL), re.compile(r"`[^`\n]*`")
+BLOCK = re.compile(r"^[ ]*```\w*\n(.*?)^[ ]*```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
+NAMED = re.compile(r"(?:\.github|benchmarks|conf|dag|docs|examples|pipeline|stages|tests)/[\w./-]*")
+TARGETS = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+PLACEHOLDER = re.compile(r"\b[A-Z]{4,}\b|…")
+"""DATE, NAME or STUDY: what a reader replaces."""
+LOADED = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//""")
 
 
 def cited(text: str) -> list[str]:
@@ -28,6 +48,59 @@ def anchors(text: str) -> set[str]:
     """As GitHub makes them of headings."""
     headings = re.findall(r"^#+ (.+)$", FENCED.sub("", text), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def split(lines: Iterable[str]) -> list[list[str]]:
+    """The words of each of our commands in lines of a shell."""
+    found = []
+    for line in lines:
+        if re.match(r"\s*(yearloc|make|python) ", line):
+            words = shlex.split(line, comments=True)
+            ends = [-1, *(row for row, word in enumerate(words) if word in ("&&", "||", "|")), len(words)]
+            found += [words[start + 1 : end] for start, end in pairwise(ends)]
+    return found
+
+
+def commands(page: Path) -> list[list[str]]:
+    """What a page's blocks say to type."""
+    return split(line for block in BLOCK.findall(page.read_text()) for line in block.replace("\\\n", " ").splitlines())
+
+
+def mentioned(page: Path) -> list[list[str]]:
+    """Commands in a page's sentences, with or without all that they need."""
+    codes = CODE.findall(FENCED.sub("", page.read_text()))
+    return split(code[1:-1] for code in codes if not PLACEHOLDER.search(code))
+
+
+def check_use(words: list[str]) -> None:
+    """Raise ConfigError for a data set or an option that there is not; whether data lie at `root` is not asked."""
+    options = dict(word.split("=", 1) for word in words if "=" in word)
+    for name in (word for word in words if "=" not in word):
+        known = name if (ROOT / f"conf/dataset/{name}.yaml").is_file() else {"robot": "bag"}.get(name, name)
+        try:
+            propose(ROOT / "conf", known, {key: value.replace("NAME", "m2dp") for key, value in options.items()})
+        except ConfigError as error:
+            if not re.match(r"root=|where is ", str(error)):
+                raise
+
+
+def check(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail unless the command's parser, or the Makefile, knows all that it says."""
+    if words[0] == "make":
+        assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
+    elif words[:2] == ["python", "-m"]:
+        assert importlib.util.find_spec(words[2]), words
+    elif words[0] == "python":
+        assert (ROOT / words[1]).is_file(), words
+    elif words[0] == "yearloc":
+        given: list[Any] = []
+        for name in cli.COMMANDS:
+            monkeypatch.setitem(cli.COMMANDS, name, given.append)
+        cli.main(words[1:])
+        if given[0].command == "use":
+            check_use(given[0].words)
+        if given[0].command == "results":
+            assert {word.partition("=")[0] for word in given[0].where} <= {*COLUMNS}, words
 
 
 def test_citations_are_read_as_people_write_them() -> None:
@@ -48,3 +121,70 @@ def test_links_lead_to_files_and_headings(page: Path) -> None:
             file = page.parent / name if name else page
             assert file.exists(), target
             assert not anchor or anchor in anchors(file.read_text()), target
+
+
+def test_the_table_of_contents_has_every_page_and_no_other() -> None:
+    site = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
+    listed = re.findall(r"[\w/-]+\.md", str(site["nav"]))
+    beside = [line.strip().lstrip("/") for line in site["not_in_nav"].splitlines()]
+    assert len(listed) == len(set(listed))
+    assert {*listed} == {str(page.relative_to(ROOT / "docs")) for page in DOCS} - {*beside}
+
+
+def test_commands_are_found_in_blocks_and_sentences(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    blocks = "```\nyearloc use a b=c \\\n  --add && dvc repro  # no more\nls\n```\n  ```\n  python -m a\n  ```\n"
+    page.write_text(f"Say `make demo` or `make TARGET`.\n{blocks}")
+    assert commands(page) == [["yearloc", "use", "a", "b=c", "--add"], ["dvc", "repro"], ["python", "-m", "a"]]
+    assert mentioned(page) == [["make", "demo"]]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "yearloc lose",
+        "yearloc localize a.site b --jsn",
+        "yearloc use moon",
+        "yearloc use campus worlds=demo",
+        "yearloc use campus world=vast",
+        "yearloc use nclt root=/none seed=3",
+        "yearloc results --where methods=sci",
+        "make love",
+        "python -m stages.swept",
+        "python examples/none.py",
+    ],
+)
+def test_a_command_that_there_is_not_is_noticed(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises((AssertionError, SystemExit, ConfigError)):
+        check(line.split(), monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_can_be_typed(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for words in commands(page):
+        check(words, monkeypatch)
+    for words in mentioned(page):
+        if words[0] == "yearloc":
+            assert words[1] in cli.COMMANDS, words
+        else:
+            check(words, monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_exist(page: Path) -> None:
+    codes = [code[1:-1] for code in CODE.findall(FENCED.sub("", page.read_text()))]
+    named = [code for code in codes if NAMED.match(code) and not PLACEHOLDER.search(code)]
+    assert not [name for name in named if not any(ROOT.glob(re.split(r"[\s:]", name)[0].rstrip("/")))]
+
+
+def test_the_pages_build_and_load_nothing_from_elsewhere(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs", reason="pip install '.[docs]'")
+    pytest.importorskip("material", reason="pip install '.[docs]'")
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    pages = sorted(tmp_path.rglob("*.html"))
+    assert len(pages) > len(DOCS)
+    assert not [(page.name, found) for page in pages for found in LOADED.findall(page.read_text())]

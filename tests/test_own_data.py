@@ -1,4 +1,4 @@
-"""The README's way from one's own bags to a localiser, command by command."""
+"""The tutorial's way from one's own bags to a localiser, command by command."""
 
 import re
 from pathlib import Path
@@ -15,10 +15,11 @@ DAYS = {"2012-01-15": "monday", "2012-06-15": "tuesday"}
 
 
 def commands(heading: str) -> list[list[str]]:
-    """The words of each line of the first block under a heading of the README."""
-    block = re.search(rf"## {heading}\n.*?```\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    """The words of each command in the first block under a heading of the tutorial."""
+    text = (ROOT / "docs/tutorials/own-data.md").read_text()
+    block = re.search(rf"## {heading}\n.*?```\n(.*?)```", text, re.DOTALL)
     assert block
-    return [line.partition("#")[0].split() for line in block[1].splitlines()]
+    return [words for line in block[1].splitlines() if (words := line.partition("#")[0].split())]
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def clone(tmp_path: Path) -> Clone:
 
 
 def test_five_commands_lead_from_bags_to_a_localiser(clone: Clone) -> None:
-    steps = commands("Your own data")
+    steps = commands("From ROS bags, in five commands")
     assert len(steps) == 5
     for step in steps:
         said = clone.run(*[word.replace("budget=demo", "budget=tiny") for word in step])

@@ -179,12 +179,12 @@ def test_a_mistake_is_one_line(
     assert says in refused(capsys, site, *([tmp_path / "empty"] if words == ["."] else words))
 
 
-def test_the_lines_of_the_readme_run(
+def test_the_lines_of_the_tutorial_run(
     site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("campus.site").symlink_to(site)
     np.save("scan.npy", scan()[0])
-    section = (Path(__file__).parents[2] / "README.md").read_text().partition("## On a robot")[2]
-    exec(section.partition("```python\n")[2].partition("```")[0], {})
+    page = (Path(__file__).parents[2] / "docs/tutorials/robot.md").read_text()
+    exec(page.partition("```python\n")[2].partition("```")[0], {})
     assert capsys.readouterr().out.startswith(f"{json.loads(run(capsys, site, 'scan.npy', '--json')[0])['place']} [[")

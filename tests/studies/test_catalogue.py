@@ -1,4 +1,4 @@
-"""What each method is, as the README and the report tell it."""
+"""What each method is, as the front pages and the report tell it."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ def test_every_method_with_a_yaml_is_told_once() -> None:
     assert catalogue.what("pipeline.methods.none.Such") == catalogue.what("") == ""
 
 
-def test_a_table_for_the_readme() -> None:
+def test_a_table_for_the_front_pages() -> None:
     assert table([Entry("a", "does this", "cloud", "ICRA 1999"), Entry("b", "does that", "m2dp", "")]) == (
         "| method | what it is | looks at | source |\n"
         "| :-- | :-- | :-- | :-- |\n"
@@ -33,8 +33,11 @@ def test_a_table_for_the_readme() -> None:
     )
 
 
-def test_the_readme_holds_what_yearloc_methods_prints() -> None:
-    assert f"<!-- methods -->\n{table(entries())}<!-- /methods -->" in (ROOT / "README.md").read_text()
+def test_the_front_pages_hold_what_yearloc_methods_prints() -> None:
+    found = f"<!-- methods -->\n{table(entries())}<!-- /methods -->"
+    index, readme = ((ROOT / page).read_text() for page in ("docs/index.md", "README.md"))
+    assert found in index
+    assert found in readme or "<!-- methods -->" not in readme
 
 
 def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
