@@ -92,7 +92,9 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     study = {**study, **(parsed(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
     found = simulated(conf, name, study, options) if dataset["simulated"] else recorded(name, dataset["reader"], study, options)
     places = found.study
-    stress = dict(study.get("stress", {}).get(options.get("world", "demo"), {})) if dataset["simulated"] else {}
+    preset = options.get("world", "demo")
+    stress = dict(study.get("stress", {}).get(preset, {})) if dataset["simulated"] else {}
+    registered = study.get("poses", {}).get(preset, ()) if dataset["simulated"] else study.get("poses", ())
     scale = (
         parsed(_file(conf, "scale", options["scale"], f"scale={options['scale']}: expected one of")) if "scale" in options else {}
     )
@@ -117,7 +119,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     others = [path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in own_grids]
     cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
     families = [model.family for method in methods for model in models_of(method) if not model.seed]
-    poses = _some(options, "poses", [name for name in families if "poses" in options or name in study.get("poses", ())])
+    poses = _some(options, "poses", [name for name in families if "poses" in options or name in registered])
     paths = _some(options, "paths", [path.stem for path in sorted((conf / "path").glob("*.yaml"))] if "paths" in options else [])
     if paths and not poses:
         raise ConfigError(f"paths={options['paths']}: joins poses along a drive; say poses=METHOD too")
