@@ -72,7 +72,7 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
     found = (group.attrs.get("kind"), group.attrs.get("version"))
     if found not in [(schema.kind, schema.version) for schema in schemas]:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
-        raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}")
+        raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds it anew")
     return Artifact(path, group)
 
 
@@ -191,4 +191,4 @@ def _model(path: str | Path) -> Iterator[Any]:
     except IsADirectoryError:
         raise ArtifactError(f"{path}: a folder, expected a safetensors file") from None
     except SafetensorError as error:
-        raise ArtifactError(f"{path}: not a safetensors file ({error})") from None
+        raise ArtifactError(f"{path}: not a safetensors file ({error}); remove it and `dvc repro` it") from None

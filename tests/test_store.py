@@ -185,8 +185,8 @@ def make_broken(path: Path) -> None:
     [
         (lambda path: None, "no such artifact"),
         (Path.mkdir, "no such artifact"),
-        (lambda path: make_other(path, "others", 3), "expected things version 3, found others version 3"),
-        (lambda path: make_other(path, "things", 2), "expected things version 3, found things version 2"),
+        (lambda path: make_other(path, "others", 3), "expected things version 3, found others version 3; `dvc repro`"),
+        (lambda path: make_other(path, "things", 2), "expected things version 3, found things version 2; `dvc repro`"),
         (make_broken, r"a\.zarr"),
     ],
 )

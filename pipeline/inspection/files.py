@@ -136,7 +136,7 @@ def array_file(path: Path, found: Inspection) -> None:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
-        raise LogError(f"{path}: not a whole .npy file of numbers ({type(error).__name__}); save it anew") from None
+        raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
     if array.ndim < 2 or array.shape[-1] < 3 or array.dtype.kind not in "fiu" or not array.size:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
     shape, array = array.shape, array.reshape(-1, array.shape[-1])

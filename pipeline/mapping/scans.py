@@ -49,7 +49,7 @@ class Intake:
             yield np.concatenate([np.empty((0, 3), np.int16), *lengths]), np.concatenate([np.array(first, np.int64), ends])
             first = []
         if not self._kept:
-            raise LogError("no scan of this sequence can be read with a known pose")
+            raise LogError("no scan of this sequence can be read with a known pose; `yearloc inspect` of its folder says why")
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
         """The other columns, of the scans that were readable.

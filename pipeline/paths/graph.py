@@ -93,5 +93,5 @@ def _gtsam() -> Any:
     try:
         import gtsam
     except ImportError:
-        raise ConfigError('path=graph needs gtsam (113 MB): pip install "yearloc[graph]"') from None
+        raise ConfigError("gtsam: not installed; `pip install 'yearloc[graph]'` (113 MB)") from None
     return gtsam

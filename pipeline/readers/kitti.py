@@ -102,11 +102,11 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
-        raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers")
+        raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's")
     cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
     R = cam_T_velo[:3, :3].clip(-2, 2)
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
-        raise LogError(f"{path}: the first three columns of 'Tr:' are no rotation")
+        raise LogError(f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file anew")
     return cam_T_velo
 
 

@@ -34,7 +34,7 @@ class Nclt:
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None:
             first = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
-            raise LogError(f"{first}: no ground truth there or in its other places")
+            raise LogError(f"{first}: no ground truth there or in its other places; `yearloc fetch nclt DATE` brings it")
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()

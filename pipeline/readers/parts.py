@@ -53,7 +53,7 @@ class Part:
         else:
             part = cls(found["visit"] or found["by"], int(found["number"] or 1), int(found["of"] or 2), apart_s=apart_s)
         if part.number > part.of:
-            raise ConfigError(f"sequence={sequence}: part {part.number} of {part.of}")
+            raise ConfigError(f"sequence={sequence}: part {part.number} of {part.of}; expected 1 to {part.of}")
         return found["log"], part
 
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:

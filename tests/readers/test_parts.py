@@ -76,7 +76,7 @@ def test_another_rule_is_refused(rule: str) -> None:
 
 
 def test_a_part_that_is_not_there_is_one_line() -> None:
-    with one_line(ConfigError, "part 3 of 2"):
+    with one_line(ConfigError, "part 3 of 2; expected 1 to 2"):
         part("path3of2")
     with one_line(LogError, r"no scan is in its part from900s; the log has 250"):
         part("from900s")
