@@ -90,7 +90,7 @@ def check(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
         assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
     elif words[:2] == ["python", "-m"]:
         assert importlib.util.find_spec(words[2]), words
-    elif words[0] == "python":
+    elif words[0] == "python" and not words[1].startswith("-"):
         assert (ROOT / words[1]).is_file(), words
     elif words[0] == "yearloc":
         given: list[Any] = []

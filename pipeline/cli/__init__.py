@@ -63,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
     results.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
     results.add_argument("--json", action="store_true", help="the same as a list of objects")
+    results.add_argument("--markdown", action="store_true", help="a page of tables, as docs/RESULTS.md")
     results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
@@ -165,12 +166,16 @@ def _results(given: argparse.Namespace) -> None:
 
     studies = read_studies()
     table = results.read(Path("artifacts"), list(studies))
-    if not (given.csv or given.json or given.where):
+    if not (given.csv or given.json or given.markdown or given.where):
         from pipeline.report.brief import brief
 
         print(brief(table, studies, get_terminal_size().columns))
         print("all tables: yearloc results --full; a page: artifacts/report/page.html")
         return
+    if given.markdown:
+        from pipeline.report.document import document
+
+        return print(document(table, studies), end="")
     table = results.where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
     if table.empty:
         raise ConfigError(f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all")

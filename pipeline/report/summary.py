@@ -1,14 +1,14 @@
 """A study in one table: how often each model is right on each test day, how often it dares to answer, and how long it takes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.doubts import VOID
-from pipeline.report.table import average
+from pipeline.report.table import Cell, Table, average, number, table
 from pipeline.studies.expansion import TOLERANCE, ModelName
 
 
@@ -41,9 +41,9 @@ class Summary:
     rows: Sequence[Row]
 
     @classmethod
-    def of(cls, table: pd.DataFrame, study: Mapping[str, Any]) -> Self:
+    def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
         """From the rows of the table of results that are of this study and cell size."""
-        own = table[(table["change"] == "") & (table["kind"] == "") & (table["stress"] == "") & (table["seed"] == 0)]
+        own = results[(results["change"] == "") & (results["kind"] == "") & (results["stress"] == "") & (results["seed"] == 0)]
         asked = own[own["sequence"].isin(study["tests"]) & (own["protocol"] == "distance")]
         days = asked.drop_duplicates("sequence").sort_values(["days", "sequence"]).set_index("sequence")["days"]
         found = asked.set_index(["method", "variant", "number", "sequence"])[["value", "low", "high"]]
@@ -65,3 +65,17 @@ class Summary:
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
         within_m = float(study.get("tolerance", TOLERANCE).removesuffix("m"))
         return cls(list(days.index), [int(day) for day in days], within_m, rows)
+
+
+def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
+    """A row a model, a column a test day; then what it answers of the last day, how much of that is right, and the time."""
+
+    def share(row: Row, i: int) -> Cell:
+        cell = number(row.right[i], 3, row.bounds[i])
+        return replace(Cell(VOID) if row.void[i] else cell, of=(row.model, summary.tests[i]))
+
+    rows = []
+    for row in summary.rows:
+        last = number(row.answers[-1], 3), number(row.kept[-1], 3), number(row.query_ms, 1)
+        rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
+    return table("scorecard", ("method", *dates, "answers", "right of those", "ms a query"), rows, last=dates[-1])

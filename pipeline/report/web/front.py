@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED
 from pipeline.evaluation.study_rows import PER_DAYS
 from pipeline.report import findings
@@ -16,8 +15,8 @@ from pipeline.report.findings import Finding
 from pipeline.report.render import percent
 from pipeline.report.result import NONE, Result, by_model, dates
 from pipeline.report.study import Study, indexed
-from pipeline.report.summary import Row, Summary
-from pipeline.report.table import Cell, Table, difference, number, table
+from pipeline.report.summary import Row, Summary, scorecard
+from pipeline.report.table import Table, difference, number, table
 from pipeline.report.web.chart import BEST, NEXT, Chart, Series, chart
 from pipeline.studies.colours import method_of
 
@@ -100,17 +99,8 @@ class Front:
 
     @property
     def scorecard(self) -> Table:
-        """A row a model, a column a test day; then what it answers of the last day, how much of that is right, and the time."""
-
-        def share(row: Row, i: int) -> Cell:
-            cell = number(row.right[i], DIGITS, row.bounds[i])
-            return replace(Cell(VOID) if row.void[i] else cell, of=(row.model, self.summary.tests[i]))
-
-        rows = []
-        for row in self.summary.rows:
-            last = number(row.answers[-1], DIGITS), number(row.kept[-1], DIGITS), number(row.query_ms, 1)
-            rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
-        return table("scorecard", ("method", *self.dates, "answers", "right of those", "ms a query"), rows, last=self.dates[-1])
+        """A row a model, a column a test day."""
+        return scorecard(self.summary, self.dates)
 
     @property
     def altered(self) -> Table | None:

@@ -1,0 +1,55 @@
+"""The results of all studies as one markdown page, from the table of results alone."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from pipeline.report.render import template
+from pipeline.report.result import day
+from pipeline.report.study import indexed
+from pipeline.report.summary import Summary, scorecard
+from pipeline.report.table import Table, number, table
+from pipeline.studies.expansion import ModelName
+
+SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
+POSES = ("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "recall_99", "wrong_of_accepted_99")
+
+
+def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
+    """Recorded studies first; those that ask about viewpoints alone are left out."""
+    shown = []
+    for name, study in sorted(studies.items(), key=lambda one: one[1]["source"] == "world"):
+        for grid in study["grids"]:
+            own = results[(results["study"] == name) & (results["grid"] == grid)]
+            if (summary := Summary.of(own, study)).rows:
+                shown.append(
+                    {"name": name, "study": study, "grid": grid, "summary": summary, "tables": list(_tables(own, summary))}
+                )
+    return template("results.md.j2", studies=shown)
+
+
+def _tables(own: pd.DataFrame, summary: Summary) -> Iterator[Table]:
+    dates = [day(sequence) for sequence in summary.tests]
+    yield scorecard(summary, dates)
+    driven = own[(own["change"] == "") & (own["kind"] == "") & (own["seed"] == 0)]
+    known = indexed(driven, "method", "variant", "protocol", "number", "sequence")
+    values = {(ModelName(method, variant).name, *of): value for (method, variant, *of), value in known.items()}
+    models = [row.model for row in summary.rows]
+    for protocol, name in SHOWN:
+        rows = [(model, *(_cell(values, model, protocol, name, test, 3) for test in summary.tests)) for model in models]
+        yield table(f"by_{protocol}_{name}", ("method", *dates), rows)
+    posed = [model for model in models if (model, "distance", POSES[0], summary.tests[-1]) in values]
+    rows = [
+        (model, date, *(_cell(values, model, "distance", name, test, 2 if "error" in name else 3) for name in POSES))
+        for model in posed
+        for test, date in zip(summary.tests, dates, strict=True)
+    ]
+    heads = ("within 2 m, 5°", "within .5 m, 2°", "error [m]", "error [°]", "accepted and right at .99", "wrong of accepted")
+    if rows:
+        yield table("posed", ("method", "day", *heads), rows, words=2)
+
+
+def _cell(values: Mapping[Sequence[str], Any], model: str, protocol: str, name: str, test: str, digits: int) -> Any:
+    value, low, high = values.get((model, protocol, name, test), (float("nan"),) * 3)
+    return number(value, digits, (low, high))
