@@ -10,10 +10,10 @@ from shutil import get_terminal_size
 
 import yaml
 
-from pipeline.cli import site
+from pipeline.cli import picture, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
-from pipeline.cli.progress import Bytes, Lines
+from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
 
@@ -67,6 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     site.add_commands(commands)
+    picture.add_command(commands)
     same = commands.add_parser(
         "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
     )
@@ -206,13 +207,11 @@ def _unchanged(given: argparse.Namespace) -> None:
         sys.exit(1)
 
 
-def _pack(given: argparse.Namespace) -> None:
-    site.pack(given, conf_folder(), read_studies(), Lines())
-
-
-COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
+COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged)} | {
     "localize": localize,
     "failures": failures,
+    "picture": picture.picture,
+    "pack": site.pack,
     "export": site.export,
     "serve": site.serve,
     "watch": site.watch,
