@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies real year report test dashboard benchmarks clean
+.PHONY: demo studies real year report picture test dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
@@ -47,6 +47,10 @@ year: .venv/ready
 
 report: .venv/ready
 	@python -m stages.report
+
+# README's moving picture, from what `make demo` built.
+picture: .venv/ready
+	@yearloc picture campus/10m/sci_ring -o docs/year.gif
 
 test: .venv/tools
 	ruff check .
