@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies real year report test docs dashboard benchmarks clean
+.PHONY: demo studies real year report results picture test docs dashboard benchmarks clean
 
 demo: .venv/ready
 	@yearloc repair
@@ -47,6 +47,14 @@ year: .venv/ready
 
 report: .venv/ready
 	@python -m stages.report
+
+# docs/RESULTS.md, of the studies in use.
+results: .venv/ready
+	@yearloc results --markdown >docs/RESULTS.md
+
+# README's moving picture, from what `make demo` built.
+picture: .venv/ready
+	@yearloc picture campus/10m/sci_ring -o docs/year.gif
 
 test: .venv/tools
 	ruff check .

@@ -6,14 +6,13 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from shutil import get_terminal_size
 
 import yaml
 
-from pipeline.cli import site
+from pipeline.cli import picture, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
-from pipeline.cli.progress import Bytes, Lines
+from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
 
@@ -59,15 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     look.add_argument(
         "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
     )
-    results = commands.add_parser("results", help="the results in a few lines, all tables, or every number as csv or json")
-    results.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
-    results.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
-    results.add_argument("--json", action="store_true", help="the same as a list of objects")
-    results.add_argument("--markdown", action="store_true", help="a page of tables, as docs/RESULTS.md")
-    results.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
+    results.add_command(commands)
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     site.add_commands(commands)
+    picture.add_command(commands)
     same = commands.add_parser(
         "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
     )
@@ -152,41 +147,6 @@ def _inspect(given: argparse.Namespace) -> None:
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 
-def _results(given: argparse.Namespace) -> None:
-    if given.full:
-        places = [(name, grid) for name, study in read_studies().items() for grid in study["grids"]]
-        for text in (Path("artifacts/report", *place, "results.txt") for place in places):
-            if not text.is_file():
-                raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
-            print(text.read_text())
-        print("a page to read: artifacts/report/page.html; dashboard: make dashboard")
-        return
-    from pipeline.evaluation import results
-    from pipeline.evaluation.rows import COLUMNS
-
-    studies = read_studies()
-    table = results.read(Path("artifacts"), list(studies))
-    if not (given.csv or given.json or given.markdown or given.where):
-        from pipeline.report.brief import brief
-
-        print(brief(table, studies, get_terminal_size().columns))
-        print("all tables: yearloc results --full; a page: artifacts/report/page.html")
-        return
-    if given.markdown:
-        from pipeline.report.document import document
-
-        return print(document(table, studies), end="")
-    table = results.where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
-    if table.empty:
-        raise ConfigError(f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all")
-    if given.csv:
-        print(table.to_csv(index=False), end="")
-    elif given.json:
-        print(table.to_json(orient="records", force_ascii=False))
-    else:
-        print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format))
-
-
 def _methods(given: argparse.Namespace) -> None:
     from pipeline.studies.catalogue import entries, table
 
@@ -211,13 +171,12 @@ def _unchanged(given: argparse.Namespace) -> None:
         sys.exit(1)
 
 
-def _pack(given: argparse.Namespace) -> None:
-    site.pack(given, conf_folder(), read_studies(), Lines())
-
-
-COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _results, _methods, _repair, _unchanged, _pack)} | {
+COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, _repair, _unchanged)} | {
+    "results": results.results,
     "localize": localize,
     "failures": failures,
+    "picture": picture.picture,
+    "pack": site.pack,
     "export": site.export,
     "serve": site.serve,
     "watch": site.watch,

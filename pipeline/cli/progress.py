@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 from pipeline.running.progress import Item, Progress
 
@@ -13,20 +14,36 @@ class Lines(Progress):
         print(f"  {line}", file=sys.stderr, flush=True)
 
 
+class Bar(Lines):
+    """A bar of items on a terminal."""
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        from rich.progress import MofNCompleteColumn, TimeRemainingColumn
+
+        yield from _tracked(items, total, 1, what, MofNCompleteColumn(), TimeRemainingColumn())
+
+
 class Bytes(Lines):
     """A bar of bytes on a terminal."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-        from rich.console import Console
-        from rich.progress import BarColumn, DownloadColumn, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-        from rich.progress import Progress as RichProgress
+        from rich.progress import DownloadColumn, TimeRemainingColumn, TransferSpeedColumn
 
         from pipeline.fetching.download import CHUNK
 
-        console = Console(stderr=True)
-        columns = (TextColumn(what), BarColumn(24), DownloadColumn(), TransferSpeedColumn(), TimeRemainingColumn())
-        with RichProgress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-            task = bar.add_task(what, total=total * CHUNK)
-            for item in items:
-                yield item
-                bar.update(task, advance=CHUNK)
+        yield from _tracked(items, total, CHUNK, what, DownloadColumn(), TimeRemainingColumn(), TransferSpeedColumn())
+
+
+def _tracked(items: Iterable[Item], total: int, advance: int, what: str, *columns: Any) -> Iterator[Item]:
+    """The items, each counted as so much."""
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as RichProgress
+
+    console = Console(stderr=True)
+    shown = (TextColumn(what), BarColumn(24), *columns)
+    with RichProgress(*shown, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=total * advance)
+        for item in items:
+            yield item
+            bar.update(task, advance=advance)

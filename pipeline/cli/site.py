@@ -9,6 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pipeline.cli.localize import KINDS, Summary, check, check_folder
+from pipeline.cli.progress import Lines
+from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, LogError
 
 
@@ -145,9 +147,9 @@ def export(given: argparse.Namespace) -> None:
     print(export(given.site, given.out))
 
 
-def pack(given: argparse.Namespace, conf: Path, studies: dict[str, dict[str, Any]], progress: Any) -> None:
+def pack(given: argparse.Namespace) -> None:
     """Write a site file."""
     from pipeline.online.pack import Packing
 
     check_folder(given.out)
-    print(Packing(conf, Path("artifacts"), studies).pack(given.name, given.out, progress))
+    print(Packing(conf_folder(), Path("artifacts"), read_studies()).pack(given.name, given.out, Lines()))

@@ -1,15 +1,15 @@
 """The results of all studies as one markdown page, from the table of results alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pandas as pd
 
 from pipeline.report.render import template
-from pipeline.report.result import day
+from pipeline.report.result import NONE, Values, day
 from pipeline.report.study import indexed
 from pipeline.report.summary import Summary, scorecard
-from pipeline.report.table import Table, number, table
+from pipeline.report.table import Cell, Table, number, table
 from pipeline.studies.expansion import ModelName
 
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
@@ -23,9 +23,7 @@ def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) ->
         for grid in study["grids"]:
             own = results[(results["study"] == name) & (results["grid"] == grid)]
             if (summary := Summary.of(own, study)).rows:
-                shown.append(
-                    {"name": name, "study": study, "grid": grid, "summary": summary, "tables": list(_tables(own, summary))}
-                )
+                shown.append({"name": name, "study": study, "grid": grid, "tables": list(_tables(own, summary))})
     return template("results.md.j2", studies=shown)
 
 
@@ -50,6 +48,6 @@ def _tables(own: pd.DataFrame, summary: Summary) -> Iterator[Table]:
         yield table("posed", ("method", "day", *heads), rows, words=2)
 
 
-def _cell(values: Mapping[Sequence[str], Any], model: str, protocol: str, name: str, test: str, digits: int) -> Any:
-    value, low, high = values.get((model, protocol, name, test), (float("nan"),) * 3)
+def _cell(values: Mapping[Any, Values], model: str, protocol: str, name: str, test: str, digits: int) -> Cell:
+    value, low, high = values.get((model, protocol, name, test), NONE)
     return number(value, digits, (low, high))

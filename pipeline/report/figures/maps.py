@@ -47,7 +47,7 @@ def _single(
     fig = figure(width_in, height_in + 0.6, heading)
     axis = fig.subplots()
     _map(axis, result.evaluation.xy_m, outcome, train_xy_m, box, size=6.0)
-    _scale_bar(axis, box)
+    scale_bar(axis, box)
     _legend(fig, [f"{name} {count}" for name, count in zip(names, _counts(outcome), strict=True)])
     return fig
 
@@ -72,7 +72,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
         for place, (count, (_, tint, _)) in enumerate(zip(_counts(outcome), OUTCOMES, strict=True)):
             axis.text(0.2 + 0.2 * place, -0.02, str(count), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
-    _scale_bar(axes[0], box)
+    scale_bar(axes[0], box)
     _legend(fig, [name for name, _, _ in OUTCOMES])
     return fig
 
@@ -105,14 +105,14 @@ def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[
     return np.stack([middle - half - (0.0, 0.24 * half[1]), middle + half])
 
 
-def _scale_bar(axis: Axes, box: NDArray[np.float64]) -> None:
-    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left corner."""
+def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
+    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left corner; `size` of its words."""
     longest_m = 0.3 * (box[1, 0] - box[0, 0])
     power = 10.0 ** np.floor(np.log10(longest_m))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= longest_m)
     left, bottom = box[0] + 0.03 * (box[1] - box[0])
     axis.plot([left, left + length_m], [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt")
-    axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=7, color="0.25")
+    axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=size, color="0.25")
 
 
 def _counts(outcome: NDArray[np.integer]) -> list[int]:

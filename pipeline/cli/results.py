@@ -1,0 +1,55 @@
+"""`yearloc results`: the results of the studies in use, for a terminal, a page or a program."""
+
+import argparse
+from pathlib import Path
+from shutil import get_terminal_size
+from typing import Any
+
+from pipeline.cli.project import read_studies
+from pipeline.errors import ArtifactError, ConfigError
+
+
+def add_command(commands: Any) -> None:
+    """What it takes."""
+    words = commands.add_parser("results", help="the results in a few lines, all tables, or every number as csv or json")
+    words.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
+    words.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
+    words.add_argument("--json", action="store_true", help="the same as a list of objects")
+    words.add_argument("--markdown", action="store_true", help="a page of tables, as docs/RESULTS.md")
+    words.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
+
+
+def results(given: argparse.Namespace) -> None:
+    """Print what is asked for."""
+    studies = read_studies()
+    if given.full:
+        return _full([(name, grid) for name, study in studies.items() for grid in study["grids"]])
+    from pipeline.evaluation.results import read, where
+    from pipeline.evaluation.rows import COLUMNS
+
+    table = read(Path("artifacts"), list(studies))
+    if given.markdown:
+        from pipeline.report.document import document
+
+        return print(document(table, studies), end="")
+    if not (given.csv or given.json or given.where):
+        from pipeline.report.brief import brief
+
+        print(brief(table, studies, get_terminal_size().columns))
+        return print("all tables: yearloc results --full; a page: artifacts/report/page.html")
+    table = where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
+    if table.empty:
+        raise ConfigError(f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all")
+    if given.csv:
+        return print(table.to_csv(index=False), end="")
+    if given.json:
+        return print(table.to_json(orient="records", force_ascii=False))
+    return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format))
+
+
+def _full(places: list[tuple[str, str]]) -> None:
+    for text in (Path("artifacts/report", *place, "results.txt") for place in places):
+        if not text.is_file():
+            raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
+        print(text.read_text())
+    print("a page to read: artifacts/report/page.html; dashboard: make dashboard")

@@ -1,0 +1,56 @@
+"""Files of moving pictures: few colours, unchanged pixels left out, the same bytes each time."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import KDTree
+
+from pipeline.errors import ConfigError
+from pipeline.store import replace
+
+ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
+FRAME_MS, END_MS = 80, 2500
+"""How long a frame is shown, and the last one."""
+BLENDS = 9
+"""Shades from white to an ink, as letters and lines have at their edges."""
+
+
+def check_ending(path: Path) -> None:
+    """Raise ConfigError for a file that is no moving picture by its name."""
+    if path.suffix not in ENDINGS:
+        raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
+
+
+def palette(inks: Sequence[str], others: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they are."""
+    shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (1 - np.array([to_rgb(ink) for ink in inks]))
+    return np.unique(np.concatenate([others, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]), axis=0)
+
+
+def save(frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint8]) -> tuple[int, int]:
+    """Write frames (height, width, 3) that repeat for ever, in the colours of a palette; returns how many, and the file's bytes.
+
+    Raises ConfigError where `check_ending` does.
+    """
+    check_ending(path)
+    tree = KDTree(table)
+    first, *others = (_indexed(frame, table, tree) for frame in frames)
+    lasting = [FRAME_MS] * len(others) + [END_MS]
+    options: dict[str, Any] = {"duration": lasting, "loop": 0, "lossless": True, "optimize": True}
+    with replace(path) as scratch:
+        first.save(scratch, ENDINGS[path.suffix], save_all=True, append_images=others, **options)
+    return len(lasting), path.stat().st_size
+
+
+def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
+    """A frame in the colours of the palette, each pixel in the one nearest to its own."""
+    packed, where = np.unique(frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True)
+    nearest = np.asarray(tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1])
+    image = Image.fromarray(nearest.astype(np.uint8)[where].reshape(frame.shape[:2]))
+    image.putpalette(table.tobytes())
+    return image
