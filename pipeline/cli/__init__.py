@@ -9,12 +9,12 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.cli import picture, site
+from pipeline.cli import picture, results, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
-from pipeline.errors import ArtifactError, ConfigError, YearlocError
+from pipeline.errors import ConfigError, YearlocError
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
