@@ -61,7 +61,7 @@ SECTIONS = {
         height=250,
         bars=True,
     ),
-    "Ageing: how new the seen look over days": Drawing(("ageing/novelty_percentile",)),
+    "Ageing: novelty of the seen over days": Drawing(("ageing/novelty_percentile",)),
     "Heading of what is placed right over days": Drawing(("distance/median_heading_error_deg", "distance/heading_within_10deg")),
     "Calibration error over days": Drawing(("calibration/ece", "calibration/ece_raw")),
     "Training curves over epochs": Drawing(("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")),
@@ -69,8 +69,9 @@ SECTIONS = {
 """In sight, from top to bottom, by headline."""
 UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss")
 """How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
-FOLDED = ("mean", "cells", "distance", "rejection", "ageing", "train", "cost", "System metrics")
-"""Sections below, for the charts that the page adds itself."""
+FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "System metrics"), 1)
+FOLDED |= dict.fromkeys(("mean", "ageing", "cost"), 2)
+"""Sections below, for the charts that the page adds itself, and their columns: one where they are lines, two where bars."""
 COLUMNS = {
     "attributes.`Dataset`": 290,
     "attributes.`Models`": 240,
@@ -117,7 +118,7 @@ def url(experiment_id: str, host: str, port: int) -> str:
 
 def _state() -> dict[str, object]:
     sections = [_section(name, {"columns": own.columns, "cardHeight": own.height}) for name, own in SECTIONS.items()]
-    sections += [_section(name, {"columns": 3}) for name in FOLDED]
+    sections += [_section(name, {"columns": columns}) for name, columns in FOLDED.items()]
     charts = [_chart(name, own, metrics.split()) for name, own in SECTIONS.items() for metrics in own.charts]
     shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
     columns = {"selectedColumns": [*COLUMNS], "columnOrder": [*COLUMNS], "columnWidths": COLUMNS}

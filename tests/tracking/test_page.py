@@ -39,13 +39,13 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
         "By distance over days",
         "Rejection of unseen places over days",
         "Ageing: change per 100 days",
-        "Ageing: how new the seen look over days",
+        "Ageing: novelty of the seen over days",
         "Heading of what is placed right over days",
         "Calibration error over days",
         "Training curves over epochs",
     ]
     folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
-    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "cost", "System metrics"}
+    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "viewpoints", "cost", "System metrics"}
 
 
 def test_single_numbers_are_bars_over_the_runs_and_what_has_days_is_lines(view: Any) -> None:
