@@ -6,6 +6,7 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.evaluation import results
+from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import asks_about_the_year
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
@@ -19,11 +20,10 @@ def main(cfg: DictConfig) -> str:
     study, artifacts, runs = studies()[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
     if not asks_about_the_year(study):
         return f"{cfg.study} judges turned robots alone, see {artifacts}/report/{cfg.study}"
-    table = results.read(artifacts, [cfg.study])
+    table, lock = results.read(artifacts, [cfg.study]), DvcLock.read(artifacts.parent / "dvc.lock")
     for grid in study["grids"]:
-        source = Source(
-            cfg.study, grid, study, cfg.dataset.simulated, table[table["grid"] == grid], artifacts / "report" / cfg.study / grid
-        )
+        figures = artifacts / "report" / cfg.study / grid
+        source = Source(cfg.study, grid, study, cfg.dataset.simulated, table[table["grid"] == grid], figures, lock)
         for method in study["methods"]:
             path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
             extra = measured(artifacts, cfg.study, grid, method, path)
@@ -32,7 +32,8 @@ def main(cfg: DictConfig) -> str:
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
-    return f"{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
+    moved = f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; " if done.aside else ""
+    return f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ there; of the keys that the inner JSON may have, these are set:
   a chart of each metric that none of `compareRunCharts` shows to the section named like the metric's part before the slash
   (`System metrics` for `system/`, `Model metrics` for none), so a section of that name, folded, keeps them out of sight.
 - `compareRunCharts`: `{"uuid", "type", "metricSectionId", "metricKey", …}` each, fields as MLflow's own configuration of a chart.
+- `selectedColumns`, `columnOrder`, `columnWidths`: of the table of runs; the widths only count where the order is given too.
 - `isAccordionReordered`: the page shall not sort the sections by name. `runsHiddenMode`: show all runs, not the first ten.
 
 Runs with children are folded on a page that opens so: unfolding (`runsExpanded`) is each reader's own and cannot be shared.
@@ -17,16 +18,13 @@ Runs with children are folded on a page that opens so: unfolding (`runsExpanded`
 import base64
 import json
 import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pipeline.tracking import texts
 
 KEY = "yearloc"
 LIMIT = 5_000  # characters that MLflow keeps of an experiment's tag
-NOTE = (
-    "Step: **days since training** (`train/`: epochs, `system/`: seconds). "
-    "`cells/`: right if in the query's own cell, as the papers count; `distance/`: if near it.\n\n"
-    "A method's run holds its whole year; unfold it for a run a day. Figures are in its artifacts. "
-    "Where the side bar turns to GenAI, choose Model training above it, once.\n"
-)
-"""The first line shows above the charts, the rest once unfolded."""
 SCALE = {"yMin": -0.02, "yMax": 1.02}
 """Of shares: a scale cut to the data would make a hundredth look like a season."""
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
@@ -36,24 +34,54 @@ RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0)
 """Viridis, its yellow darkened to be seen on white: the colours of children without one, from first to last."""
 
 
-CHARTS = {
-    "AUC over days since training": ("cells/auc_top1", "distance/auc_top1"),
-    "Recall by distance over days": ("distance/recall_at_1", "distance/recall_at_5", "distance/recall_at_25"),
-    "Rejection of unseen places over days": ("cells/auroc", "cells/recall_at_99_precision", "cells/precision_at_threshold"),
-    "Ageing: how new the seen look over days, and change per 100 days": (
-        "ageing/novelty_percentile",
-        "ageing/cells_recall_at_1_same_heading_per_100_days",
-        "ageing/cells_auc_top1_per_100_days",
+@dataclass(frozen=True)
+class Drawing:
+    """A section in sight: its charts, and how they stand."""
+
+    charts: tuple[str, ...]
+    """The metric of each, or several with blanks between; the page heads a chart with their names, and takes no title."""
+    columns: int = 1
+    """A legend has two lines, whatever the chart's height: only a wide chart has room for the name of every run."""
+    height: int = 320  # px of each chart
+    bars: bool = False  # a bar for each run instead of lines over the steps
+
+
+SECTIONS = {
+    "AUC over days since training": Drawing(("cells/auc_top1",)),
+    "Means over the test days": Drawing(("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True),
+    "By distance over days": Drawing(
+        ("distance/auc_top1", "distance/recall_at_1", "distance/recall_at_5", "distance/recall_at_25")
     ),
-    "Heading of what is placed right over days": ("distance/median_heading_error_deg", "distance/heading_within_10deg"),
-    "Calibration error over days": ("calibration/ece", "calibration/ece_raw"),
-    "Training curves over epochs": ("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy"),
+    "Rejection of unseen places over days": Drawing(
+        ("cells/auroc", "cells/recall_at_99_precision", "cells/precision_at_threshold")
+    ),
+    "Ageing: change per 100 days": Drawing(
+        ("ageing/cells_auc_top1_per_100_days", "ageing/cells_recall_at_1_same_heading_per_100_days"),
+        columns=2,
+        height=250,
+        bars=True,
+    ),
+    "Ageing: novelty of the seen over days": Drawing(("ageing/novelty_percentile",)),
+    "Heading of what is placed right over days": Drawing(("distance/median_heading_error_deg", "distance/heading_within_10deg")),
+    "Calibration error over days": Drawing(("calibration/ece", "calibration/ece_raw")),
+    "Training curves over epochs": Drawing(("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")),
 }
-"""Sections in sight: headline to its charts, side by side. A chart has a line a run and metric; blanks stand between metrics."""
+"""In sight, from top to bottom, by headline."""
 UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss")
 """How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
-FOLDED = ("cells", "distance", "rejection", "ageing", "train", "cost", "System metrics")
-"""Sections below, for the charts that the page adds itself."""
+FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "System metrics"), 1)
+FOLDED |= dict.fromkeys(("mean", "ageing", "cost"), 2)
+"""Sections below, for the charts that the page adds itself, and their columns: one where they are lines, two where bars."""
+COLUMNS = {
+    "attributes.`Dataset`": 290,
+    "attributes.`Models`": 240,
+    "attributes.`Description`": 120,
+    "metrics.`mean/cells_auc_top1`": 140,
+    "metrics.`mean/distance_recall_at_1`": 175,
+    "metrics.`mean/distance_auroc`": 150,
+    "metrics.`mean/cells_recall_at_1`": 160,
+}
+"""What the table of runs shows beside a run's name and date, and how wide, in px."""
 
 
 def shade(place: int, count: int) -> str:
@@ -71,31 +99,43 @@ def tags() -> dict[str, str]:
     state = base64.b64encode(zlib.compress(json.dumps(_state(), separators=(",", ":")).encode(), 9)).decode()
     view = json.dumps({"name": "localisation over a year", "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
-    return {"mlflow.experimentKind": kind, "mlflow.note.content": NOTE, f"mlflow.sharedViewState.{KEY}": view}
+    return {
+        "mlflow.experimentKind": kind,
+        "mlflow.note.content": texts.part("experiment.md"),
+        f"mlflow.sharedViewState.{KEY}": view,
+    }
+
+
+def fragment(experiment_id: str) -> str:
+    """The end of the address of the experiment's charts in the view above; MLflow 3 would else open elsewhere."""
+    return f"#/experiments/{experiment_id}/runs?viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
 
 
 def url(experiment_id: str, host: str, port: int) -> str:
-    """Where a browser sees the experiment's runs as charts, in the view above; MLflow 3 would else open elsewhere."""
-    query = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
-    return f"http://{host}:{port}/#/experiments/{experiment_id}/runs?{query}"
+    """Where a browser sees the experiment's runs as charts."""
+    return f"http://{host}:{port}/{fragment(experiment_id)}"
 
 
 def _state() -> dict[str, object]:
-    columns = {name: len(charts) for name, charts in CHARTS.items()} | dict.fromkeys(FOLDED, 3)
-    sections = [
-        {"uuid": name, "name": name, "display": name in CHARTS, "isReordered": False, "columns": wide}
-        for name, wide in columns.items()
-    ]
-    charts = [_chart(section, chart.split()) for section, charts in CHARTS.items() for chart in charts]
+    sections = [_section(name, {"columns": own.columns, "cardHeight": own.height}) for name, own in SECTIONS.items()]
+    sections += [_section(name, {"columns": columns}) for name, columns in FOLDED.items()]
+    charts = [_chart(name, own, metrics.split()) for name, own in SECTIONS.items() for metrics in own.charts]
     shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
-    return {"compareRunSections": sections, "compareRunCharts": charts, **shown}
+    columns = {"selectedColumns": [*COLUMNS], "columnOrder": [*COLUMNS], "columnWidths": COLUMNS}
+    return {"compareRunSections": sections, "compareRunCharts": charts, **shown, **columns}
 
 
-def _chart(section: str, metrics: list[str]) -> dict[str, object]:
-    """The page heads a chart with its metrics' names, and would take no title."""
-    own = {"uuid": metrics[0], "type": "LINE", "metricSectionId": section, "metricKey": metrics[0]}
+def _section(name: str, size: Mapping[str, int]) -> dict[str, object]:
+    return {"uuid": name, "name": name, "display": name in SECTIONS, "isReordered": False, **size}
+
+
+def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, object]:
+    """As the page's own configuration of a chart."""
+    own = {"uuid": metrics[0], "metricSectionId": section, "metricKey": metrics[0]}
+    if drawing.bars:
+        return {**own, "type": "BAR"}
     axes = {"xAxisKey": "step", "xAxisScaleType": "linear", "scaleType": "linear", "yAxisKey": "metric", "yAxisExpressions": []}
     scale: dict[str, float] = {} if metrics[0].startswith(UNBOUNDED) else SCALE
     lines = {"displayPoints": True, "lineSmoothness": 0, "useGlobalXaxisKey": False, "useGlobalLineSmoothing": False}
     several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
-    return {**own, **axes, "range": scale, **lines, **several}
+    return {**own, "type": "LINE", **axes, "range": scale, **lines, **several}

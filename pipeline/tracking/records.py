@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING
+from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
+from pipeline.studies.catalogue import what
 from pipeline.studies.colours import colour
 from pipeline.sweeps.record import Record
+from pipeline.tracking.datasets import used
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.runs import RunRecord
 from pipeline.tracking.served import Served
+from pipeline.tracking.texts import filled
 
 CHARTED = {
     "cells_auc_top1": ("cells", "auc_top1"),
@@ -33,6 +37,17 @@ REJECTION = {"auroc": "auroc", "precision_at_threshold": "precision", "recall_at
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
 GROUPS = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}
 """Of numbers that are not charted under their protocol."""
+MEANS = (
+    ("cells", "auc_top1"),
+    ("cells", "recall_at_1"),
+    ("cells", "auroc"),
+    ("distance", "auc_top1"),
+    ("distance", "recall_at_1"),
+    ("distance", "recall_at_5"),
+    ("distance", "auroc"),
+    ("distance", "heading_within_10deg"),
+)
+"""Protocol and number whose mean over the test days the run of a method holds: MLflow's table of runs shows a last value."""
 LARGEST = 1e30  # a threshold beyond rejects nothing
 Series = dict[str, list[tuple[int, float]]]
 
@@ -47,6 +62,7 @@ class Source:
     simulated: bool
     rows: pd.DataFrame  # of the table of results, of this study and grid
     figures: Path  # folder of the report's figures, with its list of whose they are
+    lock: DvcLock = field(default_factory=lambda: DvcLock({}))  # where the digests of its sequences come from
 
     def record(self, model: str, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
         """A method's run: its metrics over the days, ageing, curves of training and `extra`, and a child a test sequence."""
@@ -61,11 +77,29 @@ class Source:
         }
         children = []
         for test in self.words["tests"]:
-            series, files = over_days(driven[driven["sequence"] == test]), self._files(model, test)
-            children.append(RunRecord(test, tags | {"sequence": test}, params | {"test": test}, series, files))
-        series = over_days(driven[driven["sequence"].isin(self.words["tests"])])
-        series |= curves | ageing(driven) | viewpoints(own) | extra
-        return RunRecord(f"{model} {self.grid}", tags, params, series, self._files(model), children)
+            day, files = driven[driven["sequence"] == test], self._files(model, test)
+            name, about = tags | {"sequence": test}, self._about("day.md.j2", sequence=test, days=_days(day))
+            inputs = used(self.study, self.words, [test], self.lock, train=False)
+            children.append(RunRecord(test, name, params | {"test": test}, over_days(day), files, about=about, used=inputs))
+        tested = driven[driven["sequence"].isin(self.words["tests"])]
+        series = over_days(tested) | means(tested) | curves | ageing(driven) | viewpoints(own) | extra
+        places = len(arrays["place_xy_m"]) if "place_xy_m" in arrays else 0
+        said = {"what": what(recipe.get("_target_", "")), "method": model, "share": recipe.get("budget", ""), "places": places}
+        about, registered = self._about("run.md.j2", **said), self._registered(model)
+        inputs = used(self.study, self.words, self.words["tests"], self.lock)
+        return RunRecord(self._name(model), tags, params, series, self._files(model), children, None, registered, about, inputs)
+
+    def _name(self, model: str) -> str:
+        """With the grid where the study has several; short, since a chart's legend has two lines for all runs."""
+        return model if [*self.words.get("grids", ())] == [self.grid] else f"{model} {self.grid}"
+
+    def _registered(self, model: str) -> str:
+        """The name of the method's model in the registry, such as campus-sci-simulated."""
+        return "-".join([self.study, *self._name(model).split()] + ["simulated"] * self.simulated)
+
+    def _about(self, template: str, **values: Any) -> str:
+        own = {"study": self.study, "grid": self.grid, "simulated": self.simulated, "budget": "", **self.words}
+        return filled(template, **own | values)
 
     def _files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures that belong to a model, those of all models included; or to it on one test sequence."""
@@ -84,16 +118,28 @@ def over_days(rows: pd.DataFrame) -> Series:
     return _points(plain, names, "days") | _points(kinds, of_kinds, "days")
 
 
+def means(rows: pd.DataFrame) -> Series:
+    """The mean of each of MEANS over the test days that have the number, as the one value of `mean/…`."""
+    plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
+    found = plain.groupby(["protocol", "number"])["value"].mean()
+    return {
+        f"mean/{protocol}_{number}": [(0, found[protocol, number])] for protocol, number in MEANS if (protocol, number) in found
+    }
+
+
 def ageing(rows: pd.DataFrame) -> Series:
-    """The change of each number per 100 days with its interval, and when to train again, at the last day."""
-    whole, last, found = rows[rows["sequence"] == ""], rows["days"].max(), Series()
+    """The change of each number per 100 days with its interval, and when to train again: single values, at step 0.
+
+    MLflow draws a metric whose only step is 0 as bars over the runs, any other as a line, which would be a dot.
+    """
+    whole, found = rows[rows["sequence"] == ""], Series()
     known = whole.set_index(["protocol", "number"])[["value", "low", "high"]]
     for protocol, number in AGEING:
         name = number if number == "novelty_percentile" else f"{protocol}_{number}"
         for end, bounds in (("per_100_days", ("", "_low", "_high")), ("retrain_after_days", ("",))):
             if (protocol, f"{number}_{end}") in known.index:
                 values = zip(bounds, known.loc[(protocol, f"{number}_{end}")], strict=False)
-                found |= {f"ageing/{name}_{end}{bound}": [(int(last), float(v))] for bound, v in values if np.isfinite(v)}
+                found |= {f"ageing/{name}_{end}{bound}": [(0, float(v))] for bound, v in values if np.isfinite(v)}
     return found
 
 
@@ -101,6 +147,12 @@ def viewpoints(rows: pd.DataFrame) -> Series:
     """How a method bears being turned, over whole degrees of heading."""
     own = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
     return _points(own, "viewpoints/" + own["number"] + " " + own["sequence"], "level")
+
+
+def _days(rows: pd.DataFrame) -> int | None:
+    """Days since training of one sequence's rows; None where there are none."""
+    days = rows["days"].dropna()
+    return int(days.iloc[0]) if len(days) else None
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:

@@ -13,21 +13,22 @@ import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from filelock import FileLock
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.tracking import page, served
+from pipeline.errors import InputError
+from pipeline.tracking import datasets, experiments, page, registry, served, texts
+from pipeline.tracking.experiments import KEY as KEY
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import LoggedModel, Run
 
-KEY = "yearloc.key"
 PARENT = "mlflow.parentRunId"
+NOTE = "mlflow.note.content"
 BATCH = 1_000  # metric points that MLflow takes at once
 SYSTEM = "system/"
 """Metrics of this group are on the page's tab of system metrics, which shows them over their time: their steps are seconds."""
@@ -50,6 +51,9 @@ class RunRecord:
     figures: Sequence[Path] = ()
     children: Sequence["RunRecord"] = ()  # one level deep: the page nests no further
     model: served.Served | None = None
+    registered: str = ""  # the model's name in the registry
+    about: str = ""  # the description, in markdown; its $page becomes the address of the experiment's charts
+    used: Sequence[datasets.Used] = ()
 
     def __post_init__(self) -> None:
         for metric, points in self.series.items():
@@ -72,6 +76,9 @@ class RunRecord:
             "figures": [[path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures],
             "children": [child.key() for child in self.children],
             "model": self.model and self.model.content(),
+            "registered": self.registered,
+            "about": self.about,
+            "datasets": [asdict(one) for one in self.used],
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -88,12 +95,14 @@ class Published:
     experiment_id: str
     written: int
     kept: int
+    aside: str = ""
+    """The name that an experiment was given whose files went to another folder, where the project was moved."""
 
 
 def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Published:
     """Make `experiment` in the sqlite file `database` hold these runs; figures go to `mlruns` beside it.
 
-    A run of the same name whose content differs is marked deleted, with its children; names not given are left alone.
+    A run of the same name, or method and grid, whose content differs is marked deleted, with its children; others are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
@@ -101,14 +110,14 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
     database.parent.mkdir(parents=True, exist_ok=True)
     # One process at a time: two would each make the experiment, and each write the runs that they both find missing.
     with FileLock(f"{database}.lock"), _quiet_client(database) as client:
-        experiment_id = _experiment(client, experiment, database.parent / "mlruns")
+        experiment_id, aside = experiments.find(client, experiment, database.parent / "mlruns")
         for tag, value in page.tags().items():
             client.set_experiment_tag(experiment_id, tag, value)
         ours = [run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags]
         models = served.owners(client, experiment_id)
         written, kept, now_ms = 0, 0, time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
-            standing = [run for run in ours if run.info.run_name == record.name and PARENT not in run.data.tags]
+            standing = [run for run in ours if _is_of(run, record) and PARENT not in run.data.tags]
             whole = [run for run in standing if _stands(run, record, ours, models)]
             if whole:
                 kept += 1 + len(record.children)
@@ -118,7 +127,13 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
             for run in standing:
                 if run not in whole[:1]:
                     _delete(client, run.info.run_id, ours, models)
-    return Published(experiment_id, written, kept)
+        logged = served.owners(client, experiment_id)
+        names = {record.name: record.registered for record in runs if record.registered}
+        parents = [run for run in served.every(client.search_runs, experiment_id) if PARENT not in run.data.tags]
+        named = [(run.info.run_id, names[run.info.run_name]) for run in parents if run.info.run_name in names]
+        wanted = {name: model for run_id, name in named for model in logged.get(run_id, ())}
+        registry.settle(client, experiment, experiment_id, wanted)
+    return Published(experiment_id, written, kept, aside)
 
 
 @contextmanager
@@ -138,16 +153,11 @@ def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
             logger.setLevel(level)
 
 
-def _experiment(client: "MlflowClient", name: str, artifacts: Path) -> str:
-    """The id of the experiment of this name, created or brought back from MLflow's bin if need be."""
-    found = client.get_experiment_by_name(name)
-    if found is None:
-        return str(client.create_experiment(name, artifact_location=artifacts.as_uri()))
-    if found.artifact_location != artifacts.as_uri():
-        raise ConfigError(f"experiment {name} keeps its figures in {found.artifact_location}: delete the database, publish again")
-    if found.lifecycle_stage == "deleted":
-        client.restore_experiment(found.experiment_id)
-    return str(found.experiment_id)
+def _is_of(run: "Run", record: RunRecord) -> bool:
+    """Whether a run is an earlier state of a record: of its name, or of its method and grid."""
+    same = ("method", "grid")
+    known = all(record.tags.get(tag) for tag in same)
+    return bool(run.info.run_name == record.name or (known and all(run.data.tags.get(tag) == record.tags[tag] for tag in same)))
 
 
 def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
@@ -174,7 +184,9 @@ def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family
     """
     from mlflow.entities import Metric, Param
 
-    run_id = client.create_run(experiment_id, start_ms, {**family, **record.tags, KEY: "unfinished"}, record.name).info.run_id
+    about = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
+    tags = {**family, **record.tags, **about}
+    run_id = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name).info.run_id
     client.log_batch(run_id, params=[Param(name, str(value)) for name, value in record.params.items()])
     series = [(name, float(value), step) for name, points in record.series.items() for step, value in points]
     points = [Metric(name, value, NO_CLOCK_MS + 1_000 * step, step) for name, value, step in series]
@@ -182,11 +194,12 @@ def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family
         client.log_batch(run_id, metrics=points[start : start + BATCH])
     for path in record.figures:
         client.log_artifact(run_id, str(path), "figures")
+    datasets.log(client, run_id, record.used)
     if record.model is not None:
         served.log(client, experiment_id, run_id, record.name, record.model)
     for place, child in enumerate(record.children):
-        tags = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
-        _write(client, experiment_id, child, tags, NO_CLOCK_MS - place)
+        own = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
+        _write(client, experiment_id, child, own, NO_CLOCK_MS - place)
     lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
     client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
     client.set_tag(run_id, KEY, record.key())

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from pipeline.tracking import page
+from pipeline.tracking.records import MEANS
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +35,42 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
     shown = [section["name"] for section in view["compareRunSections"] if section["display"]]
     assert shown == [
         "AUC over days since training",
-        "Recall by distance over days",
+        "Means over the test days",
+        "By distance over days",
         "Rejection of unseen places over days",
-        "Ageing: how new the seen look over days, and change per 100 days",
+        "Ageing: change per 100 days",
+        "Ageing: novelty of the seen over days",
         "Heading of what is placed right over days",
         "Calibration error over days",
         "Training curves over epochs",
     ]
     folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
-    assert folded == {"cells", "distance", "rejection", "ageing", "train", "cost", "System metrics"}
+    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "viewpoints", "cost", "System metrics"}
+
+
+def test_single_numbers_are_bars_over_the_runs_and_what_has_days_is_lines(view: Any) -> None:
+    bars = {chart["metricKey"] for chart in view["compareRunCharts"] if chart["type"] == "BAR"}
+    assert {name for name in bars if name.startswith("mean/")} == {"mean/cells_auc_top1", "mean/distance_recall_at_1"}
+    assert all(name.startswith("mean/") or name.endswith("_per_100_days") for name in bars)
+    lines = {chart["metricKey"] for chart in view["compareRunCharts"]} - bars
+    assert not [name for name in lines if name.startswith("mean/") or name.endswith("_per_100_days")]
+
+
+def test_lines_have_the_whole_width_for_their_legend(view: Any) -> None:
+    """A legend has two lines, whatever the chart's height."""
+    wide = {section["uuid"]: section["columns"] for section in view["compareRunSections"]}
+    assert {wide[chart["metricSectionId"]] for chart in view["compareRunCharts"] if chart["type"] == "LINE"} == {1}
+
+
+def test_the_table_of_runs_shows_data_sets_models_descriptions_and_means(view: Any) -> None:
+    assert view["selectedColumns"] == view["columnOrder"] == [*view["columnWidths"]]
+    assert [name for name in view["selectedColumns"] if name.startswith("attributes")] == [
+        f"attributes.`{name}`" for name in ("Dataset", "Models", "Description")
+    ]
+    means = {f"metrics.`mean/{protocol}_{number}`" for protocol, number in MEANS}
+    shown = {name for name in view["selectedColumns"] if name.startswith("metrics")}
+    assert shown
+    assert shown <= means
 
 
 def test_every_chart_is_in_a_section_and_no_two_share_an_id(view: Any) -> None:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from pipeline.evaluation.rows import row, table
+from pipeline.running.dvc_files import DvcLock
 from pipeline.sweeps.record import Record
+from pipeline.tracking.datasets import used
 from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
 
@@ -33,25 +35,71 @@ def record(tmp_path: Path) -> RunRecord:
     for file in OWNERS:
         (tmp_path / file).touch()
     found = table(rows, study="campus", grid="10m", method="sci", simulated=True)
-    source = Source("campus", "10m", {"train": "april", "tests": [*TESTS]}, True, found, tmp_path)
-    return source.record("sci", {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3)}, {"n_way": "2"}, {"cost/s": [(0, 9.0)]})
+    words = {"train": "april", "tests": [*TESTS], "grids": ["10m"], "budget": "demo"}
+    lock = DvcLock({"submaps@campus": {"outs": [{"path": "artifacts/submaps/campus", "md5": "0123.dir"}]}})
+    source = Source("campus", "10m", words, True, found, tmp_path, lock)
+    arrays = {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3), "place_xy_m": np.zeros((7, 2))}
+    recipe = {"_target_": "pipeline.methods.sci.Sci", "budget": "0.1"}
+    return source.record("sci", arrays, recipe, {"cost/s": [(0, 9.0)]})
 
 
 def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(record: RunRecord) -> None:
-    assert record.name == "sci 10m"
-    assert record.params == {"dataset": "campus", "grid": "10m", "train": "april", "n_way": "2"}
+    assert record.name == "sci"
+    assert record.params.items() >= {"dataset": "campus", "grid": "10m", "train": "april", "budget": "0.1"}.items()
     assert record.tags["data"] == "simulated"
     assert record.series == {
         "cells/auc_top1": [(10, 0.1), (20, 0.2)],
+        "mean/cells_auc_top1": [(0, pytest.approx(0.15))],
         "rejection/cost_auroc": [(10, 0.75), (20, 0.75)],
         "calibration/ece": [(10, 0.125), (20, 0.125)],
         "train/loss": [(1, 2.0), (2, 1.0)],
-        "ageing/cells_auc_top1_per_100_days": [(20, -0.5)],
-        "ageing/cells_auc_top1_per_100_days_low": [(20, -0.75)],
-        "ageing/cells_auc_top1_per_100_days_high": [(20, -0.25)],
+        "ageing/cells_auc_top1_per_100_days": [(0, -0.5)],
+        "ageing/cells_auc_top1_per_100_days_low": [(0, -0.75)],
+        "ageing/cells_auc_top1_per_100_days_high": [(0, -0.25)],
         "viewpoints/accuracy may": [(22, 1.0)],
         "cost/s": [(0, 9.0)],
     }
+
+
+def test_a_run_says_what_it_is_what_it_was_trained_on_and_that_the_data_is_simulated(record: RunRecord) -> None:
+    assert record.about.startswith("SCI localisation")
+    for said in ("**Simulated data**", "Trained on april (7 places)", "budget `demo`: 0.1", "2 days: june, may", "($page)"):
+        assert said in record.about
+    assert record.registered == "campus-sci-simulated"
+    may = record.children[1]
+    assert "may, 10 days after the training sequence april" in may.about
+    assert "**Simulated data**" in may.about
+
+
+def test_a_run_names_its_sequences_and_a_day_its_own(record: RunRecord) -> None:
+    assert [(one.name, one.context) for one in record.used] == [
+        ("campus april", "train"),
+        ("campus june", "test"),
+        ("campus may", "test"),
+    ]
+    assert len({one.digest for one in record.used}) == 3
+    june, may = record.children
+    assert ([*june.used], [*may.used]) == ([record.used[1]], [record.used[2]])
+
+
+def test_a_digest_changes_with_the_submaps_that_dvc_recorded() -> None:
+    words = {"train": "april", "tests": ["may"]}
+
+    def digest(lock: DvcLock) -> str:
+        return used("campus", words, ["may"], lock)[0].digest
+
+    locks = [DvcLock({"s": {"outs": [{"path": "artifacts/submaps/campus", "md5": md5}]}}) for md5 in ("12", "34")]
+    assert len({digest(locks[0]), digest(locks[1]), digest(DvcLock({}))}) == 3
+    assert digest(DvcLock({})) == digest(DvcLock({}))
+
+
+def test_with_several_grids_a_run_names_its_own(tmp_path: Path) -> None:
+    words = {"train": "april", "tests": [], "grids": ["5m", "10m"]}
+    (tmp_path / "figures.json").write_text("[]")
+    rows = table([], study="nclt", grid="5m", method="sci", simulated=False)
+    found = Source("nclt", "5m", words, False, rows, tmp_path).record("sci", {}, {}, {})
+    assert (found.name, found.registered) == ("sci 5m", "nclt-sci-5m")
+    assert "**Recorded data**" in found.about
 
 
 def test_each_day_is_a_child_with_its_own_numbers_and_figures(record: RunRecord) -> None:

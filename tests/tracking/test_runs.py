@@ -1,5 +1,7 @@
 """MLflow holds each run once, however often it is published."""
 
+import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -11,8 +13,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.errors import InputError
 from pipeline.tracking import page
+from pipeline.tracking.datasets import Used
 from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, publish
 from pipeline.tracking.served import Served
 
@@ -145,10 +148,61 @@ def test_an_experiment_in_the_bin_is_brought_back(own: Experiment) -> None:
     assert set(own.runs) == {"sci", "2012-02-04"}
 
 
-def test_figures_kept_in_a_folder_that_moved_are_refused(own: Experiment) -> None:
-    own.client.create_experiment(own.name, artifact_location="file:///somewhere/else")
-    with pytest.raises(ConfigError, match="delete the database"):
-        own.publish(own.record())
+def test_a_moved_folder_publishes_again_and_leaves_the_files_where_they_were(own: Experiment, tiny: Any, tmp_path: Path) -> None:
+    """As if the project had been copied: the database names the old folder, which the old copy still shows."""
+    own.publish(replace(tiny(5), registered="moved-tiny"), own.record())
+    first, model = own.found, own.model
+    copy = Experiment(tmp_path / "copy" / "mlflow.db", own.name, own.folder)
+    copy.database.parent.mkdir()
+    shutil.copyfile(own.database, copy.database)
+    done = copy.publish(replace(tiny(5), registered="moved-tiny"), copy.record())
+    assert (done.written, done.kept) == (3, 0)
+    assert done.aside == f"{own.name}, folder moved ({first.experiment_id})"
+    assert copy.found.artifact_location == (copy.database.parent / "mlruns").as_uri()
+    assert set(copy.runs) == {"tiny", "sci", "2012-02-04"}
+    assert copy.client.get_experiment(first.experiment_id).lifecycle_stage == "deleted"
+    (version,) = copy.client.search_model_versions("name='moved-tiny'")
+    assert version.source == copy.model.artifact_location
+    assert (own.database.parent / "mlruns/models" / model.model_id).is_dir()
+    again = copy.publish(replace(tiny(5), registered="moved-tiny"), copy.record())
+    assert (again.written, again.kept, again.aside) == (0, 3, "")
+
+
+def test_a_moved_folder_keeps_other_people_s_runs(own: Experiment) -> None:
+    old = own.client.create_experiment(own.name, artifact_location="file:///somewhere/else")
+    theirs = own.client.create_run(old, run_name="mine").info.run_id
+    ours = own.client.create_run(old, run_name="sci", tags={KEY: "1"}).info.run_id
+    done = own.publish(own.record())
+    kept = own.client.get_experiment(old)
+    assert (kept.name, kept.lifecycle_stage) == (done.aside, "active")
+    assert own.client.get_run(theirs).info.lifecycle_stage == "active"
+    assert own.client.get_run(ours).info.lifecycle_stage == "deleted"
+    assert set(own.runs) == {"sci", "2012-02-04"}
+
+
+def test_a_moved_folder_whose_experiment_is_in_the_bin_publishes_again(own: Experiment) -> None:
+    old = own.client.create_experiment(own.name, artifact_location="file:///somewhere/else")
+    own.client.delete_experiment(old)
+    assert own.publish(own.record()).written == 2
+    assert own.client.get_experiment(old).lifecycle_stage == "deleted"
+
+
+def test_a_run_shows_its_description_with_a_link_back_and_its_data_sets(own: Experiment) -> None:
+    used = [Used("campus april", "0123abcd", "train", "artifacts/submaps/campus/april.zarr")]
+    done = own.publish(RunRecord("sci", {}, {}, {}, about="SCI. [All]($page)", used=used))
+    run = own.runs["sci"]
+    view = "viewStateShareKey=yearloc&compareRunsMode=CHART&workflowType=machine_learning"
+    assert run.data.tags["mlflow.note.content"] == f"SCI. [All](#/experiments/{done.experiment_id}/runs?{view})"
+    (data,) = run.inputs.dataset_inputs
+    assert (data.dataset.name, data.dataset.digest) == ("campus april", "0123abcd")
+    assert [(tag.key, tag.value) for tag in data.tags] == [("mlflow.data.context", "train")]
+
+
+def test_a_run_of_the_same_method_and_grid_is_replaced_though_its_name_changed(own: Experiment) -> None:
+    tags = {"method": "sci", "grid": "10m"}
+    own.publish(RunRecord("sci 10m", tags, {}, {}), RunRecord("sci 5m", tags | {"grid": "5m"}, {}, {}))
+    own.publish(RunRecord("sci", tags, {}, {}))
+    assert set(own.runs) == {"sci", "sci 5m"}
 
 
 def test_a_new_database_is_filled_as_the_old_one_was(own: Experiment, tmp_path: Path) -> None:
@@ -284,6 +338,38 @@ def test_a_model_is_logged_once_and_anew_where_it_changed_or_somebody_deleted_it
     own.client.delete_logged_model(second)
     assert own.publish(tiny(6)).written == 1
     assert own.model.model_id != second
+
+
+def versions(own: Experiment, name: str) -> list[Any]:
+    return list(own.client.search_model_versions(f"name='{name}'"))
+
+
+def test_a_model_is_registered_once_and_its_version_follows_the_run(own: Experiment, tiny: Any, load: Any) -> None:
+    own.publish(replace(tiny(5), registered="tiny-model"))
+    own.publish(replace(tiny(5), registered="tiny-model"))
+    (first,) = versions(own, "tiny-model")
+    assert (first.version, first.run_id) == (1, own.runs["tiny"].info.run_id)
+    assert json.loads(own.model.tags["mlflow.modelVersions"]) == [{"name": "tiny-model", "version": 1}]
+    assert load("models:/tiny-model/1").predict(np.zeros((1, 4, 12), np.float32))["places"].tolist() == [[5, 8, 11]]
+    own.publish(replace(tiny(6), registered="tiny-model"))
+    (second,) = versions(own, "tiny-model")
+    assert (second.version, second.run_id) == (2, own.runs["tiny"].info.run_id)
+
+
+def test_a_version_that_somebody_deleted_comes_back(own: Experiment, tiny: Any) -> None:
+    own.publish(replace(tiny(5), registered="tiny-back"))
+    own.client.delete_registered_model("tiny-back")
+    assert own.publish(replace(tiny(5), registered="tiny-back")).kept == 1
+    assert len(versions(own, "tiny-back")) == 1
+
+
+def test_no_version_is_left_of_a_model_that_is_gone_and_others_versions_stay(own: Experiment, tiny: Any) -> None:
+    both = [replace(tiny(5), registered="tiny-gone"), replace(tiny(5), name="other", registered="tiny-shared")]
+    own.publish(*both)
+    theirs = own.client.create_model_version("tiny-shared", "file:///somewhere/else")
+    own.publish(*(RunRecord(one.name, {}, {}, {}) for one in both))
+    assert [one.version for one in versions(own, "tiny-shared")] == [theirs.version]
+    assert "tiny-gone" not in {one.name for one in own.client.search_registered_models()}
 
 
 PUBLISH_THREE = """
