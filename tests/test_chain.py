@@ -92,7 +92,7 @@ EDITS = {
         ("conf/path/graph_all.yaml", "fix_m: 0.1", "fix_m: 0.2", {"paths"}),
         ("conf/alteration/turned.yaml", "repeats: 5", "repeats: 4", {"altered"}),
     ],
-    "a colour": [("pipeline/studies/colours.py", "#0072B2", "#0072B3", {"report", "publish"})],
+    "a colour": [("pipeline/studies/colours.py", "#004087", "#004088", {"report", "publish"})],
     "what must not change a result": [
         ("conf/compute/threads.yaml", "workers: 0", "workers: 1", set()),
         ("conf/tracking/local.yaml", "5000", "5001", set()),

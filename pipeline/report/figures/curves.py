@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, FAR, RECALL
-from pipeline.report.figures.panels import balanced, in_corner, name_ends, oracle_line, panels, precision_axes, share_limits
+from pipeline.report.figures.panels import balanced, name_ends, oracle_line, panels, precision_axes, share_limits
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
 from pipeline.report.result import Result, by_model, by_sequence, day
-from pipeline.report.table import fixed
-from pipeline.studies.colours import colour
+from pipeline.studies.colours import colour, marker
 
 FEW = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"
@@ -35,7 +34,7 @@ def year(results: Sequence[Result], train: str) -> Figure:
             axis.fill_between(days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1)
             if len(days) == 1:  # a band has no width there
                 axis.vlines(days, *bounds, color=tint, lw=0.9, alpha=0.6)
-            axis.plot(days, values, color=tint, ls=dash, marker="o", ms=4, mec="white", mew=0.6, zorder=3)
+            axis.plot(days, values, color=tint, ls=dash, marker=marker(model), ms=4, mec="white", mew=0.6, zorder=3)
             lines.append((model, tint, np.stack([days, values], axis=1)))
         first = [group[0] for group in by_sequence(results).values()]
         oracle = [one.number(protocol, "oracle") for one in first]
@@ -52,21 +51,20 @@ def year(results: Sequence[Result], train: str) -> Figure:
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve with its area, a dot at its own threshold."""
+    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve, a marker at its own threshold."""
     groups, looks = by_sequence(results), look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
     width_in, height_in = WIDTH_IN if columns > 1 else 3.5, 0.85 + (1.5 if columns > 3 else 2.0) * rows
     fig = figure(width_in, height_in, f"Precision over recall, by {protocol}")
     for axis, group in zip(panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True):
-        for line, result in enumerate(reversed(group)):
+        for result in reversed(group):
             (tint, dash), (precision, recall) = looks[result.model], result.evaluation.exact_curve(protocol)
             axis.plot(recall, precision, color=tint, ls=dash, lw=1.0, zorder=3)
             dot = [result.number(protocol, f"{name}_at_threshold") for name in ("recall", "precision")]
             if np.isfinite(dot).all():
-                axis.plot(*dot, "o", ms=4, color=tint, mec="white", mew=0.6, clip_on=False, zorder=4)
-            in_corner(axis, line, fixed(result.number(protocol, "auc_exact_top1"), 3), tint)
+                axis.plot(*dot, marker(result.model), ms=4.5, color=tint, mec="white", mew=0.6, clip_on=False, zorder=4)
         precision_axes(axis, group[0].label)
-    below(fig, handles(looks), 5 if columns > 1 else 2, title="number: exact AUC; dot: the model's own threshold")
+    below(fig, handles(looks), 5 if columns > 1 else 2, title="marker: the model's own threshold, where it accepts anything")
     return fig
 
 

@@ -1,6 +1,8 @@
 """Where queries were placed right, placed wrong, or rejected: by cells, the papers' protocol, or by their poses."""
 
 from collections.abc import Sequence
+from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,36 +11,47 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.evaluation.judgement import FALSE_ALARM, HIT
 from pipeline.report.figures.panels import balanced, panels
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
 
-# in the order of the codes of `Judgement.outcome`; blues are right, warm colours wrong, light ones seen, dark ones mostly unseen
-OUTCOMES = (
-    *(("hit", "#6BB6E8", "o"), ("miss", "#EFA31D", "^")),
-    *(("false alarm", "#B2182B", "X"), ("correct rejection", "#1B3C73", "s")),
-)
-BOTTOM_UP = (0, 3, 1, 2)  # codes in the order they are drawn: right ones first, so that wrong ones lie above them
+ANSWERS = (("right", "#0072B2", "o"), ("wrong", "#C8400A", "X"), ("unseen", "#3A3A3A", "s"))
+"""What the first answer is, its colour and marker: right; wrong though training was there; given where it never was."""
+RIGHT, WRONG, UNSEEN = range(3)
+REJECTED = 0.25
+"""Opacity of what the model rejects at its own threshold."""
 
 
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
-    names = [name for name, _, _ in OUTCOMES]
-    return _single(result, result.evaluation.cells.outcome, names, train_xy_m, f"{result.model} on {result.label}, by cells")
+    names = [name for name, _, _ in ANSWERS]
+    return _single(result, *answers(result), names, train_xy_m, f"{result.model} on {result.label}, by cells")
 
 
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The same, coloured by whether each pose is right and was accepted with a promise of .99."""
-    accepted, right = (flags.astype(np.int64) for flags in result.evaluation.fixes)
-    names = ("accepted, right", "rejected though right", "accepted, wrong", "rejected, wrong")
+    """The same, coloured by whether each pose is right, faint where it was not accepted with a promise of .99."""
+    accepted, right = result.evaluation.fixes
     heading = f"{result.model} on {result.label}: poses, right within 2 m and 5°"
-    return _single(result, 2 * (1 - right) + (1 - accepted), names, train_xy_m, heading)
+    return _single(result, np.where(right, RIGHT, WRONG), accepted, ("right", "wrong"), train_xy_m, heading)
+
+
+def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
+    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether it is accepted."""
+    by = result.evaluation.cells
+    found = np.where(by.seen, np.where(by.true_rank == 0, RIGHT, WRONG), UNSEEN)
+    return found, np.isin(by.outcome, (HIT, FALSE_ALARM))
 
 
 @styled
 def _single(
-    result: Result, outcome: NDArray[np.integer], names: Sequence[str], train_xy_m: NDArray[np.float64], heading: str
+    result: Result,
+    found: NDArray[np.integer],
+    accepted: NDArray[np.bool_],
+    names: Sequence[str],
+    train_xy_m: NDArray[np.float64],
+    heading: str,
 ) -> Figure:
     box = _box([result], train_xy_m)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
@@ -46,9 +59,10 @@ def _single(
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
     fig = figure(width_in, height_in + 0.6, heading)
     axis = fig.subplots()
-    _map(axis, result.evaluation.xy_m, outcome, train_xy_m, box, size=6.0)
+    _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=6.0)
     scale_bar(axis, box)
-    _legend(fig, [f"{name} {count}" for name, count in zip(names, _counts(outcome), strict=True)])
+    counts = [(np.sum(found == code), np.sum(accepted & (found == code))) for code in range(len(names))]
+    _legend(fig, [f"{name} {count}, {taken} accepted" for name, (count, taken) in zip(names, counts, strict=True)])
     return fig
 
 
@@ -59,38 +73,43 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     slope, several = float(np.divide(*(box[1] - box[0])[::-1])), len(models) > 1
     rows, columns = (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
     panel_in, title_in = WIDTH_IN / max(columns, 4 if several else 3), 0.24 if several else 0.42
-    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, "Outcomes by cells")
+    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, "First answers by cells")
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
-        outcome = result.evaluation.cells.outcome
-        _map(axis, result.evaluation.xy_m, outcome, train_xy_m, box, size=1.6)
+        found, accepted = answers(result)
+        _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=1.6)
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
             name = axis.text(-0.04, 0.5, folded(result.model), rotation=90, ha="right", va="center", transform=axis.transAxes)
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
-        for place, (count, (_, tint, _)) in enumerate(zip(_counts(outcome), OUTCOMES, strict=True)):
-            axis.text(0.2 + 0.2 * place, -0.02, str(count), color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
+        for code, (_, tint, _) in enumerate(ANSWERS):
+            count = str(np.sum(found == code))
+            axis.text(0.25 + 0.25 * code, -0.02, count, color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
     scale_bar(axes[0], box)
-    _legend(fig, [name for name, _, _ in OUTCOMES])
+    _legend(fig, [name for name, _, _ in ANSWERS])
     return fig
 
 
 def _map(
     axis: Axes,
     xy_m: NDArray[np.float64],
-    outcome: NDArray[np.integer],
+    found: NDArray[np.integer],
+    accepted: NDArray[np.bool_],
     train_xy_m: NDArray[np.float64],
     box: NDArray[np.float64],
     size: float,
 ) -> None:
-    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels in an SVG."""
+    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels in an SVG; what the model
+    rejects is faint and lies below, and what is wrong lies above what is right."""
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
-    for order, code in enumerate(BOTTOM_UP, start=2):
-        _, tint, marker = OUTCOMES[code]
-        x_m, y_m = xy_m[outcome == code].T
-        axis.scatter(x_m, y_m, size, tint, marker=marker, linewidths=0, zorder=order, rasterized=True)
+    drawn = product((False, True), (RIGHT, UNSEEN, WRONG))
+    for order, (taken, code) in enumerate(drawn, start=2):
+        _, tint, marker = ANSWERS[code]
+        x_m, y_m = xy_m[(found == code) & (accepted == taken)].T
+        look: Any = {"marker": marker, "alpha": 1.0 if taken else REJECTED, "linewidths": 0, "zorder": order, "rasterized": True}
+        axis.scatter(x_m, y_m, size, tint, **look)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
 
@@ -115,12 +134,8 @@ def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
     axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=size, color="0.25")
 
 
-def _counts(outcome: NDArray[np.integer]) -> list[int]:
-    """Queries of each outcome, in the order of `OUTCOMES`."""
-    return [int(number) for number in np.bincount(outcome, minlength=len(OUTCOMES))]
-
-
 def _legend(fig: Figure, names: Sequence[str]) -> None:
-    entries = [dot(name, tint, marker) for name, (_, tint, marker) in zip(names, OUTCOMES, strict=True)]
+    entries = [dot(name, tint, marker) for name, (_, tint, marker) in zip(names, ANSWERS, strict=False)]
+    entries.append(dot("faint: rejected", alpha=REJECTED))
     path, columns = Line2D([], [], color="0.8", lw=1.6, label="training path"), 5 if fig.get_figwidth() > 6.5 else 3
     fig.legend(handles=[*entries, path], loc="outside lower left", ncols=columns, handlelength=1.2, columnspacing=1.2)

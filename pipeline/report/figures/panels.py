@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.report.figures.style import QUIET, VEIL, folded, look
 from pipeline.report.found import Found
+from pipeline.studies.colours import marker
 
 LINE_IN = 0.125  # height of a line of text
 Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
@@ -74,7 +75,9 @@ def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
         (tint, dash), x = looks[model], np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
         means, apart = means_of(row)
         axis.vlines(x, means - apart, means + apart, color=tint, lw=0.7, alpha=0.45, zorder=1)
-        axis.plot(x, means, color=tint, ls=dash, lw=1.1, marker="o", ms=3, mec="white", mew=0.4, zorder=3, label=model)
+        axis.plot(
+            x, means, color=tint, ls=dash, lw=1.1, marker=marker(model), ms=3.4, mec="white", mew=0.4, zorder=3, label=model
+        )
         lines.append((model, tint, np.stack([x, means], axis=1)))
     return lines
 

@@ -75,9 +75,12 @@ def rejection(results: Sequence[Result]) -> Figure:
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
     for row, name in zip(axes, ("precision", "recall"), strict=True):
-        number = MEASURES.index(f"{name}_at_threshold")
+        number, precise = MEASURES.index(f"{name}_at_threshold"), MEASURES.index("precision_at_threshold")
         by = [[result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS]
         values = np.array([[one.rejection[:, number] for one in row_of] for row_of in by])  # (protocol, sequence, kind, 3)
+        values[np.isnan([[one.rejection[:, precise, 0] for one in row_of] for row_of in by])] = (
+            np.nan
+        )  # where nothing is accepted
         for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
             for k, (one, (tint, marker)) in enumerate(zip(of_kinds[: len(kinds)], KINDS, strict=False)):
                 points(axis, np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2), one, tint, marker)

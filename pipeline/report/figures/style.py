@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration
 from pipeline.report.study import Study
-from pipeline.studies.colours import colour, method_of
+from pipeline.studies.colours import colour, marker, method_of
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",  # the one font that comes with matplotlib
@@ -74,7 +74,11 @@ def tints(models: Iterable[str]) -> dict[str, str]:
 
 def handles(models: Iterable[str]) -> list[Line2D]:
     """A legend's entries, one a model."""
-    return [Line2D([], [], color=tint, ls=dash, lw=1.6, label=model) for model, (tint, dash) in look(models).items()]
+    line: dict[str, Any] = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}
+    return [
+        Line2D([], [], color=tint, ls=dash, marker=marker(model), label=model, **line)
+        for model, (tint, dash) in look(models).items()
+    ]
 
 
 def dot(label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0) -> Line2D:

@@ -6,14 +6,13 @@
 
   const NONE = 0xffffffff; // the training row of an answer without a position
   const QUIET = { name: "not judged", colour: "#c9c8c2", says: "between seen and unseen" };
-  const SAYS = ["accepted, and right", "rejected although seen", "accepted, and wrong or unseen", "rejected, and unseen"];
   const TYPES = { f4: Float32Array, u4: Uint32Array, u2: Uint16Array, u1: Uint8Array, i2: Int16Array, i1: Int8Array };
   const revive = (_, value) => value && value.base64 !== undefined
     ? new TYPES[value.dtype](Uint8Array.from(atob(value.base64), (letter) => letter.charCodeAt(0)).buffer) : value;
   const make = (name, text = "", attributes = {}) => Object.assign(document.createElement(name), { textContent: text }, attributes);
   const tone = (name) => getComputedStyle(canvas).getPropertyValue(name);
   const studies = new Map(), images = new Map();
-  let study, tested, day, answers, kinds, points = [], chosen = -1, size = [0, 0], view = d3.zoomIdentity;
+  let study, tested, day, answers, kinds, accepted, points = [], chosen = -1, size = [0, 0], view = d3.zoomIdentity;
 
   const image = (sheet) => { // the picture of all views of a sequence
     const load = (done) => make("img", "", { onload: (event) => done(event.target), src: `data:image/png;base64,${sheet.png}` });
@@ -56,15 +55,12 @@
     mapped.scrollIntoView({ block: "nearest" });
   }
   function colour() {
-    const [hit, , alarm, rejection] = study.outcomes, by = choices.by.value;
-    const first = [
-      { name: "right", colour: hit.colour, says: `within ${study.correct_m} m` },
-      { name: "wrong", colour: alarm.colour, says: "seen, but placed elsewhere", wrong: true },
-      { name: "unseen", colour: rejection.colour, says: "no answer could be right" }, QUIET];
-    const outcomes = [...study.outcomes.map((one, i) => ({ ...one, says: SAYS[i], wrong: i === 1 || i === 2 })), QUIET];
-    kinds = by === "answer" ? first : outcomes;
-    const { outcome, rank, seen } = answers[by === "answer" ? "distance" : by];
-    points = Array.from(outcome, (code, i) => by !== "answer" ? code : code === 4 ? 3 : !seen[i] ? 2 : rank[i] === 0 ? 0 : 1);
+    const says = [`within ${study.correct_m} m`, "seen, but placed elsewhere", "training was never there"];
+    const { outcome, rank, seen } = answers[choices.by.value];
+    if (choices.by.value === "cells") says[0] = "the very cell";
+    kinds = [...study.kinds.map((one, i) => ({ ...one, says: says[i], wrong: i === 1 })), QUIET];
+    points = Array.from(outcome, (code, i) => code === 4 ? 3 : !seen[i] ? 2 : rank[i] === 0 ? 0 : 1);
+    accepted = Array.from(outcome, (code) => code === 0 || code === 2); // a hit or a false alarm
     const entry = (tint, shape, text, title) => {
       const item = make("li", "", { title });
       item.append(make("i", "", { className: shape, style: `background: ${tint}` }), text);
@@ -72,7 +68,7 @@
     };
     const counted = kinds.map((kind, i) => [kind, points.filter((one) => one === i).length]).filter(([kind, count]) => count || kind !== QUIET);
     get("legend").replaceChildren(...counted.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
-      entry(tone("--path"), "line", "training path", "where training drove"));
+      entry(`${tone("--quiet")}55`, "", "faint: rejected", "at the model's own threshold"), entry(tone("--path"), "line", "training path", "where training drove"));
     choose(chosen);
   }
 
@@ -107,7 +103,11 @@
     const upwards = [...kinds].reverse().sort((a, b) => Boolean(a.wrong) - Boolean(b.wrong)); // what went wrong lies on top
     for (const kind of upwards) {
       pen.fillStyle = kind.colour;
-      points.forEach((one, i) => kinds[one] === kind && disc(onScreen(day.xy, i), size, "fill"));
+      for (const taken of [false, true]) {
+        pen.globalAlpha = taken || kind === kinds[3] ? 1 : 0.3;
+        points.forEach((one, i) => kinds[one] === kind && accepted[i] === taken && disc(onScreen(day.xy, i), size, "fill"));
+      }
+      pen.globalAlpha = 1;
     }
     if (chosen >= 0) drawChosen(size);
     drawScale(height);
@@ -150,7 +150,7 @@
   const degrees = (value) => `${Math.round(value)}°`.replace("-", "−");
   const around = (value) => 180 - ((((180 - value) % 360) + 360) % 360);
   function facts(i) {
-    const kind = kinds[points[i]], by = choices.by.value === "cells" ? "cells" : "distance", rank = answers[by].rank[i];
+    const kind = kinds[points[i]], by = choices.by.value, rank = answers[by].rank[i];
     const error_m = Math.hypot(answers.xy[2 * i] - day.xy[2 * i], answers.xy[2 * i + 1] - day.xy[2 * i + 1]);
     const { threshold } = answers, novelty = answers.novelty[i];
     const limit = threshold < -1e38 ? "the model rejects everything" : threshold > 1e38 ? "the model accepts everything"

@@ -15,7 +15,7 @@ from pipeline import schemas, store
 from pipeline.errors import ArtifactError
 from pipeline.frames import yaw
 from pipeline.report.alike import best_shifts, spectra
-from pipeline.report.figures.maps import OUTCOMES
+from pipeline.report.figures.maps import ANSWERS
 from pipeline.report.result import Result, by_sequence, dates
 from pipeline.report.study import Study
 from pipeline.views.scan_context import colours, quantize
@@ -51,7 +51,7 @@ def chart(study: Study) -> dict[str, Any]:
         "simulated": study.simulated,
         "best": study.best,
         "correct_m": study.distance.correct_m,
-        "outcomes": [{"name": name, "colour": colour} for name, colour, _ in OUTCOMES],
+        "kinds": [{"name": name, "colour": colour} for name, colour, _ in ANSWERS],
         "path": packed(study.train_xy_m, "f4"),
         "train": train.picture if train else None,
         "sequences": sequences,

@@ -8,7 +8,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.report.figures import ageing, events
 from pipeline.report.figures.ageing import AgeingLine
-from pipeline.report.figures.style import save
+from pipeline.report.figures.style import colour, save
 from pipeline.report.figures.sweep import SweepJob, response
 from tests.report.figures.made import saved_alike, words
 
@@ -43,7 +43,7 @@ def test_slopes_are_filled_where_they_are_clear() -> None:
     fig = ageing.slopes(ROWS)
     assert [tick.get_text() for tick in fig.axes[0].get_yticklabels()] == ["sci", "m2dp", "oracle"]
     fills = {float(one.get_xdata()[0]): one.get_markerfacecolor() for one in fig.axes[0].lines if one.get_marker() == "o"}
-    assert (fills[-0.14], fills[-0.005]) == ("#0072B2", "white")
+    assert (fills[-0.14], fills[-0.005]) == (colour("sci"), "white")
 
 
 @pytest.mark.parametrize("draw", [ageing.lines, ageing.slopes])

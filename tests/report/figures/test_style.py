@@ -7,14 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy.spatial.distance import pdist
 
 from pipeline.errors import InputError
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF
 from pipeline.report.figures import curves, maps, matches, rejection, robustness
 from pipeline.report.figures.panels import balanced, name_ends, share_limits
 from pipeline.report.figures.style import colour, figure, folded, look, save
+from pipeline.studies.colours import PALETTE, marker
 from tests.report.figures.made import BOTH, BUILT, COMPARED, NOTHING, ONE, TRAIN_PLACES, TRAIN_XY_M, TURNED, saved_alike, words
 
+XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+LUMINANCE = XYZ[1]
+DEUTERANOPIA = np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]])
+"""Of linear sRGB, at full severity (Machado, Oliveira and Fernandes, 2009)."""
 METHODS = ("sci", "sci_ring", "scan_context", "scan_context_all", "m2dp", "pointnetvlad", "afl", "pfl", "sad")
 LOSSES = {"loss": np.array([3.0, 2.0, 2.5]), "held_out_loss": np.array([3.5, 2.5, 2.7])}
 IMAGES = np.random.default_rng(0).uniform(0, 20, (50, 40, 120)).astype(np.float32)
@@ -64,7 +70,17 @@ def test_a_figure_is_saved_as_svg_alone(tmp_path: Path) -> None:
 
 def test_the_methods_of_the_papers_have_different_colours() -> None:
     assert len({colour(method) for method in METHODS}) == len(METHODS)
-    assert (colour("sci"), colour("m2dp")) == ("#0072B2", "#009E73")  # as ever
+    assert len({marker(method) for method in METHODS}) == len(METHODS)
+
+
+def test_colours_stay_apart_to_a_colour_blind_reader_and_can_be_text() -> None:
+    srgb = np.array([[int(one[i : i + 2], 16) / 255 for i in (1, 3, 5)] for one in PALETTE])
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    assert (1.05 / (linear @ LUMINANCE + 0.05)).min() >= 4.5  # WCAG 2.2, against white
+    xyz = np.clip(linear @ DEUTERANOPIA.T, 0, 1) @ XYZ.T / (XYZ @ np.ones(3))
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116).T
+    lab = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+    assert pdist(lab).min() >= 20
 
 
 def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
@@ -73,7 +89,7 @@ def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
     assert looks["sci"] == (colour("sci"), "-")
     assert looks["m2dp"] == (colour("m2dp"), "-")
     dark, dash = looks["sci-4way"]
-    assert dark == "#002E47"  # 0.4 of 00, 72 and B2
+    assert dark == "#001A36"  # 0.4 of 00, 40 and 87
     assert dash != "-"
     assert colour("sci-4way") == colour("sci")
 
@@ -112,7 +128,7 @@ def test_a_figure_of_nothing_is_refused(draw: Callable[[], Figure]) -> None:
 
 
 def test_a_sequence_that_training_never_saw_can_be_drawn() -> None:
-    assert "–" in words(curves.precision_recall([NOTHING], "cells"))
+    assert not [line for line in curves.precision_recall([NOTHING], "cells").axes[0].lines if line.get_marker() == marker("sci")]
     histogram = rejection.histograms([NOTHING], "cells")
     assert "AUROC –" in words(histogram)
     assert not histogram.axes[0].lines  # the threshold lies beyond all novelties

@@ -32,5 +32,4 @@ def test_errors_stand_over_the_novelty_and_the_promise_is_counted() -> None:
 def test_a_map_of_poses_counts_what_was_accepted_and_right() -> None:
     fig = maps.fix_map(POSED[0], TRAIN_XY_M)
     legend = [text.get_text() for text in fig.legends[0].get_texts()]
-    expected = ["accepted, right 3", "rejected though right 1", "accepted, wrong 1", "rejected, wrong 2", "training path"]
-    assert legend == expected
+    assert legend == ["right 4, 3 accepted", "wrong 3, 1 accepted", "faint: rejected", "training path"]
