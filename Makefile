@@ -10,7 +10,7 @@ export DO_NOT_TRACK := true
 export MLFLOW_DISABLE_TELEMETRY := true
 
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
-REPRO := { echo "dvc repro"; dvc repro && yearloc unchanged --remember; }
+REPRO := { yearloc repro && yearloc unchanged --remember; }
 
 .PHONY: demo studies real year report results picture test docs dashboard benchmarks clean
 

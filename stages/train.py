@@ -28,8 +28,9 @@ def main(cfg: DictConfig) -> str:
     model = {"image_shape": np.array(views.images.shape[1:]), **learned}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
-    numbers = ", ".join(f"{name} {array:.4g}" for name, array in model.items() if array.ndim == 0 and "/" not in name)
-    return f"{len(places)} views of {places.max() + 1} places, {share:g} of the full training{numbers and f': {numbers}'}"
+    rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
+    trained = f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of {rounds} kept"
+    return f"{len(places)} views of {places.max() + 1} places, {trained if rounds else 'nothing to train'}"
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:

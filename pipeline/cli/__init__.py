@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.cli import picture, results, site
+from pipeline.cli import picture, repro, results, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
@@ -59,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--save", type=Path, metavar="FILE", help="of bags: write the data set's yaml that is proposed, for conf/dataset"
     )
     results.add_command(commands)
+    repro.add_command(commands)
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     site.add_commands(commands)
@@ -173,6 +174,7 @@ def _unchanged(given: argparse.Namespace) -> None:
 
 COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, _repair, _unchanged)} | {
     "results": results.results,
+    "repro": repro.repro,
     "localize": localize,
     "failures": failures,
     "picture": picture.picture,

@@ -1,0 +1,60 @@
+"""`yearloc repro` counts stages and estimates what is left."""
+
+import os
+import stat
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from pipeline.cli import main
+from pipeline.cli.repro import Counting, count_instances
+
+STAGES = {"dvc.yaml": "report: {foreach: '${lists.report}'}", "dag/train/dvc.yaml": "train: {foreach: '${lists.models}'}"}
+DVC = """#!/bin/sh
+echo "Stage 'dag/train/dvc.yaml:train@a' didn't change, skipping"
+echo "Running stage 'dag/train/dvc.yaml:train@b':"
+echo "$@"
+echo "ERROR: failed" >&2
+exit 3
+"""
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project of two models and a report, and a `dvc` that fails at the second model."""
+    for name, text in STAGES.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"stages:\n  {text}\n")
+    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf/studies.yaml").write_text("studies: {}\n")
+    (tmp_path / "conf/lists.yaml").write_text("lists:\n  models: {a: 1, b: 1}\n  report: {all: 1}\n")
+    (tmp_path / "bin").mkdir()
+    dvc = tmp_path / "bin/dvc"
+    dvc.write_text(DVC)
+    dvc.chmod(dvc.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{dvc.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_stages_are_counted_and_the_exit_code_is_dvcs(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["repro"])
+    assert ended.value.code == 3
+    shown = capfd.readouterr()
+    assert "[2/3] Running stage 'dag/train/dvc.yaml:train@b':\nrepro\n" in shown.out
+    assert "ERROR: failed" in shown.err
+
+
+def test_what_is_left_takes_as_long_as_the_stages_of_its_kind_took(project: Path) -> None:
+    counting = Counting(count_instances(project) + Counter(train=2))  # four models now
+    lines = [
+        counting.line(f"Running stage 'dag/train/dvc.yaml:train@{name}':\n", at) for name, at in (("a", 0), ("b", 60), ("c", 160))
+    ]
+    assert [line.partition(" Running")[0] for line in lines] == ["[1/5]", "[2/5, about 4 min left]", "[3/5, about 4 min left]"]
+    assert counting.line("any other line\n", 170) == "any other line\n"
+
+
+def test_without_lists_lines_are_left_as_they_are(tmp_path: Path) -> None:
+    assert Counting(count_instances(tmp_path)).line("Running stage 'a@b':\n", 0) == "Running stage 'a@b':\n"
