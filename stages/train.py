@@ -24,8 +24,7 @@ def main(cfg: DictConfig) -> str:
     method, share = instantiate(cfg.method), float(cfg.budget.share)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
-    learned = method.learn(views, places, ProgressBar(budget=share, checkpoint=checkpoint))
-    model = {"image_shape": np.array(views.images.shape[1:]), **learned}
+    model = {"image_shape": np.array(views.images.shape[1:]), **method.learn(views, places, ProgressBar(share, checkpoint))}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
     checkpoint.unlink(missing_ok=True)
     rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
