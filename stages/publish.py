@@ -7,7 +7,7 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.expansion import asks_about_the_year
+from pipeline.studies.expansion import ModelName, answers_of, asks_about_the_year
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
 from pipeline.tracking.records import Source, measured, with_model
@@ -27,8 +27,10 @@ def main(cfg: DictConfig) -> str:
         for method in study["methods"]:
             path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
             extra = measured(artifacts, cfg.study, grid, method, path)
-            record = source.record(method["name"], store.read_model(path), store.read_recipe(path), extra)
-            runs.append(with_model(record, path))
+            own, *others = answers_of(study, ModelName(method["name"]))
+            recipe = store.read_recipe(path)
+            runs += [source.record(posed, {}, recipe, {}) for posed in others if not posed.path]
+            runs.append(with_model(source.record(own, store.read_model(path), recipe, extra), path))
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
     done = tracking.publish(Path(cfg.tracking.database), name, runs)
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)

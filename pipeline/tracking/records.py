@@ -16,7 +16,8 @@ from pipeline.evaluation.study_rows import AGEING
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.catalogue import what
-from pipeline.studies.colours import colour
+from pipeline.studies.colours import colour, darker
+from pipeline.studies.expansion import ModelName
 from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used
 from pipeline.tracking.page import COLOUR
@@ -64,11 +65,14 @@ class Source:
     figures: Path  # folder of the report's figures, with its list of whose they are
     lock: DvcLock = field(default_factory=lambda: DvcLock({}))  # where the digests of its sequences come from
 
-    def record(self, model: str, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
-        """A method's run: its metrics over the days, ageing, curves of training and `extra`, and a child a test sequence."""
-        own = self.rows[(self.rows["method"] == model) & (self.rows["variant"] == "") & (self.rows["seed"] == 0)]
-        where = {"dataset": self.study, "grid": self.grid}
-        tags = {COLOUR: colour(model), **where, "method": model, "data": "simulated" if self.simulated else "recorded"}
+    def record(self, of: ModelName, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
+        """The run of a method, or of what answers with its poses: its metrics over the days, ageing, curves of training and
+        `extra`, and a child a test sequence."""
+        rows, model = self.rows, of.family
+        own = rows[(rows["method"] == of.method) & (rows["variant"] == of.answered) & (rows["seed"] == 0)]
+        where, tint = {"dataset": self.study, "grid": self.grid}, colour(model)
+        tags = {COLOUR: darker(tint) if of.answered else tint, **where, "method": model}
+        tags["data"] = "simulated" if self.simulated else "recorded"
         params, driven = {**where, "train": self.words["train"], **recipe}, own[(own["change"] == "") & (own["stress"] == "")]
         curves = {
             f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
@@ -85,7 +89,7 @@ class Source:
         series = over_days(tested) | means(tested) | curves | ageing(driven) | viewpoints(own) | extra
         places = len(arrays["place_xy_m"]) if "place_xy_m" in arrays else 0
         said = {"what": what(recipe.get("_target_", "")), "method": model, "share": recipe.get("budget", ""), "places": places}
-        about, registered = self._about("run.md.j2", **said), self._registered(model)
+        about, registered = self._about("run.md.j2", **said), "" if of.posed else self._registered(model)
         inputs = used(self.study, self.words, self.words["tests"], self.lock)
         return RunRecord(self._name(model), tags, params, series, self._files(model), children, None, registered, about, inputs)
 

@@ -9,8 +9,10 @@ import pytest
 
 from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
+from pipeline.studies.expansion import ModelName
 from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used
+from pipeline.tracking.page import COLOUR
 from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
 
@@ -40,7 +42,7 @@ def record(tmp_path: Path) -> RunRecord:
     source = Source("campus", "10m", words, True, found, tmp_path, lock)
     arrays = {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3), "place_xy_m": np.zeros((7, 2))}
     recipe = {"_target_": "pipeline.methods.sci.Sci", "budget": "0.1"}
-    return source.record("sci", arrays, recipe, {"cost/s": [(0, 9.0)]})
+    return source.record(ModelName("sci"), arrays, recipe, {"cost/s": [(0, 9.0)]})
 
 
 def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(record: RunRecord) -> None:
@@ -97,7 +99,7 @@ def test_with_several_grids_a_run_names_its_own(tmp_path: Path) -> None:
     words = {"train": "april", "tests": [], "grids": ["5m", "10m"]}
     (tmp_path / "figures.json").write_text("[]")
     rows = table([], study="nclt", grid="5m", method="sci", simulated=False)
-    found = Source("nclt", "5m", words, False, rows, tmp_path).record("sci", {}, {}, {})
+    found = Source("nclt", "5m", words, False, rows, tmp_path).record(ModelName("sci"), {}, {}, {})
     assert (found.name, found.registered) == ("sci 5m", "nclt-sci-5m")
     assert "**Recorded data**" in found.about
 
@@ -132,3 +134,18 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
         "calibration/ece": [(7, 0.125)],
     }
     assert (run.children[1].series, run.children[1].tags["error"]) == ({}, "7 is odd")
+
+
+def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(tmp_path: Path) -> None:
+    (tmp_path / "figures.json").write_text("[]")
+    rows = []
+    for variant, share in (("", 0.5), ("pose", 0.75)):
+        place = {"grid": "10m", "method": "sci", "variant": variant, "sequence": "2012-02-04", "days": 20}
+        rows.append(place | row("recall_at_1", "distance", share))
+    words = {"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"]}
+    source = Source("nclt", "10m", words, False, table(rows, study="nclt", dataset="nclt"), tmp_path)
+    plain, posed = (source.record(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True))
+    assert (plain.name, posed.name) == ("sci", "sci-pose")
+    assert (plain.series["mean/distance_recall_at_1"], posed.series["mean/distance_recall_at_1"]) == ([(0, 0.5)], [(0, 0.75)])
+    assert (plain.registered, posed.registered) == ("nclt-sci", "")
+    assert plain.tags[COLOUR] != posed.tags[COLOUR]
