@@ -3,6 +3,7 @@
 YearlocError
 ├── InputError      an array or number handed to the library is not what its docstring asks for
 ├── ConfigError     a value in conf/ or on the command line
+│   └── NotInstalledError   a package of an extra that is needed here
 ├── LogError        a raw log: a missing file, a truncated record, stamps out of order
 └── ArtifactError   an artifact on disk is not what its reader expects
 """
@@ -18,6 +19,10 @@ class InputError(YearlocError):
 
 class ConfigError(YearlocError):
     """A value in conf/ or on the command line is wrong."""
+
+
+class NotInstalledError(ConfigError):
+    """A package that only some work needs is not installed; the message has the command that installs it."""
 
 
 class LogError(YearlocError):

@@ -47,7 +47,7 @@ def localize(given: argparse.Namespace) -> None:
     from pipeline.online.tracking import Tracker
 
     if given.odometry and not given.track:
-        raise ConfigError(f"--odometry {given.odometry}: is of --track alone")
+        raise ConfigError(f"--odometry {given.odometry}: needs --track")
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
@@ -66,7 +66,7 @@ def localize(given: argparse.Namespace) -> None:
                     told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
                     continue
                 if not told.fixes:
-                    for line in unlike(points_m, about):
+                    for line in unlike(points_m, about, lift_m):
                         print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)
@@ -114,7 +114,8 @@ class Summary:
 
         counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in ("accepted", "rejected", "no pose"))
         median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
-        lines = [f"{sum(self.fixes.values())} scans: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
+        number = sum(self.fixes.values())
+        lines = [f"{number} scan{'s' * (number != 1)}: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
         if self._right:
             lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
         if self.steps:

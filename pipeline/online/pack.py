@@ -118,7 +118,10 @@ class Packing:
             raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study['grids'])}")
         models = {model.name: method for method in study["methods"] for model in models_of(method)}
         if wanted not in models:
-            raise ConfigError(f"{name}: {dataset} has the models {', '.join(models)}")
+            if wanted.removesuffix("-pose") in models:
+                raise ConfigError(f"{name}: pack {dataset}/{grid}/{wanted.removesuffix('-pose')}; every site makes poses")
+            packed = [model for model, method in models.items() if method.get("stage") != "birdviews"]
+            raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
         if models[wanted].get("stage") == "birdviews":
             raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
         return dataset, grid, wanted, models[wanted]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from pipeline.errors import ConfigError
+from pipeline.errors import NotInstalledError
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
 NETWORK = "network.onnx"
@@ -15,11 +15,11 @@ INPUT, CLASSIFIED = "heights_m", ("scores", "features", "heading_deg")
 
 
 def session(data: bytes, threads: int = 1) -> Any:
-    """ONNX Runtime's session of a file's bytes, on the processor; raises ConfigError where it is not installed."""
+    """ONNX Runtime's session of a file's bytes, on the processor; raises NotInstalledError where it is not installed."""
     try:
         import onnxruntime
     except ImportError:
-        raise ConfigError("onnxruntime: not installed; `pip install onnxruntime`") from None
+        raise NotInstalledError("onnxruntime: not installed; `pip install onnxruntime`") from None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])

@@ -25,14 +25,18 @@ def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
     return {**medians, "warnings": sorted({_kind(warning) for one in found for warning in one.warnings})}
 
 
-def unlike(points_m: NDArray[np.float64], trained: Mapping[str, Any]) -> list[str]:
-    """Warnings on a scan (n, 3) whose sensor is not like the one of `trained`, which `typical` gave."""
+def unlike(points_m: NDArray[np.float64], trained: Mapping[str, Any], lifted_m: float, option: str = "--lift") -> list[str]:
+    """Warnings on a scan (n, 3), raised by `lifted_m` already, whose sensor is not like the one of `trained`, which `typical`
+    gave; `option` is how to raise it otherwise."""
     found = diagnose(points_m)
     known = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
-    return [*_compared(found, trained), *(line for line in found.warnings if _kind(line) not in known)]
+    return [
+        *_compared(found, trained, f"{option} {lifted_m - found.ground_m:.2f}"),
+        *(line for line in found.warnings if _kind(line) not in known),
+    ]
 
 
-def _compared(found: Diagnosis, trained: Mapping[str, Any]) -> Iterable[str]:
+def _compared(found: Diagnosis, trained: Mapping[str, Any], right: str) -> Iterable[str]:
     beams, height_m, azimuth_deg = trained["beams"], trained["sensor_m"], trained["azimuth_deg"]
     if beams and found.beams and not 1 / BEAMS < found.beams / beams < BEAMS:
         yield f"{found.beams} beams, where the site was learned with {beams:.0f}: fewer fixes will be accepted"
@@ -41,7 +45,7 @@ def _compared(found: Diagnosis, trained: Mapping[str, Any]) -> Iterable[str]:
     if azimuth_deg is not None and azimuth_deg - found.azimuth_deg > ROUND_DEG:
         yield f"{found.azimuth_deg:.0f}° of 360° covered, where the site was learned with {azimuth_deg:.0f}°"
     if abs(found.ground_m) > RAISED_M:
-        yield f"the ground lies at z = {found.ground_m:.2f} m, not 0: add --lift {-found.ground_m:.2f}"
+        yield f"the ground lies at z = {found.ground_m:.2f} m, not 0: it would with {right}"
 
 
 def _kind(warning: str) -> str:

@@ -72,6 +72,8 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
+        if unknown := sorted({*request.query_params} - {"promise", "lift_m"}):
+            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise or lift_m")
         promise, lift_m = _promise(request, site), _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
         if waiting.locked():
             raise RequestError(503, f"{WAITING} scans wait already; ask again")
@@ -87,7 +89,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
                 raise RequestError(400, str(error)) from None
         nonlocal unlike
         if unlike is None and fix.verdict != "no pose":  # the first scan tells of the sensor
-            unlike = sensor.unlike(points_m, site.about["sensor"])
+            unlike = sensor.unlike(points_m, site.about["sensor"], lift_m, "lift_m")
         answers.labels(fix.verdict).inc()
         took.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)

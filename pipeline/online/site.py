@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError, InputError, YearlocError
+from pipeline.errors import ArtifactError, InputError, NotInstalledError, YearlocError
 from pipeline.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
@@ -46,7 +46,8 @@ class Fix:
     world_T_sensor: NDArray[np.float64]
     """(4, 4) of the frame that the points were given in; NaN without a pose."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the frame of the points."""
+    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the frame of the points;
+    what `yearloc localize` and the server write is x, y, z first, along the world's axes, as in ROS."""
     overlap: float
     """Share of the scan's voxels that the map has within half a metre."""
     novelty: float
@@ -82,11 +83,14 @@ class Site:
 
     @classmethod
     def open(cls, path: str | Path, threads: int = 1) -> Self:
-        """Read a site file; `threads` is for the network. Raises ArtifactError for one that is not whole or of this version."""
+        """Read a site file; `threads` is for the network. Raises ArtifactError for one that is not whole or of this version,
+        NotInstalledError where a package that it needs is missing."""
         path = Path(path)
         parts = read(path)
         try:
             return cls(parts, threads)
+        except NotInstalledError:
+            raise
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError, YearlocError) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArtifactError(f"{path}: its parts do not fit together ({why}); pack the site anew") from None

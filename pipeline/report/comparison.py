@@ -26,7 +26,7 @@ class Kind:
     @property
     def label(self) -> str:
         """In a word or two, for legends."""
-        walls = f"{self.level:g} wall{'s' * (self.level != 1)}{' and shadow' * self.shadow}"
+        walls = f"{self.level:g} new wall{'s' * (self.level != 1)}{' and shadow' * self.shadow}"
         named = {"": "as driven", "demolition": f"{self.level:g}° removed", "construction": walls}
         return named.get(self.change, self.change)
 

@@ -7,7 +7,7 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, NotInstalledError
 
 TARGET = "_target_"
 
@@ -32,7 +32,8 @@ def build(spec: Any, roots: tuple[str, ...]) -> Any:
             kind = getattr(import_module(module), name, None)
         except ImportError as error:
             if error.name and not error.name.startswith("pipeline"):
-                raise ConfigError(f"{error.name}: not installed, and {module} needs it; `pip install 'yearloc[site]'`") from None
+                needed = f"{error.name}: not installed, and {module} needs it"
+                raise NotInstalledError(f"{needed}; `pip install 'yearloc[site]'`") from None
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
         raise ConfigError(f"{TARGET}={spec[TARGET]}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
     return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})

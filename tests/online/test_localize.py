@@ -61,7 +61,7 @@ def test_a_line_for_people_and_an_object_for_programs(site: str, tmp_path: Path,
     line, told = run(capsys, site, floats(tmp_path))
     assert line.startswith(f"{UTIME}.bin")
     assert " accepted " in line
-    assert "1 scans: 1 accepted, 0 rejected, 0 no pose" in told
+    assert "1 scan: 1 accepted, 0 rejected, 0 no pose" in told
     found = json.loads(run(capsys, site, tmp_path, "--json")[0])
     assert list(found) == [*COLUMNS, "covariance", "runners_up"]
     assert near(found)
@@ -121,7 +121,7 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
     kept.write_text("of before")
     assert "--odometry /feet: " in refused(capsys, site, path, "--track", "--odometry", "/feet", "--csv", "-o", kept)
     assert kept.read_text() == "of before"
-    assert "is of --track alone" in refused(capsys, site, path, "--odometry", "/wheels")
+    assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
 
 
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

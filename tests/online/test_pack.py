@@ -74,7 +74,8 @@ def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
         ("three/10m", "expected STUDY/GRID/METHOD, a study being one of three"),
         ("two/10m/sci", "expected STUDY/GRID/METHOD"),
         ("three/5m/scan_context", "three has the grids 10m"),
-        ("three/10m/sci", "three has the models scan_context, sad"),
+        ("three/10m/sci", "of three can be packed scan_context"),
+        ("three/10m/scan_context-pose", "pack three/10m/scan_context; every site makes poses"),
         ("three/10m/sad", "matches sequences of bird-views"),
     ],
 )

@@ -64,7 +64,8 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     one.distance, one.bootstrap, one.train_xy_m, one.results = Distance(correct_m=12.0), Bootstrap(), path_xy_m, results
     one.rows = one.driven = told()
     one.words, one.families, one.held_out_best = {"tests": list(TESTS)}, list(LOOKS), lambda model: np.nan
-    one.models, one.trained = dict.fromkeys(LOOKS), {"sci": find("train", model="sci"), "not_there": find("train")}
+    learned = {"m2dp": SimpleNamespace(rounds=0, recipe={}), "sci": SimpleNamespace(rounds=4, recipe={"budget": "0.1"})}
+    one.models, one.trained = learned, {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
     one.source = lambda *names, **model: find(*names, **model).as_posix()
     one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)

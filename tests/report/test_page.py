@@ -137,6 +137,7 @@ def test_the_first_screen_answers_before_all_else(page: str) -> None:
     shown = below.partition("All tables and figures")
     assert "<details" not in shown[0].partition("</article>")[0]
     assert shown[2].count('<details class="chapter"') == 4  # the set-up, the study, words, sources
+    assert "Training was cut short: <code>sci</code> had 10\N{NO-BREAK SPACE}% of its own full training." in below
     turned = re.search(r"Turned, rebuilt, older.*?<tbody>(.*?)</tbody>", below, re.DOTALL)
     assert turned
     assert re.findall(r'data-key="([\d.]+)"', turned[1]) == ["0.78", "0.2", "0.38", "0.1"]

@@ -127,6 +127,13 @@ class Front:
         return table("altered", header, found, days=named) if found else None
 
     @property
+    def cut_short(self) -> list[tuple[str, float]]:
+        """The models that had less than their own full training, and which share of it they had."""
+        learned = ((name, model) for name, model in self.study.models.items() if name in self.study.trained and model.rounds)
+        shares = ((name, float(model.recipe.get("budget", 1.0))) for name, model in learned)
+        return [(name, share) for name, share in shares if share < 1]
+
+    @property
     def doubts(self) -> list[Finding]:
         """What makes numbers say little, or nothing."""
         return findings.doubts(self.study)
