@@ -54,7 +54,7 @@ results: .venv/ready
 
 # README's moving picture, from what `make demo` built.
 picture: .venv/ready
-	@yearloc picture campus/10m/sci_ring -o docs/year.gif
+	@yearloc picture campus/10m/sci_ring-pose -o docs/year.gif
 
 test: .venv/tools
 	ruff check .
