@@ -12,7 +12,10 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { yearloc repro && yearloc unchanged --remember; }
 
-.PHONY: demo studies real year report results picture test docs dashboard benchmarks clean
+.PHONY: install demo studies real year report results picture test docs dashboard benchmarks clean
+
+# What every other target does first: the project and its packages, into .venv.
+install: .venv/ready
 
 demo: .venv/ready
 	@yearloc repair

@@ -79,7 +79,7 @@ EDITS = {
         ("conf/world/campus_tiny.yaml", "seed: 0", "seed: 1", {"logs"}),
         ("conf/tolerance/15m.yaml", "seen_m: 5.0", "seen_m: 6.0", {"evaluate"}),
         ("conf/results.yaml", "level: 0.95", "level: 0.9", {"results"}),
-        ("pipeline/report/templates/words.yaml", "A robot drives", "Some robot drives", {"report"}),
+        ("pipeline/report/templates/words.yaml", "recorded: Recorded data", "recorded: Recorded numbers", {"report"}),
     ],
     "views, and how a figure looks": [
         ("conf/view/scan_context.yaml", "rings: 40", "rings: 20", {"views", "altered"}),

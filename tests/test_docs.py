@@ -89,7 +89,10 @@ def check(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     if words[0] == "make":
         assert {word for word in words[1:] if "=" not in word} <= TARGETS, words
     elif words[:2] == ["python", "-m"]:
-        assert importlib.util.find_spec(words[2]), words
+        place = ROOT / words[2].replace(".", "/")
+        own = place.with_suffix(".py").is_file() or (place / "__main__.py").is_file()
+        package = words[2].partition(".")[0]
+        assert own or (not (ROOT / package).exists() and importlib.util.find_spec(package)), words
     elif words[0] == "python" and not words[1].startswith("-"):
         assert (ROOT / words[1]).is_file(), words
     elif words[0] == "yearloc":

@@ -86,9 +86,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
+    from pipeline.running.repair import add_missing_locks
     from pipeline.studies.names import complete, lists_text, propose, studies_text
 
     conf = conf_folder()
+    add_missing_locks(conf.parent)
     datasets = [word for word in given.words if "=" not in word]
     options = dict(word.split("=", 1) for word in given.words if "=" in word)
     if options and not datasets:

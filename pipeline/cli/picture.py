@@ -39,11 +39,13 @@ def picture(given: argparse.Namespace) -> None:
     if model not in (models := [one.name for one in answerers(study)]):
         raise ConfigError(f"{given.of}: no such method, expected one of {', '.join(models)}")
     days = [*study["tests"], *study.get("stress", {})]
-    sequence = given.day or study["tests"][-1]
-    if sequence not in days:
-        raise ConfigError(f"{sequence}: no such test day, expected one of {', '.join(days)}")
     artifacts = Path("artifacts")
-    drive = Drive.of(Study(artifacts, name, study, grid, results.read(artifacts, [name])), model, sequence)
+    if given.day and given.day not in days:
+        raise ConfigError(f"{given.day}: no such test day, expected one of {', '.join(days)}")
+    table = results.read(artifacts, [name])
+    age = dict(zip(table["sequence"], table["days"], strict=True))
+    sequence = given.day or max(study["tests"], key=lambda test: age.get(test, 0))
+    drive = Drive.of(Study(artifacts, name, study, grid, table), model, sequence)
     frames, size = moving.write(drive, given.out, Bar())
     counted, right = drive.counted[:, -1]
     share = f"{right} of {counted} answers right within {drive.correct_m:g} m{', simulated' * drive.simulated}"

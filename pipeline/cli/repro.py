@@ -18,6 +18,10 @@ import yaml
 STAGE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'(?:| didn't change.*| is cached.*)[:,]?"
 )
+ASIDE = re.compile(
+    r"Updating lock file|To track the changes|\tgit add|To enable auto|\tdvc config|Use `dvc push`|WARNING: '.*' is empty"
+)
+"""Lines of DVC's that nobody needs who did not ask for them."""
 
 
 def add_command(commands: Any) -> None:
@@ -27,12 +31,16 @@ def add_command(commands: Any) -> None:
 
 def repro(given: argparse.Namespace) -> None:
     """Run `dvc repro` and show its lines, each stage's with its number; its exit code is ours."""
+    from pipeline.running.repair import add_missing_locks
+
+    add_missing_locks(Path())
     counting = Counting(count_instances(Path()))
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else lines come when a buffer is full
     with subprocess.Popen(["dvc", "repro"], stdout=subprocess.PIPE, text=True, env=environment) as dvc:
         try:
             for line in dvc.stdout or ():
-                print(counting.line(line, time.monotonic()), end="", flush=True)
+                if line.strip() and not ASIDE.match(line):
+                    print(counting.line(line, time.monotonic()), end="", flush=True)
         except KeyboardInterrupt:  # the terminal has told DVC too
             dvc.wait()
             raise

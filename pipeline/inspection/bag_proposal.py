@@ -72,7 +72,7 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   tests: []
   submap: {"flat" if flat else "single"}
   grids: [10m]
-  methods: [sci, scan_context]
+  methods: [sci_ring, scan_context]
 """
     head, rest = text.split("\n", 1)
     return "\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), warnings

@@ -21,16 +21,22 @@ def repair(root: Path) -> list[Path]:
     alone, and the files that they name are written here.
     """
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
-    links = [path.with_name("dvc.lock") for path in files(root / "dvc.yaml")]
-    missing = [lock for lock in links if lock.is_symlink() and not lock.exists()]
-    for lock in (*torn, *missing):
-        path = lock.resolve()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(EMPTY)
+    for lock in torn:
+        lock.resolve().write_text(EMPTY)
+    add_missing_locks(root)
     table = root / ".dvc/tmp/rwlock"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
         table.unlink()
     return torn
+
+
+def add_missing_locks(root: Path) -> None:
+    """Write the lock files that a fresh clone's links name: DVC refuses a link that leads nowhere."""
+    for link in (path.with_name("dvc.lock") for path in files(root / "dvc.yaml")):
+        if link.is_symlink() and not link.exists():
+            path = link.resolve()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(EMPTY)
 
 
 def _yaml(text: str) -> Any:

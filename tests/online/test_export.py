@@ -64,7 +64,7 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
 def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), "none"]
     told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
-    assert told.startswith("pipeline.errors.ArtifactError")
+    assert told.startswith("pipeline.errors.NotInstalledError")
     assert "torch: not installed" in told
     assert "pip install 'yearloc[site]'" in told
 

@@ -34,7 +34,7 @@ def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> Non
     assert COMPARED.ways() == {2: "sci", 4: "sci-4way"}
     assert compared({("sci", Kind()): [[[0.5]]]}, {}).ways() == {}
     kinds = (Kind(), TURNED, Kind("demolition", 60.0), Kind("construction", 1.0), Kind("construction", 2.0, True))
-    assert [one.label for one in kinds] == ["as driven", "turned", "60° removed", "1 wall", "2 walls and shadow"]
+    assert [one.label for one in kinds] == ["as driven", "turned", "60° removed", "1 new wall", "2 new walls and shadow"]
 
 
 def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_as_driven() -> None:

@@ -249,7 +249,7 @@ def test_who_keeps_its_auc_is_named_first() -> None:
         "(0.300 instead of 0.800)."
     )
     built = Kind("construction", 2.0, True)
-    assert sentence(cases.kept(BUILT, built)).startswith("With 2 walls and shadow, `m2dp` (100 %) keeps its AUC")
+    assert sentence(cases.kept(BUILT, built)).startswith("With 2 new walls and shadow, `m2dp` (100 %) keeps its AUC")
     lost = compared({("sci", DRIVEN): [[[0.8]]], ("sci", TURNED): [[[0.4]]]}, {})
     assert sentence(cases.kept(lost, TURNED)) == "Turned, no model keeps 95 % of its AUC by cells; `sci` keeps most, 50 %."
     even = compared({(m, kind): [[[0.8]]] for m in ("sci", "a", "b") for kind in (DRIVEN, TURNED)}, {})
@@ -278,7 +278,7 @@ def test_other_findings_on_cases() -> None:
     (shadows,) = cases.shadows(BUILT)
     assert (
         sentence(shadows)
-        == "Hiding what lies behind 2 walls changes the AUC by −0.150 on average over the models, downwards for 1 of 2."
+        == "Hiding what lies behind 2 new walls changes the AUC by −0.150 on average over the models, downwards for 1 of 2."
     )
     assert cases.shadows(compared({("sci", other): [[[0.5]]]}, {})) == []
     named = dict(zip(DAYS[:2], ("one", "two"), strict=True))

@@ -68,7 +68,7 @@
     };
     const counted = kinds.map((kind, i) => [kind, points.filter((one) => one === i).length]).filter(([kind, count]) => count || kind !== QUIET);
     get("legend").replaceChildren(...counted.map(([kind, count]) => entry(kind.colour, "", `${kind.name} ${count}`, kind.says)),
-      entry(`${tone("--quiet")}55`, "", "faint: rejected", "at the model's own threshold"), entry(tone("--path"), "line", "training path", "where training drove"));
+      entry("#33333355", "", "faint: rejected", "at the model's own threshold"), entry(tone("--path"), "line", "training path", "where training drove"));
     choose(chosen);
   }
 
