@@ -39,4 +39,4 @@ def test_five_commands_lead_from_bags_to_a_localiser(clone: Clone) -> None:
     for step in steps:
         said = clone.run(*[word.replace("budget=demo", "budget=tiny") for word in step])
     assert "Sci" in said  # the last one looks at the localiser
-    assert (clone.folder / "artifacts/train/robot/10m/sci.safetensors").is_file()
+    assert (clone.folder / "artifacts/train/robot/10m/sci_ring.safetensors").is_file()
