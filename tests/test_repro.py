@@ -47,6 +47,15 @@ def test_stages_are_counted_and_the_exit_code_is_dvcs(project: Path, capfd: pyte
     assert "ERROR: failed" in shown.err
 
 
+def test_without_dvc_it_says_what_to_do(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(project))
+    with pytest.raises(SystemExit):
+        main(["repro"])
+    assert "dvc: not found; `source .venv/bin/activate` first" in capfd.readouterr().err
+
+
 def test_what_is_left_takes_as_long_as_the_stages_of_its_kind_took(project: Path) -> None:
     counting = Counting(count_instances(project) + Counter(train=2))  # four models now
     lines = [

@@ -29,8 +29,8 @@ def failures(given: argparse.Namespace) -> None:
         site = Site.open(Path(given.of))
         check(site, given.promise, given.out)
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
-        told = f"rejected from {site.promises[given.promise]:.3f} on (promise {given.promise:g})"
-        told = told if site.promises[given.promise] > 0 else f"all rejected: a promise of {given.promise:g} is not kept"
+        reject_from, all_rejected = site.promises[given.promise], f"all rejected: a promise of {given.promise:g} is not kept"
+        told = f"rejected from {reject_from:.3f} on (promise {given.promise:g})" if reject_from > 0 else all_rejected
     every = list(judged)
     found = cards.failures(every)
     given.out.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,7 @@ def failures(given: argparse.Namespace) -> None:
         cards.draw(targets, one, given.out / f"{number:03d}_{one.file_name}", told + ", simulated" * simulated)
     wrong = sum(one.accepted for one in found)
     counted = f"of {len(every)} poses {wrong} were accepted though wrong, {len(found) - wrong} rejected though right"
-    print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn in {given.out}/")
+    print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn there")
 
 
 def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]":

@@ -10,10 +10,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from shutil import which
 from statistics import fmean
 from typing import Any
 
 import yaml
+
+from pipeline.errors import NotInstalledError
 
 STAGE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'(?:| didn't change.*| is cached.*)[:,]?"
@@ -36,6 +39,8 @@ def repro(given: argparse.Namespace) -> None:
     add_missing_locks(Path())
     counting = Counting(count_instances(Path()))
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else lines come when a buffer is full
+    if not which("dvc"):
+        raise NotInstalledError("dvc: not found; `source .venv/bin/activate` first, or `pip install 'yearloc[chain]'`")
     with subprocess.Popen(["dvc", "repro"], stdout=subprocess.PIPE, text=True, env=environment) as dvc:
         try:
             for line in dvc.stdout or ():

@@ -142,11 +142,10 @@ class _Filled(Environment):
 def _environment(html: bool) -> Environment:
     whole: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True, "undefined": StrictUndefined}
     env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
-    for own in (fixed, signed, listing, percent, each, prose, inline, sentence, caption, title, texts):
+    for own in (fixed, signed, listing, percent, each, prose, inline, sentence, caption, title, texts, day):
         env.filters[own.__name__] = own
     env.filters |= {
         "g": "{:g}".format,
-        "short": day,
         "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",
         "end": lambda loop, between: "." if loop.last else between,
     }

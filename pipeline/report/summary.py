@@ -24,7 +24,7 @@ class Row:
     void: Sequence[bool]
     """Whether a share means nothing, as one answer to every query would do as well."""
     answers: Sequence[float]
-    """A share a test day: of all queries, those that the model answers at its own threshold."""
+    """A share a test day: of the judged queries, seen or not, those that the model answers at its own threshold."""
     kept: Sequence[float]
     """A share a test day: of these answers, those that are right; NaN of none."""
     query_ms: float

@@ -34,7 +34,7 @@ def used(study: str, words: Mapping[str, Any], tests: Sequence[str], lock: DvcLo
     """
     folder = f"artifacts/submaps/{study}"
     made_of = lock.of(folder)[0] or json.dumps(words, sort_keys=True, default=str)
-    roles = {**({words["train"]: "train"} if train else {}), **dict.fromkeys(tests, "test")}
+    roles = {**dict.fromkeys(words["train"].split() if train else (), "train"), **dict.fromkeys(tests, "test")}
     found = []
     for sequence, context in roles.items():
         digest = hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH]

@@ -155,6 +155,7 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
     np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
     told = run(capsys, site, tmp_path / "1.npy")[1]
     assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
+    assert "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]  # what to give in all, not to add
     assert "--lift 1.7" in told
     assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
 

@@ -89,6 +89,7 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (b"\0\1\0\0" + b"\0" * 40, CDR, {}, 400, "PointCloud2"),
         (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected a number"),
         (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: expected one of 0.95"),
+        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise or lift_m"),
         (b"\0" * 12, FLOATS, {"lift_m": "nan"}, 400, "lift_m='nan': expected a number"),
         (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
     ],

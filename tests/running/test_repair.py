@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.running.repair import repair
+from pipeline.running.repair import add_missing_locks, repair
 
 
 @pytest.fixture
@@ -23,6 +23,14 @@ def clone(tmp_path: Path) -> Path:
 def test_a_fresh_clone_gets_the_lock_files_that_its_links_name(clone: Path) -> None:
     assert repair(clone) == []
     assert [yaml.safe_load((clone / name / "dvc.lock").read_text()) for name in ("", "dag/train")] == [{"schema": "2.0"}] * 2
+
+
+def test_missing_locks_alone_are_written_where_only_they_are_asked_for(clone: Path) -> None:
+    (clone / ".dvc/locks").mkdir(parents=True)
+    (clone / ".dvc/locks/train.lock").write_text("torn: {")
+    add_missing_locks(clone)
+    assert yaml.safe_load((clone / "dvc.lock").read_text()) == {"schema": "2.0"}
+    assert (clone / "dag/train/dvc.lock").read_text() == "torn: {"
 
 
 def test_a_torn_lock_is_emptied_and_stays_a_link(clone: Path) -> None:

@@ -20,7 +20,9 @@ from pipeline.report.table import Table, difference, number, table
 from pipeline.report.web.chart import BEST, NEXT, Chart, Series, chart
 from pipeline.studies.colours import method_of
 
-HIGH = 430.0  # px of the first chart
+HIGH, LOW = 430.0, 310.0  # px of the first chart and of the other
+ROOM = 0.12  # of the days, that the label of one takes
+ROUNDING = 1e-9
 CASES = 4  # so many kinds of altered queries have a column
 PRECISIONS = [percent / 100 for percent in range(50, 101)]
 DIGITS = 3
@@ -86,7 +88,7 @@ class Front:
 
     @property
     def knows(self) -> Chart:
-        """Of the last day: how many of all queries each model answers where at least so many of its answers are right."""
+        """Of the last day: the share of the judged queries that each model answers where at least so many answers are right."""
         lines = []
         for model, group in by_model(self.study.results).items():
             novelty, right = _judged(group[-1])
@@ -95,7 +97,7 @@ class Front:
             says = f"{model}, at its own threshold: answers {percent(share, 1)}, {percent(kept, 1)} of them right"
             lines.append(Series(model, PRECISIONS, coverage(novelty, right), dots=[(max(kept, PRECISIONS[0]), share, says)]))
         ticks = {share: percent(share) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}
-        return chart(lines, self.roles, (PRECISIONS[0], PRECISIONS[-1]), ticks, 310.0)
+        return chart(lines, self.roles, (PRECISIONS[0], PRECISIONS[-1]), ticks, LOW)
 
     @property
     def scorecard(self) -> Table:
@@ -148,7 +150,7 @@ def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[fl
     whole = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)  # equal novelties are accepted together
     accepted = whole + 1
     precision = np.cumsum(right[order])[whole] / accepted
-    return [float(max(accepted[precision >= least - 1e-9], default=0) / len(order)) for least in PRECISIONS]
+    return [float(max(accepted[precision >= least - ROUNDING], default=0) / len(order)) for least in PRECISIONS]
 
 
 def _judged(result: Result) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
@@ -162,6 +164,6 @@ def _spaced(days: Sequence[int]) -> list[int]:
     """Those of the days whose labels do not touch: the last, then backwards."""
     kept: list[int] = []
     for day in sorted(days, reverse=True):
-        if not kept or kept[-1] - day >= 0.12 * max(max(days) - min(0, *days), 1):
+        if not kept or kept[-1] - day >= ROOM * max(max(days) - min(0, *days), 1):
             kept.append(day)
     return kept[::-1]

@@ -183,6 +183,8 @@ def test_answers_that_are_none_are_wrong_and_drawn_as_such(drive: Drive) -> None
 
 
 def test_the_command_draws_the_last_day_or_another(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    backwards = {"studies": {"campus": WORDS | {"tests": [*TESTS][::-1]}}}  # the oldest day, wherever it is listed
+    (project / "conf/studies.yaml").write_text(yaml.safe_dump(backwards))
     main(["picture", "campus/10m/sci-4way", "-o", "year.webp"])
     assert f"driven {max(TESTS)}, 287 days later: " in capsys.readouterr().out
     main(["picture", "campus/10m/sci", DAY, "-o", "year.png"])
