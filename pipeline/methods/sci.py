@@ -10,7 +10,8 @@ from pipeline.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
 from pipeline.networks.circle import rolled
-from pipeline.networks.classifier import Classifier, Prediction
+from pipeline.networks.classifier import Classifier
+from pipeline.networks.evidence import Prediction
 from pipeline.networks.lenet import LeNet, device
 
 

@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from functools import partial
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -14,23 +15,14 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
 from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.matching.rejection import Evidence, near
-from pipeline.matching.temperature import determined, temperature
 from pipeline.networks import loop
+from pipeline.networks.evidence import Known, Prediction, judged
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
 
 Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)
-
-
-class Prediction(NamedTuple):
-    """A network's outputs for n images."""
-
-    logits: Tensor  # (n, places)
-    features: Tensor  # (n, 64) inputs of the last layer, brought to length 1
-    heading_deg: Tensor  # (n, places) if that is the place; NaN where the network has no heading
 
 
 @dataclass(frozen=True)
@@ -57,13 +49,16 @@ class Classifier(ABC):
     """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
     neighbour_m: float = 20.0
     """A held-out query counts as unseen once the places and training views nearer than this are forgotten."""
+    refit: float = 0.0
+    """Share of the schedule, its end, that is run once more on all views, once held-out blocks have given all that is chosen."""
 
     def __post_init__(self) -> None:
         check(self, "method")
         positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
         positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
-        if not 0 <= self.dropout <= 1:
-            raise ConfigError(f"method.dropout={self.dropout}: expected a share from 0 to 1")
+        for name in ("dropout", "refit"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ConfigError(f"method.{name}={getattr(self, name)}: expected a share from 0 to 1")
 
     def network(self, places: int, rings: int, sectors: int) -> nn.Module:
         """The network before training; raises InputError for views that do not suit it."""
@@ -97,7 +92,6 @@ class Classifier(ABC):
         held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
         trained, classes = torch.from_numpy(np.flatnonzero(~held)), torch.from_numpy(places)
         held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
-        batches, steps = self.batches(heights, views, classes, trained)
 
         def judge(net: nn.Module) -> tuple[float, float]:
             logits = self.predict(net, heights[held]).logits
@@ -109,38 +103,30 @@ class Classifier(ABC):
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             net = self.network(len(place_xy), *heights.shape[1:]).to(device())
-            curves = loop.fit(
-                net,
-                batches,
-                judge,
-                epochs=max(1, round(self.epochs * progress.budget)),
-                steps=steps,
-                learning_rate=self.learning_rate,
-                schedule=self.schedule,
-                precision=self.precision,
-                seed=self.seed,
-                progress=progress,
-                step=self.step,
-            )
-            forgotten = torch.from_numpy(near(xy[held], place_xy, self.neighbour_m))
+            curves = self._fit(net, self.batches(heights, views, classes, trained), judge, 0.0, progress)
             memory, rows = self.embed_training(net, heights, views, trained)
-            seen, unseen = self.predict(net, heights[held]), self.predict(net, heights[held], forgotten)
-        memory_xy, of_training = xy[rows.numpy()], torch.isin(rows, trained)
-        logits, forgetful = _scores(seen), _scores(unseen)
-        softness = temperature(logits, places[held])
-        if not determined(softness, logits, places[held]):
-            line = f"the {int(held.sum())} held-out views fix no temperature, {softness:.3g} is used"
-            progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
-        features = memory[of_training].numpy()
-        cosines, others = ((one.features.numpy() @ features.T).astype(np.float64) for one in (seen, unseen))
-        others[near(xy[held], memory_xy[of_training], self.neighbour_m)] = -1
-        evidence = Evidence(
-            logits.argmax(axis=1) == places[held],
-            self.novelties(logits, softness, cosines.max(axis=1)),
-            self.novelties(forgetful, softness, others.max(axis=1)),
-        )
-        found = {"place_xy_m": place_xy, "memory": memory.numpy(), "memory_xy_m": memory_xy, "temperature": np.array(softness)}
-        return {**loop.arrays(net), **found, **evidence.arrays(), "image_shape": np.array(heights.shape[1:]), **curves}
+            learned = Known(memory, places[rows], xy[rows]).some(torch.isin(rows, trained))
+            predict, asked = partial(self.predict, net), Known(heights, places, xy).some(held)
+            softness, evidence = judged(predict, self.novelties, asked, place_xy, learned, self.neighbour_m, progress)
+            if self.refit:
+                everything = torch.arange(len(heights))
+                self._fit(net, self.batches(heights, views, classes, everything), None, 1 - self.refit, progress.part("refit"))
+                memory, rows = self.embed_training(net, heights, views, everything)
+        found = {
+            "place_xy_m": place_xy,
+            "memory": memory.numpy(),
+            "memory_xy_m": xy[rows.numpy()],
+            "temperature": softness,
+            "image_shape": heights.shape[1:],
+        }
+        return {**loop.arrays(net), **{name: np.array(value) for name, value in found.items()}, **evidence.arrays(), **curves}
+
+    def _fit(self, net: nn.Module, rows: Any, judge: loop.Judge | None, since: float, progress: Progress) -> Model:
+        """The schedule from the share `since` on, on the batches of some rows; the curves of it."""
+        batches, steps = rows
+        epochs = max(1, round(self.epochs * progress.budget * (1 - since)))
+        how = {name: getattr(self, name) for name in ("learning_rate", "schedule", "precision", "seed", "step")}
+        return loop.fit(net, batches, judge, epochs=epochs, steps=steps, progress=progress, since=since, **how)
 
     def localizer(self, model: Model) -> Localizer:
         """The k places of highest softmax; cost = 1 − probability."""
@@ -148,7 +134,7 @@ class Classifier(ABC):
         rings, sectors = (int(side) for side in model["image_shape"])
         net = self.network(len(place_xy), rings, sectors)
         net.load_state_dict(loop.tensors(model))
-        net.to(device())
+        loop.cast(net.to(device()), device(), self.precision)
         memory = torch.from_numpy(model["memory"].copy())
 
         def localize(views: Rows, k: int) -> Ranking:
@@ -159,7 +145,7 @@ class Classifier(ABC):
                 found = self.predict(net, heights)
                 likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
             likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
-            scores = _scores(found)
+            scores = found.scores
             probability, novelty = softmax(scores, axis=1), self.novelties(scores, softness, likeness)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
             return Ranking(
@@ -199,8 +185,3 @@ class Classifier(ABC):
 
     def _heights(self, views: Rows) -> Tensor:
         return torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
-
-
-def _scores(prediction: Prediction) -> NDArray[np.float64]:
-    """Logits (n, places)."""
-    return prediction.logits.numpy().astype(np.float64)

@@ -1,12 +1,15 @@
 """The SCI paper's network (Table I): three convolutions and two dense layers over a Scan Context Image (METHODS 2.4)."""
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Iterable
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InputError
+
+FILTERS = 64, 128, 256
+"""Of the three convolutions."""
 
 
 class LeNet(nn.Module):
@@ -22,7 +25,7 @@ class LeNet(nn.Module):
         super().__init__()
         if places < 1 or rings < 8 or sectors < 8:
             raise InputError(f"places={places} rings={rings} sectors={sectors}: expected a place or more and sides of 8 or more")
-        self.features = trunk(partial(nn.Conv2d, kernel_size=5, padding=2), channels, momentum)
+        self.features = trunk((nn.Conv2d(*sizes, 5, padding=2) for sizes in pairwise((channels, *FILTERS))), momentum)
         self.head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
@@ -43,12 +46,17 @@ class LeNet(nn.Module):
         return embedded
 
 
-def trunk(convolution: Callable[[int, int], nn.Conv2d], channels: int, momentum: float) -> nn.Sequential:
-    """Features (batch, 256, rings // 8, sectors // 8) of images, by 5 × 5 convolutions of so many channels to so many filters."""
+def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
+    """Features (batch, 256, rings // 8, sectors // 8) of images, by three convolutions of FILTERS.
+
+    The pool comes before the ReLU, which then has a quarter of the work and gives the same bits.
+    """
+    first, second, third = convolutions
+    norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
     return nn.Sequential(
-        convolution(channels, 64), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(64, eps=1e-3, momentum=momentum),
-        convolution(64, 128), nn.ReLU(), nn.MaxPool2d(2), nn.BatchNorm2d(128, eps=1e-3, momentum=momentum),
-        convolution(128, 256), nn.ReLU(), nn.MaxPool2d(2),
+        first, nn.MaxPool2d(2), nn.ReLU(), norms[0],
+        second, nn.MaxPool2d(2), nn.ReLU(), norms[1],
+        third, nn.MaxPool2d(2), nn.ReLU(),
     )  # fmt: skip
 
 

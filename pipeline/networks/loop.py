@@ -20,8 +20,9 @@ from pipeline.running.progress import Progress
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
 Batches = Callable[[torch.Generator], Iterator[Batch]]  # the batches of an epoch; its random draws follow from this generator
-Step = Callable[[Callable[[Tensor], Tensor], Batch], tuple[Tensor, Tensor, int]]
+Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
+Judge = Callable[[Any], tuple[float, float]]  # loss and accuracy of a network on held-out rows
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 NET, BEST = "net/", "best/"
@@ -52,6 +53,13 @@ def autocast(where: torch.device, precision: Precision) -> torch.autocast:
     return torch.autocast(where.type, torch.bfloat16, enabled=dtype(where, precision) == torch.bfloat16)
 
 
+def cast(net: nn.Module, where: torch.device, precision: Precision) -> None:
+    """Bring the convolutions' kernels to that type for good, which autocast would do again at every answer: the same bits."""
+    for module in net.modules():
+        if isinstance(module, nn.Conv2d):
+            module.to(dtype(where, precision))
+
+
 def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
     """A network's weights, as they are stored in a model."""
     return {f"{prefix}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()}
@@ -72,7 +80,7 @@ def classify(net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]) -> t
 def fit(
     net: Net,
     batches: Batches[Batch],
-    judge: Callable[[Net], tuple[float, float]],
+    judge: Judge | None,
     *,
     epochs: int,
     steps: int,
@@ -83,21 +91,23 @@ def fit(
     progress: Progress,
     step: Step[Any] = classify,
     fused: bool = False,
+    since: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
     """Train `net` with Adam on the loss of each `step`, judged on held-out rows after each epoch (its loss and accuracy).
 
-    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the last; returns `best_epoch`,
-    0-based, and the `curves/` of CURVES (epoch,), as they are stored in a model.
-    An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches. `fused` Adam rounds differently, and
-    is much faster for a network of many numbers. Every random draw of an epoch follows from the seed and the epoch's number, so a
-    run that goes on from `progress.checkpoint` gives the weights of one that was never interrupted.
+    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the last, and so the last where
+    there is no judge; returns `best_epoch`, 0-based, and the `curves/` of CURVES (epoch,), as they are stored in a model.
+    An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches, of which a share `since` lies behind.
+    `fused` Adam rounds differently, and is much faster for a network of many numbers. Every random draw of an epoch follows from
+    the seed and the epoch's number, so a run that goes on from `progress.checkpoint` gives the weights of one that was never
+    interrupted.
     """
     where = next(net.parameters()).device
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
 
-    def answer(images: Tensor) -> Tensor:
+    def answer(*inputs: Any) -> Tensor:
         with autocast(where, precision):
-            answers: Tensor = net(images)
+            answers: Tensor = net(*inputs)
             return answers
 
     curves = np.empty((0, len(CURVES)))
@@ -111,7 +121,7 @@ def fit(
         net.train()
         loss_sum, right, seen = torch.zeros((), device=where), torch.zeros((), device=where), 0
         for number, batch in enumerate(batches(order)):
-            optimizer.param_groups[0]["lr"] = learning_rate * share((epoch + number / steps) / epochs)
+            optimizer.param_groups[0]["lr"] = learning_rate * share(since + (1 - since) * (epoch + number / steps) / epochs)
             loss, hits, count = step(answer, batch)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
@@ -119,13 +129,13 @@ def fit(
             loss_sum += loss.detach() * count
             right += hits
             seen += count
-        row = (float(loss_sum) / seen, float(right) / seen, *judge(net))
+        row = (float(loss_sum) / seen, float(right) / seen, *(judge(net) if judge else (math.nan, 0.0)))
         if not math.isfinite(row[0]):
             raise ConfigError(f"training diverged: its loss in epoch {epoch + 1} is {row[0]}; lower method.learning_rate")
         curves = np.vstack([curves, row])
         if _best(curves) == epoch:
             best = {name: value.clone() for name, value in net.state_dict().items()}
-        progress.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], held_out=row[3])
+        progress.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], **({"held_out": row[3]} if judge else {}))
         if progress.checkpoint is not None:
             more = {f"{BEST}{name}": value for name, value in best.items()} | {"curves": torch.from_numpy(curves)}
             keep(progress.checkpoint, net, {"adam": optimizer}, more)

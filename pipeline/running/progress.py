@@ -1,9 +1,9 @@
 """Progress of long work: the share of it to do, where to store checkpoints, and how to show it."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from pipeline.running.settings import positive
 
@@ -21,6 +21,10 @@ class Progress:
 
     def __post_init__(self) -> None:
         positive("budget", share=self.budget)
+
+    def part(self, name: str) -> Self:
+        """The same for a further part of the work, with a checkpoint of its own beside the first part's."""
+        return replace(self, checkpoint=self.checkpoint and self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"))
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         """Yield the `total` items, showing progress under the name `what`."""

@@ -22,13 +22,13 @@ def test_features_are_five_rings_and_fifteen_sectors(net: Ring, image: torch.Ten
     with torch.inference_mode():
         assert net.features(image).shape == (2, 256, 5, 15)
         assert net.embed(image).shape == (2, 15, 64)
-        assert net(image).shape == (2, 15, 7)
+        assert net(image).shape == (2, 1, 15, 7)
 
 
 @pytest.mark.parametrize("sectors", [1, 4, 14])
 def test_a_turned_image_is_answered_bit_for_bit_at_turned_headings(net: Ring, image: torch.Tensor, sectors: int) -> None:
     with torch.inference_mode():
-        assert torch.equal(net(image.roll(8 * sectors, 3)), net(image).roll(-sectors, 1))
+        assert torch.equal(net(image.roll(8 * sectors, 3)), net(image).roll(-sectors, 2))
 
 
 def test_a_turn_by_less_than_a_heading_is_not_exact(net: Ring, image: torch.Tensor) -> None:
@@ -45,6 +45,37 @@ def test_a_heading_is_the_dense_layer_on_features_turned_back_by_it(net: Ring, i
         columns = torch.stack([upright[:, :, :, sector].transpose(1, 2).flatten(1) for sector in range(15)], dim=1)
         expected = columns.flatten(1) @ dense.T + net.fc1_bias
         torch.testing.assert_close(net.embed(image)[:, heading], expected, atol=1e-6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("arc", [1, 3, 14])
+def test_logits_without_an_arc_are_those_of_features_that_are_empty_there(net: Ring, image: torch.Tensor, arc: int) -> None:
+    with torch.inference_mode():
+        logits = net(image, arc)
+        assert logits.shape == (2, 16, 15, 7)
+        torch.testing.assert_close(logits[:, :1], net(image), atol=1e-4, rtol=1e-4)
+        features = net.features(image)
+        for first in (0, 4, 13):
+            sectors = [(first + further) % 15 for further in range(arc)]
+            emptied = features.clone()
+            emptied[..., sectors] = 0
+            again = Ring(7).eval()
+            again.load_state_dict(net.state_dict())
+            again.features = torch.nn.Sequential(torch.nn.Identity())
+            torch.testing.assert_close(logits[:, 1 + first], again(emptied)[:, 0], atol=1e-4, rtol=1e-4)
+
+
+def test_a_feature_sees_fourteen_columns(net: Ring, image: torch.Tensor) -> None:
+    """8 of its own sector and 3 more on each side, of 120."""
+    with torch.inference_mode():
+        plain = net.features(image)[..., 7]
+        reached = []
+        for column in range(120):
+            changed = image.clone()
+            changed[..., column] = 1 - changed[..., column]
+            if not torch.equal(net.features(changed)[..., 7], plain):
+                reached.append(column)
+    assert 53 <= min(reached) <= 56
+    assert 63 <= max(reached) <= 66
 
 
 def test_the_seam_is_seen_and_the_rims_are_not_joined() -> None:

@@ -1,18 +1,20 @@
 """SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import InputError
+from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
-from tests.interrupted import same
+from tests.interrupted import PowerCut, same
 from tests.matching.made import along
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
@@ -114,19 +116,45 @@ def test_noise_on_the_training_yaw_is_seeded() -> None:
     assert not same(once, replace(noisy, yaw_noise_deg=0.0).learn(rows(2), TRUTH, Progress()))
 
 
-def test_a_wedge_of_up_to_its_width_is_emptied_in_each_training_view() -> None:
-    heights = torch.full((200, 8, SECTORS), 200, dtype=torch.uint8)
-    given = heights, along(np.empty(200)), torch.zeros(200, dtype=torch.int64), torch.arange(200)
-    plain, erased = (replace(SMALL, colormap="grey", erased_deg=deg).batches(*given)[0] for deg in (0.0, 90.0))
-    whole, gaps = (torch.cat([images for images, _, _ in epoch(torch.Generator().manual_seed(0))]) for epoch in (plain, erased))
-    assert (whole > 0).all()
-    empty = (gaps == 0).all(dim=(1, 2))
-    assert torch.equal(empty, (gaps == 0).any(dim=2).any(dim=1))  # whole columns
-    widths = empty.sum(1)
-    assert 0 <= int(widths.min()) < 3
-    assert 8 <= int(widths.max()) <= SECTORS // 4 + 1
-    assert (empty.int().diff(dim=1, prepend=empty[:, -1:].int()) == 1).sum(1).max() == 1  # one wedge, around the seam too
-    assert empty.any(0).all()  # anywhere
+def test_each_batch_leaves_out_arcs_of_one_width_at_most_the_widest_and_never_all_around() -> None:
+    heights = torch.zeros(64, 8, SECTORS, dtype=torch.uint8)
+    given = heights, along(np.empty(64)), torch.zeros(64, dtype=torch.int64), torch.arange(64)
+
+    def widths(**settings: float) -> set[int]:
+        epoch, _ = replace(SMALL, batch=2, **settings).batches(*given)
+        return {arc for _, arc, _, _ in epoch(torch.Generator().manual_seed(0))}
+
+    assert widths(widest_arc=3) == {1, 2, 3}
+    assert widths(widest_arc=9) == {1, 2, 3, 4}  # of five sectors
+    assert widths(worst_arc=0.0) == {0}
+
+
+def test_a_refit_learns_the_held_out_views_too_and_leaves_what_they_chose() -> None:
+    before, after = (replace(SMALL, refit=refit).learn(rows(2), TRUTH, Progress()) for refit in (0.0, 0.5))
+    chosen = [name for name in before if name.startswith(("held_out/", "curves/")) or name in ("temperature", "best_epoch")]
+    assert all(np.array_equal(before[name], after[name]) for name in chosen)
+    assert not np.array_equal(before["net/fc2.weight"], after["net/fc2.weight"])
+    held = holdout.blocks(rows(2).world_T_anchor, TRUTH, SMALL.held_out_every_m, SMALL.held_out_length_m)
+    seen = replace(rows(2), images=rows(2).images[held])
+
+    def cost(model: Model) -> float:
+        return float(SMALL.localizer(model)(seen, 1).costs.mean())
+
+    assert cost(after) < cost(before)
+
+
+@dataclass(frozen=True)
+class CutInRefit(Progress):
+    def part(self, name: str) -> Progress:
+        return PowerCut(checkpoint=super().part(name).checkpoint, at=3)
+
+
+def test_a_refit_that_was_interrupted_goes_on_to_the_same_weights(tmp_path: Path) -> None:
+    method, checkpoint = replace(SMALL, refit=0.5, epochs=8, dropout=0.3), tmp_path / "half.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        method.learn(rows(2), TRUTH, CutInRefit(checkpoint=checkpoint))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["half-refit.safetensors", "half.safetensors"]
+    assert same(method.learn(rows(2), TRUTH, Progress(checkpoint=checkpoint)), method.learn(rows(2), TRUTH, Progress()))
 
 
 def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
@@ -153,9 +181,19 @@ def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None
     # Two headings, three places, chances in twelfths: place 1 has 2 at heading 0 and 6 at heading 1. A yaw of 1.25 headings is
     # three quarters of the first after the last, heading 1, and a quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
     chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
-    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), torch.tensor([1.25]))
-    loss, right, count = SMALL.step(lambda images: chances.log() + 3, batch)
+    batch = (torch.zeros(1, 1, 1, 1), 0, torch.tensor([1]), torch.tensor([1.25]))
+    loss, right, count = SMALL.step(lambda images, arc: chances.log()[:, None] + 3, batch)
     assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
     assert (int(right), count) == (1, 1)
-    back = (batch[0], batch[1], torch.tensor([-0.75]))  # the same yaw, a whole turn less
-    assert float(SMALL.step(lambda images: chances.log(), back)[0]) == pytest.approx(float(loss))
+    back = (*batch[:3], torch.tensor([-0.75]))  # the same yaw, a whole turn less
+    assert float(SMALL.step(lambda images, arc: chances.log()[:, None], back)[0]) == pytest.approx(float(loss))
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 2), (0.5, 3), (1.0, 4)])
+def test_the_loss_is_shared_with_the_arc_that_costs_most(share: float, expected: float) -> None:
+    # One heading, two places, the first true: chances of 1/4 whole, 1/16 and 1/8 without each arc, of sums that are 1: in bits.
+    chances = torch.tensor([1 / 4, 1 / 16, 1 / 8])
+    logits = torch.stack([chances, 1 - chances], dim=1).log()[None, :, None]
+    batch = (torch.zeros(1, 1, 1, 1), 1, torch.tensor([0]), torch.tensor([0.0]))
+    loss, _, _ = replace(SMALL, worst_arc=share).step(lambda images, arc: logits, batch)
+    assert float(loss) / np.log(2) == pytest.approx(expected)

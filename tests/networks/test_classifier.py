@@ -10,6 +10,7 @@ from pipeline.errors import InputError
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
+from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
 from pipeline.running.progress import Progress
 from tests.matching.made import along
@@ -41,6 +42,19 @@ def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
     difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))
     assert 0 < difference.max() < 0.05
+
+
+@BOTH
+def test_kernels_cast_once_answer_as_those_that_are_cast_each_time(method: Classifier, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = replace(method, precision="bf16")
+    model = coarse.learn(rows(), TRUTH, Progress())
+    once = coarse.localizer(model)(rows(), 4)
+    monkeypatch.setattr(loop, "cast", lambda *_: None)
+    each_time = coarse.localizer(model)(rows(), 4)
+    assert all(
+        np.array_equal(getattr(once, name), getattr(each_time, name), equal_nan=True)
+        for name in ("costs", "novelty", "heading_deg")
+    )
 
 
 @dataclass(frozen=True)

@@ -64,8 +64,7 @@ def test_a_value_of_another_type_is_refused_by_name(bad, line):
 WRONG = [
     (Sci, "method", {"epochs": -1, "batch": 0, "threads": 0, "learning_rate": "abc", "colormap": "rainbow", "dropout": 1.5}),
     (Sci, "method", {"h_max_m": -1.0, "learning_rate": 0.0}),
-    (SciRing, "method", {"yaw_noise_deg": -1.0, "erased_deg": -1.0, "epochs": 0, "dropout": -0.5}),
-    (SciRing, "method", {"erased_deg": 360.0}),
+    (SciRing, "method", {"yaw_noise_deg": -1.0, "worst_arc": 1.5, "widest_arc": 0, "refit": -0.1, "epochs": 0, "dropout": -0.5}),
     (ScanContext50, "method", {"candidates": 0, "least_engaged": 1.5}),
     (ScanContextAll, "method", {"least_engaged": -0.1}),
     (M2dp, "method", {"held_out_every_m": 0, "distinct_places": "yes"}),

@@ -14,14 +14,16 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.networks import loop
 from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
-from pipeline.networks.classifier import Classifier, Kinds, Prediction
+from pipeline.networks.classifier import Classifier, Kinds
+from pipeline.networks.evidence import Prediction
 from pipeline.networks.lenet import device
+from pipeline.running.settings import positive
 
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the mean leans to the
 nearest heading. Chosen on held-out blocks of two simulated worlds."""
-Batch = tuple[Tensor, Tensor, Tensor]
-"""Images (b, channels, rings, sectors), their places (b,) and their yaw (b,) in (fractional) headings."""
+Batch = tuple[Tensor, int, Tensor, Tensor]
+"""Images (b, channels, rings, sectors), sectors of an arc, the images' places (b,) and yaw (b,) in (fractional) headings."""
 
 
 @dataclass(frozen=True)
@@ -30,32 +32,32 @@ class SciRing(Classifier):
 
     architecture = Ring
     epochs: int = 400  # in one each training view is shown once, turned at random: two are as long as one of two-way SCI
+    worst_arc: float = 0.5
+    """Share of the loss that is the loss without the arc whose absence costs most: no place may hang on a few sectors."""
+    widest_arc: int = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
     yaw_noise_deg: float = 0.0
     """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
-    erased_deg: float = 0.0  # a wedge of up to this width is set to 0 in each training view, as after a demolition
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.erased_deg < 360:
-            raise ConfigError(f"method.erased_deg={self.erased_deg}: expected 0 or more, and less than 360")
+        if not 0 <= self.worst_arc <= 1:
+            raise ConfigError(f"method.worst_arc={self.worst_arc}: expected a share from 0 to 1")
+        positive("method", widest_arc=self.widest_arc)
         if self.yaw_noise_deg < 0:
             raise ConfigError(f"method.yaw_noise_deg={self.yaw_noise_deg}: expected a number of at least 0")
 
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
-        """Every trained view once, shuffled, each turned by a random number of columns and with a random wedge set to 0."""
+        """Every trained view once, shuffled, each turned by a random number of columns."""
         sectors, columns = heights.shape[2], self._columns(views, heights.shape[2])
+        widest = min(self.widest_arc, sectors // POOLED - 1) if self.worst_arc else 0
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
             for chosen in torch.split(trained[torch.randperm(len(trained), generator=order)], self.batch):
                 if len(chosen) > 1 or len(trained) == 1:  # batch norms need two
                     turns = torch.randint(sectors, (len(chosen),), generator=order)
-                    turned = rolled(heights[chosen], turns)
-                    if self.erased_deg:
-                        first, width = torch.rand(2, len(chosen), 1, 1, generator=order) * sectors
-                        behind = (torch.arange(sectors) - first) % sectors
-                        turned = turned * (behind >= width * (self.erased_deg / 360))
+                    arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
                     headings = (columns[chosen] - turns).to(device()) / POOLED
-                    yield self.images(turned), places[chosen].to(device()), headings
+                    yield self.images(rolled(heights[chosen], turns)), arc, places[chosen].to(device()), headings
 
         return epoch, -(-len(trained) // self.batch)
 
@@ -64,18 +66,20 @@ class SciRing(Classifier):
         noise_deg = np.random.default_rng(self.seed).normal(0, self.yaw_noise_deg, len(views.world_T_anchor))
         return torch.from_numpy((np.rad2deg(yaw(views.world_T_anchor)) + noise_deg) * (sectors / 360)).float()
 
-    def step(self, answer: Callable[[Tensor], Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
+    def step(self, answer: Callable[..., Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
         """Cross-entropy in nats over headings × places at once, and how often the likeliest place is right.
 
-        The target is split linearly between the two headings nearest the true one.
+        The target is split linearly between the two headings nearest the true one. `worst_arc` of the loss is that without the
+        arc whose absence costs most.
         """
-        images, classes, headings = batch
-        logits = answer(images).float()
-        chances = logits.flatten(1).log_softmax(1).view_as(logits)
-        first, second, share = neighbours(headings, logits.shape[1])
+        images, arc, classes, headings = batch
+        logits = answer(images, arc).float()
+        first, second, share = neighbours(headings, logits.shape[2])
         each = torch.arange(len(classes), device=classes.device)
-        likelihood = chances[each, first, classes].lerp(chances[each, second, classes], share)
-        return -likelihood.mean(), (logits.logsumexp(1).argmax(1) == classes).sum(), len(classes)
+        target = logits[each, :, first, classes].lerp(logits[each, :, second, classes], share[:, None])
+        costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
+        right = (logits[:, 0].logsumexp(1).argmax(1) == classes).sum()
+        return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(classes)
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
