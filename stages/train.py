@@ -26,8 +26,7 @@ def main(cfg: DictConfig) -> str:
     checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
     model = {"image_shape": np.array(views.images.shape[1:]), **method.learn(views, places, ProgressBar(share, checkpoint))}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
-    for part in checkpoint.parent.glob(f"{key}*"):
-        part.unlink()
+    [part.unlink() for part in checkpoint.parent.glob(f"{key}*")]
     rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
     trained = f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of {rounds} kept"
     return f"{len(places)} views of {places.max() + 1} places, {trained if rounds else 'nothing to train'}"

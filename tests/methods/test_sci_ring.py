@@ -21,7 +21,15 @@ KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance"
 PLACES, EACH, SECTORS = 4, 10, 40
 VIEW = ScanContext(rings=8, sectors=SECTORS, max_range_m=24.0, voxel_m=0.0, min_points=1)
 SMALL = SciRing(
-    epochs=16, batch=8, dropout=0.0, held_out_every_m=10, held_out_length_m=2, neighbour_m=11, precision="f32", threads=1
+    epochs=16,
+    batch=8,
+    dropout=0.0,
+    held_out_every_m=10,
+    held_out_length_m=2,
+    neighbour_m=11,
+    precision="f32",
+    threads=1,
+    refit=0.0,
 )
 TRUTH = np.repeat(np.arange(PLACES), EACH)
 YAW_DEG = np.random.default_rng(7).uniform(-180, 180, len(TRUTH))

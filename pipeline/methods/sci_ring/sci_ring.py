@@ -35,6 +35,7 @@ class SciRing(Classifier):
     worst_arc: float = 0.5
     """Share of the loss that is the loss without the arc whose absence costs most: no place may hang on a few sectors."""
     widest_arc: int = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
+    refit: float = 0.3
     yaw_noise_deg: float = 0.0
     """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
 
