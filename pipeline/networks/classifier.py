@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -77,6 +76,14 @@ class Classifier(ABC):
     def embed_training(self, net: Any, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
         """Features (m, 64) of training views, of length 1, and the row (m,) of each: a query's nearest is found by them."""
 
+    def remembered(self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor) -> Model:
+        """What `settled` needs of trained views, whose heights (n, rings, sectors) are in metres: arrays of the model."""
+        return {}
+
+    def settled(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
+        """The outputs for heights (n, rings, sectors) in metres, compared with what is remembered; by default as they are."""
+        return found
+
     def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
         """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
 
@@ -86,7 +93,8 @@ class Classifier(ABC):
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
-        heights = self._heights(views)
+        images = np.asarray(views.images[:])
+        heights = self._heights(images)
         if len(places) != len(heights) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
         held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
@@ -106,12 +114,18 @@ class Classifier(ABC):
             curves = self._fit(net, self.batches(heights, views, classes, trained), judge, 0.0, progress)
             memory, rows = self.embed_training(net, heights, views, trained)
             learned = Known(memory, places[rows], xy[rows]).some(torch.isin(rows, trained))
-            predict, asked = partial(self.predict, net), Known(heights, places, xy).some(held)
+            kept = self.remembered(images, views, places, trained)
+
+            def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
+                return self.settled(self.predict(net, heights, forgotten), images[held], kept)
+
+            asked = Known(heights, places, xy).some(held)
             softness, evidence = judged(predict, self.novelties, asked, place_xy, learned, self.neighbour_m, progress)
             if self.refit:
                 everything = torch.arange(len(heights))
                 self._fit(net, self.batches(heights, views, classes, everything), None, 1 - self.refit, progress.part("refit"))
                 memory, rows = self.embed_training(net, heights, views, everything)
+                kept = self.remembered(images, views, places, everything)
         found = {
             "place_xy_m": place_xy,
             "memory": memory.numpy(),
@@ -119,7 +133,8 @@ class Classifier(ABC):
             "temperature": softness,
             "image_shape": heights.shape[1:],
         }
-        return {**loop.arrays(net), **{name: np.array(value) for name, value in found.items()}, **evidence.arrays(), **curves}
+        arrays = {name: np.array(value) for name, value in found.items()}
+        return {**loop.arrays(net), **arrays, **kept, **evidence.arrays(), **curves}
 
     def _fit(self, net: nn.Module, rows: Any, judge: loop.Judge | None, since: float, progress: Progress) -> Model:
         """The schedule from the share `since` on, on the batches of some rows; the curves of it."""
@@ -138,11 +153,12 @@ class Classifier(ABC):
         memory = torch.from_numpy(model["memory"].copy())
 
         def localize(views: Rows, k: int) -> Ranking:
-            heights = self._heights(views)
+            images = np.asarray(views.images[:])
+            heights = self._heights(images)
             if heights.shape[1:] != (rings, sectors):
                 raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
             with loop.reproducible(self.threads):
-                found = self.predict(net, heights)
+                found = self.settled(self.predict(net, heights), images, model)
                 likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
             likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
             scores = found.scores
@@ -183,5 +199,5 @@ class Classifier(ABC):
         table = torch.from_numpy(colours(self.colormap)).to(where).float() / 255
         return table[heights.to(where).long()].permute(0, 3, 1, 2)
 
-    def _heights(self, views: Rows) -> Tensor:
-        return torch.from_numpy(quantize(np.asarray(views.images[:]), self.h_min_m, self.h_max_m))
+    def _heights(self, images: NDArray[np.float32]) -> Tensor:
+        return torch.from_numpy(quantize(images, self.h_min_m, self.h_max_m))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from pipeline.errors import NotInstalledError
+from pipeline.matching.outlines import Outlines, outlines, settled
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
 NETWORK = "network.onnx"
@@ -33,6 +34,8 @@ def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> L
     def localize(views: Rows, k: int) -> Ranking:
         answers = [run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]}) for image in views.images]
         scores, features, heading_deg = (np.concatenate(parts) for parts in zip(*answers, strict=True))
+        if np.isfinite(heading_deg).all():
+            scores, heading_deg = settled(scores.astype(np.float64), heading_deg, outlines(views.images), Outlines.of(model))
         chances = softmax(scores.astype(np.float64), axis=1)
         places = np.argsort(-chances, axis=1, kind="stable")[:, :k]
         headings = np.take_along_axis(heading_deg, places, axis=1).astype(np.float32)

@@ -10,7 +10,8 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.frames import yaw
-from pipeline.matching.ranking import Rows
+from pipeline.matching.outlines import Outlines, outlines, settled
+from pipeline.matching.ranking import Model, Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.networks import loop
 from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
@@ -31,7 +32,9 @@ class SciRing(Classifier):
     """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
 
     architecture = Ring
-    epochs: int = 400  # in one each training view is shown once, turned at random: two are as long as one of two-way SCI
+    epochs: int = 300  # in one each training view is shown once, turned at random
+    batch: int = 32
+    dropout: float = 0.5
     worst_arc: float = 0.5
     """Share of the loss that is the loss without the arc whose absence costs most: no place may hang on a few sectors."""
     widest_arc: int = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
@@ -106,6 +109,16 @@ class SciRing(Classifier):
         north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
         return nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights))
+
+    def remembered(self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor) -> Model:
+        """The trained views' outlines."""
+        rows = trained.numpy()
+        return Outlines(outlines(images[rows]), places[rows], self._columns(views, images.shape[2]).numpy()[rows]).arrays()
+
+    def settled(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
+        """The first places' scores and headings, compared by outlines."""
+        scores, heading_deg = settled(found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model))
+        return found._replace(logits=torch.from_numpy(scores), heading_deg=torch.from_numpy(heading_deg.astype(np.float32)))
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The first answer lies at the training view most like the query, the others at their places' means."""

@@ -1,0 +1,60 @@
+"""Outlines of places: what is hidden says nothing, what is gone speaks against."""
+
+import numpy as np
+import pytest
+
+from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines, settled
+
+SECTORS = 120
+RNG = np.random.default_rng(3)
+SHAPES = RNG.integers(3, 30, (4, SECTORS)).astype(np.uint8)
+LEARNED = Outlines(SHAPES, np.array([0, 1, 2, 2]), np.array([0.0, 30.0, 60.0, 100.0], np.float32))
+LEVEL = np.zeros((1, 3))
+
+
+def seen(view: int, turn: int) -> np.ndarray:
+    """What a sensor at a training view sees that is turned to the left by so many columns."""
+    return np.roll(SHAPES[view : view + 1], -turn, axis=1)
+
+
+def test_an_outline_is_the_first_ring_that_stands() -> None:
+    heights = np.zeros((2, 5, 3))
+    heights[0, [1, 3], 0] = 4.0, 9.0
+    heights[0, 2, 1] = 1.5  # no more than grass
+    heights[1, 4, 2] = 1.6
+    assert outlines(heights).tolist() == [[1, NOTHING, NOTHING], [NOTHING, NOTHING, 4]]
+
+
+@pytest.mark.parametrize(("view", "place"), [(0, 0), (1, 1), (2, 2), (3, 2)])
+@pytest.mark.parametrize("turn", [-5, 0, 7])
+def test_a_place_seen_again_is_first_and_tells_the_heading(view: int, place: int, turn: int) -> None:
+    yaw_deg = 3 * (float(LEARNED.columns[view]) + turn)
+    guessed = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
+    scores, headings = settled(LEVEL, guessed, seen(view, turn), LEARNED)
+    assert scores[0].argmax() == place
+    assert scores[0, place] == pytest.approx(WORTH * SECTORS)
+    assert (headings[0, place] - yaw_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-4)
+
+
+def test_what_hides_a_place_costs_its_sectors_and_what_is_gone_costs_more() -> None:
+    guessed = np.zeros((1, 3))
+    hidden, gone = seen(0, 0).copy(), seen(0, 0).copy()
+    hidden[0, :20] = 0
+    gone[0, :20] = NOTHING
+    assert settled(LEVEL, guessed, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
+    assert settled(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(WORTH * (100 - GONE * 20))
+
+
+def test_a_heading_far_off_is_not_found_and_a_forgotten_place_stays_forgotten() -> None:
+    far = np.full((1, 3), 40.0)
+    scores, _ = settled(np.array([[0.0, -np.inf, 0.0]]), far, seen(0, 0), LEARNED)
+    assert scores[0, 0] < WORTH * SECTORS / 2
+    assert scores[0, 1] == -np.inf
+
+
+def test_only_the_first_places_are_compared() -> None:
+    many = Outlines(np.tile(SHAPES[:1], (40, 1)), np.arange(40), np.zeros(40, np.float32))
+    before = -np.arange(40.0)[None]
+    after, headings = settled(before, np.full((1, 40), 1.0), seen(0, 0), many)
+    assert (after - before)[0].tolist() == pytest.approx([WORTH * SECTORS] * 25 + [0.0] * 15)
+    assert headings[0].tolist() == pytest.approx([0.0] * 25 + [1.0] * 15)
