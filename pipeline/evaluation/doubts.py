@@ -13,13 +13,24 @@ from pipeline.store import Artifact
 BLIND = "blind_recall_at_1"
 """What one and the same answer to every query would reach: half of it all, and the score is void."""
 VOID = "void"
-HALF, FEW = 0.5, 30
+HALF, FEW, FEW_BLOCKS = 0.5, 30, 5
 UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
-DOUBTS = ("doubt_one_answer", "doubt_few_seen", "doubt_all_rejected", "doubt_none_rejected", "doubt_no_threshold", *UNSUITED)
+DOUBTS = (
+    *(
+        "doubt_one_answer",
+        "doubt_few_seen",
+        "doubt_few_blocks",
+        "doubt_all_rejected",
+        "doubt_none_rejected",
+        "doubt_no_threshold",
+    ),
+    *UNSUITED,
+)
 """Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
-seen, if FEW or fewer; 1 where all are rejected, none is, or no threshold kept the wanted precision on held-out blocks. Of the
-submaps: degrees of azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the highest points,
-under LOW_M; the share of the drive without a whole window, if half or more."""
+seen, if FEW or fewer, and in how many blocks of the path, if FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no
+threshold kept the wanted precision on held-out blocks. Of the submaps: degrees of azimuth with points, under ROUND_DEG; z of the
+ground, farther than GROUND_M from 0; z of the highest points, under LOW_M; the share of the drive without a whole window, if half
+or more."""
 ROUND_DEG, GROUND_M, LOW_M = 300.0, 0.5, 1.0
 
 
@@ -41,7 +52,7 @@ def blind(
 
 
 def doubts(
-    blind: float, answers: NDArray[np.int64], novelty: NDArray[np.floating], reject_from: float, seen: int
+    blind: float, answers: NDArray[np.int64], novelty: NDArray[np.floating], reject_from: float, seen: int, blocks: int
 ) -> dict[str, float]:
     """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,) and the threshold in use."""
     _, counts = np.unique(answers, return_counts=True)
@@ -50,6 +61,7 @@ def doubts(
     applies = {
         "doubt_one_answer": (one, one >= HALF),
         "doubt_few_seen": (seen, seen <= FEW),
+        "doubt_few_blocks": (blocks, blocks <= FEW_BLOCKS),
         "doubt_all_rejected": (1.0, rejected.all() and reject_from > ACCEPT_NOTHING),
         "doubt_none_rejected": (1.0, not rejected.any()),
         "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),

@@ -77,6 +77,7 @@ def judge(
         answer_xy_m=answer_xy_m,
         kinds=ranking.kinds,
         days=days,
+        block_m=bootstrap.block_m,
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
     )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
+from pipeline.evaluation.bootstrap import blocks
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
@@ -70,6 +71,7 @@ class Evaluation:
     promised: float
     days: int
     blind: Mapping[str, float]
+    block_m: float
     unsuited: Mapping[str, float]
 
     @property
@@ -84,8 +86,9 @@ class Evaluation:
 
     def doubts(self, name: str) -> dict[str, float]:
         """What makes the numbers by that protocol say little, or nothing."""
-        seen = int(self.protocol(name).seen.sum())
-        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], seen)
+        seen = self.protocol(name).seen
+        held = len(np.unique(blocks(self.xy_m, self.block_m)[seen]))
+        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], int(seen.sum()), held)
         return own | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
@@ -120,7 +123,8 @@ class Evaluation:
         own["promised"] = np.nan if promised is None else float(promised)
         own["blind"] = {by: np.nan if share is None else float(share) for by, share in artifact.attrs["blind"].items()}
         own["unsuited"] = artifact.attrs["unsuited"]
-        return cls(**own, days=int(artifact.attrs["days"]))
+        block_m = float(artifact.attrs["bootstrap"]["block_m"])
+        return cls(**own, days=int(artifact.attrs["days"]), block_m=block_m)
 
 
 def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:

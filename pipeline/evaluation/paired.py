@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.evaluation.bootstrap import Bootstrap, bounds
+from pipeline.evaluation.bootstrap import Bootstrap, blocks, bounds
 from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
@@ -38,7 +38,8 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
     """Both methods meet the same resamples, so what is hard for both cancels out; raises InputError for other queries.
 
     p inverts the percentile interval: twice the smaller share of the resamples in which the difference is at most, or at least,
-    0, counting the path itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many resamples.
+    0, counting the path itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many resamples. Nor
+    is it less than a sign test of the blocks that hold seen queries can reach, 2 / 2**blocks: four blocks never say .05.
     """
     ours, theirs = this.truth(protocol), reference.truth(protocol)
     same = ((this.xy_m, reference.xy_m), (ours.seen, theirs.seen), (ours.unseen, theirs.unseen))
@@ -54,7 +55,7 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
 
     values = difference(np.ones((1, len(this.xy_m))))[:, 0].tolist()
     tested = (
-        Difference(one, *bounds(spread), _p(spread))
+        Difference(one, *bounds(spread), _p(spread, ours.seen, blocks(this.xy_m, bootstrap.block_m)))
         for one, spread in zip(values, bootstrap.spreads(difference, this.xy_m), strict=True)
     )
     return Paired(tuple(tested), int((good & ~better).sum()), int((better & ~good).sum()))
@@ -70,6 +71,6 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     return corrected
 
 
-def _p(spread: NDArray[np.float64]) -> float:
-    fewer = min((spread <= 0).sum(), (spread >= 0).sum())
-    return min(1.0, 2 * (1 + int(fewer)) / (1 + len(spread))) if len(spread) else np.nan
+def _p(spread: NDArray[np.float64], seen: NDArray[np.bool_], block: NDArray[np.int64]) -> float:
+    fewer, least = min((spread <= 0).sum(), (spread >= 0).sum()), 2 / 2.0 ** len(np.unique(block[seen]))
+    return min(1.0, max(least, 2 * (1 + int(fewer)) / (1 + len(spread)))) if len(spread) else np.nan

@@ -28,17 +28,18 @@ def test_what_one_answer_to_all_would_reach() -> None:
     [
         ({}, {}),
         ({"blind": 0.5}, {VOID: 1}),
-        ({"blind": np.nan, "seen": 0}, {VOID: 1, "doubt_few_seen": 0}),
+        ({"blind": np.nan, "seen": 0, "blocks": 0}, {VOID: 1, "doubt_few_seen": 0, "doubt_few_blocks": 0}),
         ({"answers": np.minimum(MANY, 21)}, {}),
         ({"answers": np.minimum(MANY, 20)}, {"doubt_one_answer": 0.5}),
         ({"seen": 30}, {"doubt_few_seen": 30}),
+        ({"blocks": 5}, {"doubt_few_blocks": 5}),
         ({"reject_from": -0.1}, {"doubt_all_rejected": 1}),
         ({"reject_from": 1.1}, {"doubt_none_rejected": 1}),
         ({"reject_from": ACCEPT_NOTHING}, {"doubt_no_threshold": 1}),
     ],
 )
 def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
-    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "seen": 31}
+    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "seen": 31, "blocks": 6}
     found = doubts(**usual | change)
     assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
     assert found == applies

@@ -72,6 +72,13 @@ def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
     assert (found.low, found.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
 
 
+@pytest.mark.parametrize(("stretches", "least"), [(4, 0.125), (5, 0.0625), (8, 2 / 256)])
+def test_p_is_never_less_than_a_sign_test_of_so_few_blocks_can_reach(stretches: int, least: float) -> None:
+    always, never = np.ones(METRES, bool), np.zeros(METRES, bool)
+    block_m = 500 / stretches  # all 500 seen metres, of which the first method alone places every one
+    assert compare(method(always), method(never), "cells", Bootstrap(block_m=block_m)).differences[0].p == pytest.approx(least)
+
+
 def test_the_same_answers_differ_surely_in_nothing_and_a_path_of_one_block_has_no_interval() -> None:
     found = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
     assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [(0.0, 0.0, 0.0, 1.0)] * 2
