@@ -28,7 +28,7 @@ def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, fol
     name, alterations = f"{sequence}.zarr", (cfg.alterations or "").split()
     cases = Rows.queries(Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations])
     rejection, (driven, *_) = instantiate(cfg.rejection), cases.values()
-    ranking = joined([rejection.order(localizer(rows, cfg.k)) for rows in cases.values()])
+    ranking = joined([rejection.order(localizer(rows, cfg.k).checked(len(rows.stamps_ns))) for rows in cases.values()])
     left_rad = np.concatenate([yaw(rows.world_T_anchor) - yaw(driven.world_T_anchor) for rows in cases.values()])
     thresholds = rejection.thresholds(model, ranking.kinds)
     attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision}

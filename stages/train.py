@@ -23,10 +23,10 @@ def main(cfg: DictConfig) -> str:
     cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
     method, share = instantiate(cfg.method), float(cfg.budget.share)
     key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method))
-    checkpoint = Path(cfg.checkpoints, f"{key}.safetensors")
-    model = {"image_shape": np.array(views.images.shape[1:]), **method.learn(views, places, ProgressBar(share, checkpoint))}
+    progress = ProgressBar(share, Path(cfg.checkpoints, f"{key}.safetensors"))
+    model = {"image_shape": np.array(views.images.shape[1:]), **method.learn(views, places, progress)}
     store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
-    [part.unlink() for part in checkpoint.parent.glob(f"{key}*")]
+    progress.done()
     rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
     trained = f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of {rounds} kept"
     return f"{len(places)} views of {places.max() + 1} places, {trained if rounds else 'nothing to train'}"

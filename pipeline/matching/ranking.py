@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
+from pipeline.errors import InputError
 from pipeline.frames import Poses, Stamps
 from pipeline.running.progress import Progress
 
@@ -74,6 +75,24 @@ class Ranking:
     confidence: NDArray[np.float32]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
     heading_deg: NDArray[np.float32]  # (query, k) its yaw in the world, in (−180, 180], if that answer is right; NaN where untold
     kinds: tuple[str, ...]  # name of each kind of novelty
+
+    def checked(self, n: int) -> Self:
+        """Itself; raises InputError for arrays that are not of `n` queries or of other shapes, or a novelty that is NaN."""
+        k = self.places.shape[-1]
+        shapes = {
+            "places": (n, k),
+            "costs": (n, k),
+            "xy_m": (n, k, 2),
+            "novelty": (n, len(self.kinds)),
+            "confidence": (n,),
+            "heading_deg": (n, k),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise InputError(f"the method answered {name} of shape {getattr(self, name).shape}: expected {shape}")
+        if np.isnan(self.novelty).any():
+            raise InputError(f"the method's novelty is NaN for {np.isnan(self.novelty).any(1).sum()} of {n} queries")
+        return self
 
     def by(self, kind: str) -> Self:
         """The same with this kind of novelty first."""

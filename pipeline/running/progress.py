@@ -26,6 +26,12 @@ class Progress:
         """The same for a further part of the work, with a checkpoint of its own beside the first part's."""
         return replace(self, checkpoint=self.checkpoint and self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"))
 
+    def done(self) -> None:
+        """Remove the checkpoints of all parts."""
+        if self.checkpoint:
+            for part in self.checkpoint.parent.glob(f"{self.checkpoint.stem}*"):
+                part.unlink()
+
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         """Yield the `total` items, showing progress under the name `what`."""
         yield from items

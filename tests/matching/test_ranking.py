@@ -1,7 +1,7 @@
 """Rows: a window on a view artifact, of one case or of several."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from pipeline import store
 from pipeline.alterations import Case
-from pipeline.errors import ArtifactError
+from pipeline.errors import ArtifactError, InputError
 from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.schemas import VIEWS
 
@@ -72,3 +72,24 @@ def test_rankings_of_several_cases_follow_one_another() -> None:
 def test_a_view_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match=r"b\.zarr: no such artifact"):
         Rows.read(tmp_path / "b.zarr")
+
+
+RANKING = Ranking(
+    *(np.zeros((4, 3), np.int64), np.zeros((4, 3), np.float32), np.zeros((4, 3, 2)), np.zeros((4, 1), np.float32)),
+    *(np.zeros(4, np.float32), np.zeros((4, 3), np.float32), ("distance",)),
+)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"places": np.zeros((3, 3), np.int64)}, r"places of shape \(3, 3\): expected \(4, 3\)"),
+        ({"heading_deg": np.zeros((4, 1), np.float32)}, r"heading_deg of shape \(4, 1\): expected \(4, 3\)"),
+        ({"kinds": ("a", "b")}, r"novelty of shape \(4, 1\): expected \(4, 2\)"),
+        ({"novelty": np.array([[0], [np.nan], [0], [np.nan]], np.float32)}, "NaN for 2 of 4 queries"),
+    ],
+)
+def test_answers_of_a_wrong_shape_or_without_novelty_are_refused(wrong: dict, line: str) -> None:
+    assert RANKING.checked(4) is RANKING
+    with pytest.raises(InputError, match=line):
+        replace(RANKING, **wrong).checked(4)

@@ -165,6 +165,15 @@ def test_a_refit_that_was_interrupted_goes_on_to_the_same_weights(tmp_path: Path
     assert same(method.learn(rows(2), TRUTH, Progress(checkpoint=checkpoint)), method.learn(rows(2), TRUTH, Progress()))
 
 
+def test_done_work_leaves_no_checkpoint_of_any_part(tmp_path: Path) -> None:
+    progress = Progress(checkpoint=tmp_path / "one.safetensors")
+    replace(SMALL, refit=0.5, epochs=2).learn(rows(2), TRUTH, progress)
+    assert len(list(tmp_path.iterdir())) == 2
+    progress.done()
+    Progress().done()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_path_too_short_for_blocks_is_learned_all_the_same() -> None:
     short = replace(SMALL, held_out_every_m=1000.0, colormap="grey")
     learned = short.learn(rows(2), TRUTH, Progress(budget=0.05))
