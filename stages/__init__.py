@@ -126,6 +126,7 @@ class ProgressBar(Progress):
                     print(f"  {what} {done}/{total}: {shown}", file=sys.stderr, flush=True)
 
     def note(self, **numbers: float) -> None:
+        self.numbers.clear()
         self.numbers.update(numbers)
 
     def tell(self, line: str) -> None:

@@ -115,7 +115,7 @@ def fit(
     if kept := resume(progress.checkpoint, net, {"adam": optimizer}):
         curves, best = kept["curves"].cpu().numpy(), taken(kept, BEST)
     share = SCHEDULES[schedule]
-    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), "train"):
+    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), "train" if judge else "refit"):
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
