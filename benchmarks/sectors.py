@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from omegaconf import OmegaConf
 from scipy.spatial import KDTree
 
 from pipeline import schemas, store
@@ -83,20 +84,22 @@ def main(name: str, train: str, day: str, picture: str) -> None:
     """Print the sums, and draw them."""
     xy_m, rank, kind, said = measured(name, train, day)
     groups = {"right": rank == 0, "second to 25th": (rank > 0) & (rank < 25), "later": rank >= 25}
+    simulated = OmegaConf.load(Path("conf", "dataset", f"{name.split('/')[0]}.yaml")).simulated
     fig = Figure(figsize=(11, 3.6), layout="constrained")
+    fig.suptitle(f"{'simulated: ' if simulated else ''}{name}, {day}, learned on {train}", fontsize=10)
     where, counts, sums = fig.subplots(1, 3)
     for (group, rows), tint in zip(groups.items(), ("#2c7fb8", "#fdae61", "#d7191c"), strict=True):
         where.scatter(*xy_m[rows].T, s=9, color=tint, label=f"{group} ({rows.mean():.0%})", zorder=2 + (group != "right"))
-        counts.hist((kind[rows] == "same").sum(1), np.arange(17) - 0.5, density=True, histtype="step", color=tint)
+        counts.hist((kind[rows] == "same").sum(1), np.arange(17) - 0.5, histtype="step", color=tint)
         spoken = [float(said[rows][kind[rows] == one].sum() / max(rows.sum(), 1)) for one in KINDS]
         shares = [float((kind[rows] == one).mean()) for one in KINDS] if rows.any() else [0.0] * 3
         told = "  ".join(f"{one}: {share:.0%} say {nats:+.1f}" for one, share, nats in zip(KINDS, shares, spoken, strict=True))
         print(f"{group:15} {rows.sum():4} queries; {told} nats for the true place")
         sums.bar(np.arange(3) + 0.27 * (list(groups).index(group) - 1), spoken, 0.25, color=tint)
-    where.set(aspect="equal", xlabel="east [m]", ylabel="north [m]", title=f"{name} {day}: the true place's rank")
+    where.set(aspect="equal", xlabel="east [m]", ylabel="north [m]", title="the true place's rank")
     where.legend(fontsize=7)
-    counts.set(xlabel="of 15 sectors the same as in training", ylabel="share of the queries")
-    sums.set(xticks=range(3), xticklabels=list(KINDS), ylabel="nats for the true place against its rival, a query")
+    counts.set(xlabel="of 15 sectors the same as in training", ylabel="queries")
+    sums.set(xticks=range(3), xticklabels=list(KINDS), ylabel="nats for the true place, a query")
     sums.axhline(0, color="0.6", linewidth=0.8)
     fig.savefig(picture, dpi=120)
 
