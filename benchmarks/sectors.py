@@ -63,7 +63,7 @@ def measured(
     model = store.read_model(ROOT / "train" / study / grid / f"{model_name}.safetensors")
     method: SciRing = build("method", "sci_ring")
     net = Ring(len(model["place_xy_m"]), *(int(side) for side in model["image_shape"])).eval()
-    net.load_state_dict(loop.tensors(model))
+    loop.fill(net, model)
     labels = store.read(ROOT / "labels" / study / grid / f"{day}.zarr", schemas.LABELS)
     queries, trained = (Rows.read(ROOT / "views" / study / method.view / f"{one}.zarr") for one in (day, train))
     places = labels.load("places")

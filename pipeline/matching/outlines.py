@@ -37,6 +37,11 @@ class Outlines(NamedTuple):
         """Those in a model."""
         return cls(*(model[f"{PREFIX}{name}"] for name in cls._fields))
 
+    @classmethod
+    def there(cls, model: Mapping[str, NDArray[Any]]) -> bool:
+        """Whether a model has outlines."""
+        return f"{PREFIX}rings" in model
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Their arrays, as they are stored in a model."""
         return {f"{PREFIX}{name}": array for name, array in self._asdict().items()}

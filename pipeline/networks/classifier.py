@@ -148,7 +148,7 @@ class Classifier(ABC):
         place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
         net = self.network(len(place_xy), rings, sectors)
-        net.load_state_dict(loop.tensors(model))
+        loop.fill(net, model)
         loop.cast(net.to(device()), device(), self.precision)
         memory = torch.from_numpy(model["memory"].copy())
 

@@ -70,6 +70,14 @@ def tensors(model: Mapping[str, NDArray[Any]], prefix: str = NET) -> dict[str, T
     return {name.removeprefix(prefix): torch.from_numpy(array.copy()) for name, array in model.items() if name.startswith(prefix)}
 
 
+def fill(net: nn.Module, model: Mapping[str, NDArray[Any]], prefix: str = NET, assign: bool = False) -> None:
+    """Give a network the weights that a model holds; raises ArtifactError where they are not of such a network."""
+    try:
+        net.load_state_dict(tensors(model, prefix), assign=assign)
+    except RuntimeError:
+        raise ArtifactError(f"the model's weights are not those of a {type(net).__name__}: train it again") from None
+
+
 def classify(net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, int]:
     """Cross-entropy in nats of logits (n, classes) of a batch of images (n, …) and classes (n,)."""
     images, classes = batch

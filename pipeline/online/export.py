@@ -92,13 +92,13 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
         method = replace(method, precision="f32", threads=1)
         rings, sectors = (int(side) for side in model["image_shape"])
         net = method.network(len(model["place_xy_m"]), rings, sectors)
-        net.load_state_dict(loop.tensors(model))
+        loop.fill(net, model)
         module: nn.Module = Scores(method, net)
         views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (rng.uniform(size=(TRIED, rings, sectors)) < 0.5)
         given, names = INPUT, list(CLASSIFIED)
     elif isinstance(method, PointNetVlad):
         module = Describer()
-        module.load_state_dict(loop.tensors(model))
+        loop.fill(module, model)
         views = rng.uniform(-1, 1, (TRIED, int(model["points"]), 3))
         given, names = "points", ["descriptor"]
     else:

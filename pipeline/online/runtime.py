@@ -30,12 +30,13 @@ def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> L
     """The k places of highest softmax; the novelty is one minus the highest. A network with headings is the ring's, whose first
     answer lies at the training view most like the query (METHODS 8)."""
     run, place_xy_m = session(data, threads), model["place_xy_m"]
+    learned = Outlines.of(model) if Outlines.there(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
         answers = [run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]}) for image in views.images]
         scores, features, heading_deg = (np.concatenate(parts) for parts in zip(*answers, strict=True))
-        if np.isfinite(heading_deg).all():
-            scores, heading_deg = settled(scores.astype(np.float64), heading_deg, outlines(views.images), Outlines.of(model))
+        if learned:
+            scores, heading_deg = settled(scores.astype(np.float64), heading_deg, outlines(views.images), learned)
         chances = softmax(scores.astype(np.float64), axis=1)
         places = np.argsort(-chances, axis=1, kind="stable")[:, :k]
         headings = np.take_along_axis(heading_deg, places, axis=1).astype(np.float32)

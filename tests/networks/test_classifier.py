@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.errors import ArtifactError, InputError
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
@@ -42,6 +42,12 @@ def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.9
     difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))
     assert 0 < difference.max() < 0.05
+
+
+def test_a_model_of_another_network_is_refused_in_words() -> None:
+    model = Sci(**SETTINGS).learn(rows(), TRUTH, Progress(budget=0.1))
+    with pytest.raises(ArtifactError, match="not those of a Ring: train it again"):
+        SciRing(**SETTINGS).localizer(model)
 
 
 @BOTH

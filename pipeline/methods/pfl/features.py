@@ -140,7 +140,7 @@ def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: st
     """
     width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
     net = kind(width, channels, len(model[f"{ENCODER}dense.bias"]))
-    net.load_state_dict(loop.tensors(model, prefix))
+    loop.fill(net, model, prefix)
     return net.eval().to(device())
 
 

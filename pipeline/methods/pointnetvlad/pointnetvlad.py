@@ -95,7 +95,7 @@ class PointNetVlad(DescriptorMethod):
         """The nearest training clouds by Euclidean distance between descriptors."""
         with torch.device("meta"):
             net = Describer()
-        net.load_state_dict(loop.tensors(model), assign=True)
+        loop.fill(net, model, assign=True)
         describe = self._describer(net.to(device()))
         database, descriptors, points = Database.of(model), model["descriptors"], int(model["points"])
 
