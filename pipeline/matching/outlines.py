@@ -22,13 +22,13 @@ GONE, WORTH = 0.5, 0.05
 """What a sector that sees through counts against one that agrees, and what an agreeing sector adds to a place's score, in nats:
 chosen on held-out blocks of two simulated campuses, altered with seeds of their own."""
 PREFIX = "outlines/"
-NOTHING = 255
+NOTHING = 2**15 - 1
 
 
 class Outlines(NamedTuple):
-    """Those of the training views."""
+    """Those of the training views, by rising place."""
 
-    rings: NDArray[np.uint8]  # (view, sector) ring of the nearest thing that stands, or NOTHING
+    rings: NDArray[np.int16]  # (view, sector) ring of the nearest thing that stands, or NOTHING
     places: NDArray[np.int64]  # (view,)
     columns: NDArray[np.float32]  # (view,) yaw in columns
 
@@ -47,27 +47,26 @@ class Outlines(NamedTuple):
         return {f"{PREFIX}{name}": array for name, array in self._asdict().items()}
 
 
-def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.uint8]:
+def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
     """Rings (n, sectors) of the nearest bin that stands in each sector of heights (n, rings, sectors), or NOTHING."""
     stands = heights_m > STANDS_M
-    return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.uint8)
+    return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
 
 
 def settled(
-    scores: NDArray[np.float64], heading_deg: NDArray[np.floating], seen: NDArray[np.uint8], learned: Outlines
+    scores: NDArray[np.float64], heading_deg: NDArray[np.floating], seen: NDArray[np.int16], learned: Outlines
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Scores and headings (n, places) once the first places of each query are compared by their outlines `seen` (n, sectors).
 
     A place's worth is that of its best training view at its best turn, which gives the heading.
     """
-    by_place = np.argsort(learned.places, kind="stable")
-    starts = np.searchsorted(learned.places[by_place], np.arange(scores.shape[1] + 1))
+    starts = np.searchsorted(learned.places, np.arange(scores.shape[1] + 1))
     first = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED]
     column_deg = 360 / seen.shape[1]
     found = np.take_along_axis(np.asarray(heading_deg, np.float64), first, axis=1) / column_deg
     turned = round(TURNED_DEG / column_deg)
     sectors = np.concatenate([seen, seen], axis=1)
-    worth, column = _compare(sectors, learned.rings[by_place], learned.columns[by_place], starts, first, found, turned)
+    worth, column = _compare(sectors, learned.rings, learned.columns, starts, first, found, turned)
     scores, headings = scores.copy(), np.array(heading_deg, np.float64)
     np.put_along_axis(scores, first, np.take_along_axis(scores, first, axis=1) + WORTH * worth, axis=1)
     np.put_along_axis(headings, first, wrapped_deg(column * column_deg), axis=1)
@@ -76,8 +75,8 @@ def settled(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compare(
-    seen: NDArray[np.uint8],
-    rings: NDArray[np.uint8],
+    seen: NDArray[np.int16],
+    rings: NDArray[np.int16],
     columns: NDArray[np.float32],
     starts: NDArray[np.int64],
     places: NDArray[np.int64],
@@ -99,8 +98,8 @@ def _compare(
                     shift = (-turn) % sectors
                     agree, gone = 0.0, 0.0
                     for sector in range(sectors):
-                        there, here = np.int16(rings[view, sector]), np.int16(seen[query, sector + shift])
-                        off = here - there
+                        there, here = rings[view, sector], seen[query, sector + shift]
+                        off = np.int32(here) - np.int32(there)
                         stands = (there < NOTHING) | (here < NOTHING)
                         agree += stands & (abs(off) <= 1)
                         gone += stands & (off > 1)

@@ -7,7 +7,7 @@ from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines,
 
 SECTORS = 120
 RNG = np.random.default_rng(3)
-SHAPES = RNG.integers(3, 30, (4, SECTORS)).astype(np.uint8)
+SHAPES = RNG.integers(3, 30, (4, SECTORS)).astype(np.int16)
 LEARNED = Outlines(SHAPES, np.array([0, 1, 2, 2]), np.array([0.0, 30.0, 60.0, 100.0], np.float32))
 LEVEL = np.zeros((1, 3))
 

@@ -112,7 +112,7 @@ class SciRing(Classifier):
 
     def remembered(self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor) -> Model:
         """The trained views' outlines."""
-        rows = trained.numpy()
+        rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
         return Outlines(outlines(images[rows]), places[rows], self._columns(views, images.shape[2]).numpy()[rows]).arrays()
 
     def settled(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
