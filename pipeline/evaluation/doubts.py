@@ -15,17 +15,8 @@ BLIND = "blind_recall_at_1"
 VOID = "void"
 HALF, FEW, FEW_BLOCKS = 0.5, 30, 5
 UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
-DOUBTS = (
-    *(
-        "doubt_one_answer",
-        "doubt_few_seen",
-        "doubt_few_blocks",
-        "doubt_all_rejected",
-        "doubt_none_rejected",
-        "doubt_no_threshold",
-    ),
-    *UNSUITED,
-)
+OF_SCORES = "one_answer", "few_seen", "few_blocks", "all_rejected", "none_rejected", "no_threshold"
+DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED)
 """Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
 seen, if FEW or fewer, and in how many blocks of the path, if FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no
 threshold kept the wanted precision on held-out blocks. Of the submaps: degrees of azimuth with points, under ROUND_DEG; z of the

@@ -39,7 +39,7 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
 
     p inverts the percentile interval: twice the smaller share of the resamples in which the difference is at most, or at least,
     0, counting the path itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many resamples. Nor
-    is it less than a sign test of the blocks that hold seen queries can reach, 2 / 2**blocks: four blocks never say .05.
+    is it less than a sign test of the blocks that hold seen queries can reach, 2 / 2**blocks: five blocks never say .05.
     """
     ours, theirs = this.truth(protocol), reference.truth(protocol)
     same = ((this.xy_m, reference.xy_m), (ours.seen, theirs.seen), (ours.unseen, theirs.unseen))

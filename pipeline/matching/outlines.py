@@ -20,7 +20,7 @@ TURNED_DEG = 24.0
 """How far a training view is turned, either way, from the heading that the network gave."""
 GONE, WORTH = 0.5, 0.05
 """What a sector that sees through counts against one that agrees, and what an agreeing sector adds to a place's score, in nats:
-chosen on held-out blocks of two simulated campuses, altered with seeds of their own."""
+among values that are level on altered held-out blocks of two simulated campuses (docs/measured.md says what else was weighed)."""
 PREFIX = "outlines/"
 NOTHING = 2**15 - 1
 

@@ -15,13 +15,8 @@ from tests.readers.damage import one_line
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
 LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2, "case": 1}
 LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound3": 3, "confidence2": 2}
-ATTRS = {
-    "bootstrap": {"block_m": 50.0},
-    "protocols": PROTOCOLS,
-    "numbers": NUMBERS,
-    "measures": MEASURES,
-    "kinds": ("entropy", "energy"),
-}
+ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
+ATTRS |= {"bootstrap": {"block_m": 50.0}}
 ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}, "grain_m": 0.005, "skipped": {}, "clipped": 0}
 ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
