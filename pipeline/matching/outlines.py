@@ -53,7 +53,7 @@ def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
     return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
 
 
-def settled(
+def reranked(
     scores: NDArray[np.float64], heading_deg: NDArray[np.floating], seen: NDArray[np.int16], learned: Outlines
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Scores and headings (n, places) once the first places of each query are compared by their outlines `seen` (n, sectors).

@@ -77,10 +77,10 @@ class Classifier(ABC):
         """Features (m, 64) of training views, of length 1, and the row (m,) of each: a query's nearest is found by them."""
 
     def remembered(self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor) -> Model:
-        """What `settled` needs of trained views, whose heights (n, rings, sectors) are in metres: arrays of the model."""
+        """What `reranked` needs of trained views, whose heights (n, rings, sectors) are in metres: arrays of the model."""
         return {}
 
-    def settled(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
+    def reranked(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
         """The outputs for heights (n, rings, sectors) in metres, compared with what is remembered; by default as they are."""
         return found
 
@@ -117,7 +117,7 @@ class Classifier(ABC):
             kept = self.remembered(images, views, places, trained)
 
             def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
-                return self.settled(self.predict(net, heights, forgotten), images[held], kept)
+                return self.reranked(self.predict(net, heights, forgotten), images[held], kept)
 
             asked = Known(heights, places, xy).some(held)
             softness, evidence = judged(predict, self.novelties, asked, place_xy, learned, self.neighbour_m, progress)
@@ -158,7 +158,7 @@ class Classifier(ABC):
             if heights.shape[1:] != (rings, sectors):
                 raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
             with loop.reproducible(self.threads):
-                found = self.settled(self.predict(net, heights), images, model)
+                found = self.reranked(self.predict(net, heights), images, model)
                 likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
             likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
             scores = found.scores

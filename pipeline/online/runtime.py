@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 
 from pipeline.errors import NotInstalledError
-from pipeline.matching.outlines import Outlines, outlines, settled
+from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
 NETWORK = "network.onnx"
@@ -36,7 +36,7 @@ def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> L
         answers = [run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]}) for image in views.images]
         scores, features, heading_deg = (np.concatenate(parts) for parts in zip(*answers, strict=True))
         if learned:
-            scores, heading_deg = settled(scores.astype(np.float64), heading_deg, outlines(views.images), learned)
+            scores, heading_deg = reranked(scores.astype(np.float64), heading_deg, outlines(views.images), learned)
         chances = softmax(scores.astype(np.float64), axis=1)
         places = np.argsort(-chances, axis=1, kind="stable")[:, :k]
         headings = np.take_along_axis(heading_deg, places, axis=1).astype(np.float32)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines, settled
+from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines, reranked
 
 SECTORS = 120
 RNG = np.random.default_rng(3)
@@ -30,7 +30,7 @@ def test_an_outline_is_the_first_ring_that_stands() -> None:
 def test_a_place_seen_again_is_first_and_tells_the_heading(view: int, place: int, turn: int) -> None:
     yaw_deg = 3 * (float(LEARNED.columns[view]) + turn)
     guessed = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
-    scores, headings = settled(LEVEL, guessed, seen(view, turn), LEARNED)
+    scores, headings = reranked(LEVEL, guessed, seen(view, turn), LEARNED)
     assert scores[0].argmax() == place
     assert scores[0, place] == pytest.approx(WORTH * SECTORS)
     assert (headings[0, place] - yaw_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-4)
@@ -41,13 +41,13 @@ def test_what_hides_a_place_costs_its_sectors_and_what_is_gone_costs_more() -> N
     hidden, gone = seen(0, 0).copy(), seen(0, 0).copy()
     hidden[0, :20] = 0
     gone[0, :20] = NOTHING
-    assert settled(LEVEL, guessed, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
-    assert settled(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(WORTH * (100 - GONE * 20))
+    assert reranked(LEVEL, guessed, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
+    assert reranked(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(WORTH * (100 - GONE * 20))
 
 
 def test_a_heading_far_off_is_not_found_and_a_forgotten_place_stays_forgotten() -> None:
     far = np.full((1, 3), 40.0)
-    scores, _ = settled(np.array([[0.0, -np.inf, 0.0]]), far, seen(0, 0), LEARNED)
+    scores, _ = reranked(np.array([[0.0, -np.inf, 0.0]]), far, seen(0, 0), LEARNED)
     assert scores[0, 0] < WORTH * SECTORS / 2
     assert scores[0, 1] == -np.inf
 
@@ -55,6 +55,6 @@ def test_a_heading_far_off_is_not_found_and_a_forgotten_place_stays_forgotten() 
 def test_only_the_first_places_are_compared() -> None:
     many = Outlines(np.tile(SHAPES[:1], (40, 1)), np.arange(40), np.zeros(40, np.float32))
     before = -np.arange(40.0)[None]
-    after, headings = settled(before, np.full((1, 40), 1.0), seen(0, 0), many)
+    after, headings = reranked(before, np.full((1, 40), 1.0), seen(0, 0), many)
     assert (after - before)[0].tolist() == pytest.approx([WORTH * SECTORS] * 25 + [0.0] * 15)
     assert headings[0].tolist() == pytest.approx([0.0] * 25 + [1.0] * 15)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ConfigError
 from pipeline.frames import yaw
-from pipeline.matching.outlines import Outlines, outlines, settled
+from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Model, Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.networks import loop
@@ -115,9 +115,9 @@ class SciRing(Classifier):
         rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
         return Outlines(outlines(images[rows]), places[rows], self._columns(views, images.shape[2]).numpy()[rows]).arrays()
 
-    def settled(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
+    def reranked(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
         """The first places' scores and headings, compared by outlines."""
-        scores, heading_deg = settled(found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model))
+        scores, heading_deg = reranked(found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model))
         return found._replace(logits=torch.from_numpy(scores), heading_deg=torch.from_numpy(heading_deg.astype(np.float32)))
 
     def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
