@@ -45,6 +45,15 @@ class Grid:
             axes.append(index.clip(0, count - 1).astype(np.int64))
         return axes[0] * self.shape[1] + axes[1]
 
+    def extended(self, xy: NDArray[np.float64]) -> "Grid":
+        """The same cells and as many more on each side as positions (n, 2) need, with an empty one beyond them."""
+        low, high = (np.array(side) for side in zip(self.x_m, self.y_m, strict=True))
+        side = (high - low) / self.shape
+        before = np.maximum(np.ceil((low - xy.min(axis=0)) / side) + 1, 0) * (xy.min(axis=0) <= low)
+        after = np.maximum(np.ceil((xy.max(axis=0) - high) / side) + 1, 0) * (xy.max(axis=0) > high)
+        (x_low, y_low), (x_high, y_high) = (low - before * side).tolist(), (high + after * side).tolist()
+        return Grid(self.cell_m, (x_low, x_high), (y_low, y_high))
+
     def centre(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Centres (n, 2) in metres of cells (n,)."""
         index = np.stack(np.divmod(cells, self.shape[1]), axis=1)

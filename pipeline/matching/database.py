@@ -12,8 +12,9 @@ from pipeline.errors import InputError
 from pipeline.frames import wrapped_deg, yaw
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
-from pipeline.matching.ranking import Model, Ranking, Rows, joined
+from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
 from pipeline.matching.rejection import Evidence, near
+from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 
 PREFIX = "database/"
@@ -36,6 +37,15 @@ class DescriptorMethod:
     def __post_init__(self) -> None:
         check(self, "method")
         positive("method", held_out_every_m=self.held_out_every_m)
+
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
+        """As every method learns; each descriptor method says how."""
+        raise NotImplementedError
+
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """A database of all rows; where nothing is trained it is made from them."""
+        both = TrainingSet.joined([known, new])
+        return self.learn(both.views, both.places, progress)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ class Places:
     """The cells of a grid that the training sequence visited, a place each."""
 
     grid: Grid
-    cells: NDArray[np.int64]  # (place,) ascending
+    cells: NDArray[np.int64]  # (place,) ascending, those of later days after those of the first
 
     @classmethod
     def read(cls, labels: Artifact) -> Self:
@@ -27,9 +27,16 @@ class Places:
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
-        own = self.grid.cell(xy_m)
-        place = np.searchsorted(self.cells, own).clip(0, len(self.cells) - 1)
+        own, order = self.grid.cell(xy_m), np.argsort(self.cells)
+        place = order[np.searchsorted(self.cells, own, sorter=order).clip(0, len(order) - 1)]
         return np.where(self.cells[place] == own, place, UNSEEN).astype(np.int64)
+
+    def grown(self, xy_m: NDArray[np.float64]) -> Self:
+        """With a place more for each further cell that holds one of the positions (n, 2); the grid is extended where need be."""
+        grid, known = self.grid.extended(xy_m), self.grid.centre(self.cells)
+        cells = grid.cell(known)
+        new = np.setdiff1d(grid.cell(xy_m), cells)
+        return type(self)(grid, np.concatenate([cells, new]))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,27 @@ class Rows:
             return parts[0]
         columns = zip(*((part.images[:], part.stamps_ns, part.world_T_anchor) for part in parts), strict=True)
         return cls(*map(np.concatenate, columns))
+
+
+class TrainingSet(NamedTuple):
+    """Views of one or several drives, in the order in which they were learned."""
+
+    views: Rows
+    places: NDArray[np.int64]
+    """(submap,) the place of each; new places of a later set follow those that are known."""
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @classmethod
+    def joined(cls, sets: Sequence[Self]) -> Self:
+        """All of them as one; raises InputError unless every place from 0 on has a view."""
+        views, places = Rows.joined([one.views for one in sets]), np.concatenate([one.places for one in sets])
+        if not len(places) or len(places) != len(views.world_T_anchor) or (places < 0).any():
+            raise InputError("every view of the training sequence needs a known place")
+        if missing := np.flatnonzero(np.bincount(places) == 0).tolist():
+            raise InputError(f"place {missing[0]} of {places.max() + 1} has no view")
+        return cls(views, places.astype(np.int64))
 
 
 @dataclass(frozen=True)
@@ -124,6 +145,9 @@ class Method(Protocol):
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Learn the training sequence's views, whose places (submap,) are all known."""
+
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """Add views of further days to what the model learned from `known`, whose places keep their numbers."""
 
     def localizer(self, model: Model) -> Localizer:
         """Ready the model once, then ask it as often as one likes; it runs in one thread at a time."""

@@ -1,6 +1,6 @@
 """Thresholds on novelty, above which a query is rejected as unseen; chosen on held-out blocks of the training sequence."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -43,6 +43,13 @@ class Evidence:
             for part in (f"{PREFIX}seen/", f"{PREFIX}unseen/")
         )
         return cls(model[PREFIX + "right"].astype(bool), seen, unseen)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Of several models' held-out queries, of the same kinds of novelty."""
+        seen = {kind: np.concatenate([one.seen[kind] for one in parts]) for kind in parts[0].seen}
+        unseen = {kind: np.concatenate([one.unseen[kind] for one in parts]) for kind in parts[0].unseen}
+        return cls(np.concatenate([one.right for one in parts]), seen, unseen)
 
     def queries(self, kind: str, unseen_share: float) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
         """Novelty, right and weight of the 2 h queries, when a share of all queries is to be expected unseen."""

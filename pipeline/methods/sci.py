@@ -10,13 +10,13 @@ from pipeline.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
 from pipeline.networks.circle import rolled
-from pipeline.networks.classifier import Classifier
 from pipeline.networks.evidence import Prediction
+from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import LeNet, device
 
 
 @dataclass(frozen=True)
-class Sci(Classifier):
+class Sci(Learner):
     """The paper's network and training."""
 
     architecture = LeNet

@@ -11,13 +11,11 @@ from scipy.special import softmax
 from torch import Tensor, nn
 
 from pipeline.errors import ConfigError, InputError
-from pipeline.matching import holdout
 from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.networks import loop
-from pipeline.networks.evidence import Known, Prediction, judged
+from pipeline.networks.evidence import Prediction
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Progress
 from pipeline.running.settings import check, positive
 from pipeline.views.scan_context import colours, quantize
 
@@ -50,12 +48,20 @@ class Classifier(ABC):
     """A held-out query counts as unseen once the places and training views nearer than this are forgotten."""
     refit: float = 0.0
     """Share of the schedule, its end, that is run once more on all views, once held-out blocks have given all that is chosen."""
+    grown: float = 0.3
+    """Share of the schedule, its end, in which further days are learned."""
+    rehearsed: int = 2  # views of each known place, those of the highest loss, that are shown again with further days
+    distilled: float = 0.0  # weight of the distance to the earlier network's answers in the loss of further days
 
     def __post_init__(self) -> None:
         check(self, "method")
         positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
         positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
-        for name in ("dropout", "refit"):
+        positive("method", grown=self.grown)
+        for name in ("rehearsed", "distilled"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"method.{name}={getattr(self, name)}: expected a number of at least 0")
+        for name in ("dropout", "refit", "grown"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ConfigError(f"method.{name}={getattr(self, name)}: expected a share from 0 to 1")
 
@@ -91,70 +97,17 @@ class Classifier(ABC):
         """
         return novelties(logits, softness, likeness)
 
-    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
-        images = np.asarray(views.images[:])
-        heights = self._heights(images)
-        if len(places) != len(heights) or (places < 0).any():
-            raise InputError("every view of the training sequence needs a known place")
-        held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
-        trained, classes = torch.from_numpy(np.flatnonzero(~held)), torch.from_numpy(places)
-        held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
-
-        def judge(net: nn.Module) -> tuple[float, float]:
-            logits = self.predict(net, heights[held]).logits
-            loss = nn.functional.cross_entropy(logits, classes[held])
-            return float(loss), float((logits.argmax(1) == classes[held]).float().mean())
-
-        xy = views.world_T_anchor[:, :2, 3]
-        place_xy = np.stack([np.bincount(places, xy[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1)
-        with loop.reproducible(self.threads):
-            torch.manual_seed(self.seed)
-            net = self.network(len(place_xy), *heights.shape[1:]).to(device())
-            curves = self._fit(net, self.batches(heights, views, classes, trained), judge, 0.0, progress)
-            memory, rows = self.embed_training(net, heights, views, trained)
-            learned = Known(memory, places[rows], xy[rows]).some(torch.isin(rows, trained))
-            kept = self.remembered(images, views, places, trained)
-
-            def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
-                return self.reranked(self.predict(net, heights, forgotten), images[held], kept)
-
-            asked = Known(heights, places, xy).some(held)
-            softness, evidence = judged(predict, self.novelties, asked, place_xy, learned, self.neighbour_m, progress)
-            if self.refit:
-                everything = torch.arange(len(heights))
-                self._fit(net, self.batches(heights, views, classes, everything), None, 1 - self.refit, progress.part("refit"))
-                memory, rows = self.embed_training(net, heights, views, everything)
-                kept = self.remembered(images, views, places, everything)
-        found = {
-            "place_xy_m": place_xy,
-            "memory": memory.numpy(),
-            "memory_xy_m": xy[rows.numpy()],
-            "temperature": softness,
-            "image_shape": heights.shape[1:],
-        }
-        arrays = {name: np.array(value) for name, value in found.items()}
-        return {**loop.arrays(net), **arrays, **kept, **evidence.arrays(), **curves}
-
-    def _fit(self, net: nn.Module, rows: Any, judge: loop.Judge | None, since: float, progress: Progress) -> Model:
-        """The schedule from the share `since` on, on the batches of some rows; the curves of it."""
-        batches, steps = rows
-        epochs = max(1, round(self.epochs * progress.budget * (1 - since)))
-        how = {name: getattr(self, name) for name in ("learning_rate", "schedule", "precision", "seed", "step")}
-        return loop.fit(net, batches, judge, epochs=epochs, steps=steps, progress=progress, since=since, **how)
-
     def localizer(self, model: Model) -> Localizer:
         """The k places of highest softmax; cost = 1 − probability."""
         place_xy, softness = model["place_xy_m"], float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
-        net = self.network(len(place_xy), rings, sectors)
-        loop.fill(net, model)
-        loop.cast(net.to(device()), device(), self.precision)
+        net = self.filled(model)
+        loop.cast(net, device(), self.precision)
         memory = torch.from_numpy(model["memory"].copy())
 
         def localize(views: Rows, k: int) -> Ranking:
             images = np.asarray(views.images[:])
-            heights = self._heights(images)
+            heights = self.heights(images)
             if heights.shape[1:] != (rings, sectors):
                 raise InputError(f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × {sectors} sectors")
             with loop.reproducible(self.threads):
@@ -199,5 +152,16 @@ class Classifier(ABC):
         table = torch.from_numpy(colours(self.colormap)).to(where).float() / 255
         return table[heights.to(where).long()].permute(0, 3, 1, 2)
 
-    def _heights(self, images: NDArray[np.float32]) -> Tensor:
+    def whole(self, logits: Tensor) -> Tensor:
+        """What the network answers to whole images: logits (n, …, places)."""
+        return logits
+
+    def filled(self, model: Model) -> nn.Module:
+        """The network of a model."""
+        net = self.network(len(model["place_xy_m"]), *(int(side) for side in model["image_shape"]))
+        loop.fill(net, model)
+        return net.to(device())
+
+    def heights(self, images: NDArray[np.float32]) -> Tensor:
+        """Quantized heights (n, rings, sectors) of those in metres."""
         return torch.from_numpy(quantize(images, self.h_min_m, self.h_max_m))

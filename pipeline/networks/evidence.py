@@ -48,13 +48,19 @@ def judged(
     memory: Known,
     neighbour_m: float,
     progress: Progress,
+    usual: float | None = None,
 ) -> tuple[float, Evidence]:
-    """The temperature, and the answers to held-out views, once more with the places and training views near them forgotten."""
+    """The temperature, and the answers to held-out views, once more with the places and training views near them forgotten.
+
+    Where the views fix no temperature, it is the `usual` one.
+    """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
     unseen = predict(heights, torch.from_numpy(near(xy_m, place_xy_m, neighbour_m)))
     softness = temperature(seen.scores, places)
-    if not determined(softness, seen.scores, places):
+    if usual is not None and not determined(softness, seen.scores, places):
+        softness = usual
+    elif not determined(softness, seen.scores, places):
         line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
         progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
     cosines, others = ((one.features.numpy() @ memory.seen.numpy().T).astype(np.float64) for one in (seen, unseen))

@@ -19,6 +19,9 @@ class LeNet(nn.Module):
     places, 384 of them the batch norms' running ones.
     """
 
+    last = "head.4"
+    """The layer with a row a place."""
+
     def __init__(
         self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7, momentum: float = 0.01
     ) -> None:

@@ -130,7 +130,7 @@ def test_each_batch_leaves_out_arcs_of_one_width_at_most_the_widest_and_never_al
 
     def widths(**settings: float) -> set[int]:
         epoch, _ = replace(SMALL, batch=2, **settings).batches(*given)
-        return {arc for _, arc, _, _ in epoch(torch.Generator().manual_seed(0))}
+        return {arc for _, _, arc, _ in epoch(torch.Generator().manual_seed(0))}
 
     assert widths(widest_arc=3) == {1, 2, 3}
     assert widths(widest_arc=9) == {1, 2, 3, 4}  # of five sectors
@@ -198,7 +198,7 @@ def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None
     # Two headings, three places, chances in twelfths: place 1 has 2 at heading 0 and 6 at heading 1. A yaw of 1.25 headings is
     # three quarters of the first after the last, heading 1, and a quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
     chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
-    batch = (torch.zeros(1, 1, 1, 1), 0, torch.tensor([1]), torch.tensor([1.25]))
+    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), 0, torch.tensor([1.25]))
     loss, right, count = SMALL.step(lambda images, arc: chances.log()[:, None] + 3, batch)
     assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
     assert (int(right), count) == (1, 1)
@@ -211,6 +211,6 @@ def test_the_loss_is_shared_with_the_arc_that_costs_most(share: float, expected:
     # One heading, two places, the first true: chances of 1/4 whole, 1/16 and 1/8 without each arc, of sums that are 1: in bits.
     chances = torch.tensor([1 / 4, 1 / 16, 1 / 8])
     logits = torch.stack([chances, 1 - chances], dim=1).log()[None, :, None]
-    batch = (torch.zeros(1, 1, 1, 1), 1, torch.tensor([0]), torch.tensor([0.0]))
+    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([0]), 1, torch.tensor([0.0]))
     loss, _, _ = replace(SMALL, worst_arc=share).step(lambda images, arc: logits, batch)
     assert float(loss) / np.log(2) == pytest.approx(expected)

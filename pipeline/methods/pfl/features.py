@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
 from pipeline.matching.headings import nearest_heading
-from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
 from pipeline.methods.pfl.adversarial import RIGHT, Health, Training, best_round, health, pixels
 from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
 from pipeline.methods.pfl.game import Game, Objective
@@ -67,11 +67,7 @@ class FeatureMethod(Training, ABC):
             seen = _spread(shown[:, 0], PICTURES)
             pictures = {"pictures/seen": seen, "pictures/reconstructed": self.reconstructed(model, seen)}
             codes = self._codes(model, images)
-
-        def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
-
-        evidence = self.evidence(database, views, difference)
+        evidence = self.evidence(database, views, _difference(codes))
         return {**model, **pictures, "codes": codes, **database.arrays(), **evidence.arrays()}
 
     def _judge(
@@ -106,6 +102,12 @@ class FeatureMethod(Training, ABC):
         kept = {name: array for name, array in model.items() if not name.startswith(("codes", DATABASE))}
         return {**kept, "codes": self._codes(model, _images(views)), **Database.learned(views, places).arrays()}
 
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """The networks stay as they are; the database holds the new codes too."""
+        both = TrainingSet.joined([known, new])
+        grown = self.moved(model, *both)
+        return {**grown, **self.evidence(Database.of(grown), both.views, _difference(grown["codes"])).arrays()}
+
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
         """A function from images (n, 64, 64) to codes (n, code), each independent of the others in the batch."""
         encode = _batched(self._folded(model))
@@ -131,6 +133,15 @@ class FeatureMethod(Training, ABC):
 
     def _folded(self, model: Model) -> Encoder:
         return folded(_trained(Encoder, model, ENCODER), loop.dtype(device(), self.precision))
+
+
+def _difference(codes: NDArray[np.float16]) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
+    """The distance between some rows of codes (n, 8, code) and the robot's own heading of others."""
+
+    def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
+        return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
+
+    return difference
 
 
 def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: str) -> loop.Net:

@@ -14,7 +14,7 @@ from torch import Tensor
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching import holdout
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
-from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
 from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
 from pipeline.methods.pointnetvlad.weights import load
@@ -91,13 +91,25 @@ class PointNetVlad(DescriptorMethod):
             **curves,
         }
 
-    def localizer(self, model: Model) -> Localizer:
-        """The nearest training clouds by Euclidean distance between descriptors."""
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """The network stays as it is; the database describes the new clouds too."""
+        both, clouds = TrainingSet.joined([known, new]), _clouds(new.views)[:, : int(model["points"])]
+        with loop.reproducible(self.threads):
+            descriptors = np.concatenate([model["descriptors"], self._trained(model)(clouds)])
+        database = Database.learned(*both)
+        evidence = database.evidence(euclidean(descriptors), both.views, self)
+        return {**model, "descriptors": descriptors, **database.arrays(), **evidence.arrays()}
+
+    def _trained(self, model: Model) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
         with torch.device("meta"):
             net = Describer()
         loop.fill(net, model, assign=True)
-        describe = self._describer(net.to(device()))
-        database, descriptors, points = Database.of(model), model["descriptors"], int(model["points"])
+        return self._describer(net.to(device()))
+
+    def localizer(self, model: Model) -> Localizer:
+        """The nearest training clouds by Euclidean distance between descriptors."""
+        describe, database = self._trained(model), Database.of(model)
+        descriptors, points = model["descriptors"], int(model["points"])
 
         def rank(views: Rows, k: int) -> Ranking:
             with loop.reproducible(self.threads):

@@ -39,6 +39,8 @@ class Ring(nn.Module):
     sectors.
     """
 
+    last = "fc2"
+    """The layer with a row a place."""
     by_slice: Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
     by_sector: Tensor  # (heading, sector): the same, in the order of the image's sectors
 

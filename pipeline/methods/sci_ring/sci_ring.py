@@ -15,20 +15,21 @@ from pipeline.matching.ranking import Model, Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.networks import loop
 from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
-from pipeline.networks.classifier import Classifier, Kinds
+from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
+from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device
 from pipeline.running.settings import positive
 
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the mean leans to the
 nearest heading. Chosen on held-out blocks of two simulated worlds."""
-Batch = tuple[Tensor, int, Tensor, Tensor]
-"""Images (b, channels, rings, sectors), sectors of an arc, the images' places (b,) and yaw (b,) in (fractional) headings."""
+Batch = tuple[Tensor, Tensor, int, Tensor]
+"""Images (b, channels, rings, sectors), their places (b,), sectors of an arc, and the images' yaw (b,) in headings."""
 
 
 @dataclass(frozen=True)
-class SciRing(Classifier):
+class SciRing(Learner):
     """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
 
     architecture = Ring
@@ -61,7 +62,7 @@ class SciRing(Classifier):
                     turns = torch.randint(sectors, (len(chosen),), generator=order)
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
                     headings = (columns[chosen] - turns).to(device()) / POOLED
-                    yield self.images(rolled(heights[chosen], turns)), arc, places[chosen].to(device()), headings
+                    yield self.images(rolled(heights[chosen], turns)), places[chosen].to(device()), arc, headings
 
         return epoch, -(-len(trained) // self.batch)
 
@@ -76,7 +77,7 @@ class SciRing(Classifier):
         The target is split linearly between the two headings nearest the true one. `worst_arc` of the loss is that without the
         arc whose absence costs most.
         """
-        images, arc, classes, headings = batch
+        images, classes, arc, headings = batch
         logits = answer(images, arc).float()
         first, second, share = neighbours(headings, logits.shape[2])
         each = torch.arange(len(classes), device=classes.device)
@@ -84,6 +85,10 @@ class SciRing(Classifier):
         costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
         right = (logits[:, 0].logsumexp(1).argmax(1) == classes).sum()
         return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(classes)
+
+    def whole(self, logits: Tensor) -> Tensor:
+        """Without those of images that lack an arc: (n, heading, places)."""
+        return logits[:, 0]
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:

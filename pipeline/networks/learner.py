@@ -1,0 +1,21 @@
+"""A classifier that learns places, and more of them later."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.matching.ranking import Model, Rows, TrainingSet
+from pipeline.networks import growth, training
+from pipeline.networks.classifier import Classifier
+from pipeline.running.progress import Progress
+
+
+class Learner(Classifier):
+    """What SCI and its ring are."""
+
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
+        """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
+        return training.learned(self, TrainingSet.joined([TrainingSet(views, places)]), progress)
+
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """Train on with further days; raises InputError where its views or places do not follow those of the model."""
+        return growth.grown(self, model, known, new, progress)
