@@ -23,8 +23,9 @@ def replace(path: str | Path) -> Iterator[Path]:
     try:
         yield scratch
         _fsync(scratch)
-        _remove(path)
-        scratch.rename(path)
+        if scratch.is_dir() or path.is_dir():  # no folder can take another's place at once
+            _remove(path)
+        scratch.replace(path)
         _fsync_one(path.parent)
     finally:
         _remove(scratch)

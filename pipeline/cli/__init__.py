@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.cli import picture, repro, results, site
+from pipeline.cli import grow, picture, repro, results, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
@@ -63,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands.add_parser("methods", help="what can be compared: each method, what it looks at, and where it comes from")
     commands.add_parser("repair", help="put right what a kill may leave of DVC's own files; `make demo` does it first")
     site.add_commands(commands)
+    grow.add_command(commands)
     picture.add_command(commands)
     same = commands.add_parser(
         "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
@@ -181,6 +182,7 @@ COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, 
     "failures": failures,
     "picture": picture.picture,
     "pack": site.pack,
+    "grow": grow.grow,
     "export": site.export,
     "serve": site.serve,
     "watch": site.watch,

@@ -1,6 +1,8 @@
 """What `yearloc inspect` says of a site file."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from pipeline.online.site_file import read
 
 def describe(path: Path) -> Inspection:
     """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole site."""
-    about, model, arrays, network = read(path)
+    about, model, arrays, network, _ = read(path)
     found, verdict, seen = Inspection(path), about["verdict"], about["sensor"]
     anchors, made = arrays["world_T_anchor"], about["provenance"]
     method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
@@ -18,7 +20,7 @@ def describe(path: Path) -> Inspection:
         f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
         ("size", f"{nbytes(path.stat().st_size)}; model {nbytes(sum(one.nbytes for one in model.values()))}"),
         ("method", f"{method} on {view} views{'' if network is None else ', through ONNX Runtime'}"),
-        ("learned on", made["train"]),
+        ("learned on", ", then ".join(map(_day, about["growth"]["days"])) if "growth" in about else made["train"]),
         ("map", f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within {about['map']['range_m']:g} m"),
         ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
@@ -44,3 +46,9 @@ def _promise(limit: float) -> str:
     return (
         f"fixes of a novelty below {limit:.3g}" if limit > 0 else "nothing keeps it: too few held-out queries, or too many wrong"
     )
+
+
+def _day(day: Mapping[str, Any]) -> str:
+    """A day that a site learned."""
+    more = f", {day['places']} new places, {day['changed']} submaps changed" if "places" in day else ""
+    return f"{day['day']} ({day['views']} views{more})"

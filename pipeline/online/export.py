@@ -61,7 +61,7 @@ def export(source: Path, out: Path) -> str:
 
     Raises ConfigError for a method without a network, or an ending that says neither.
     """
-    about, model, arrays, network = site_file.read(source)
+    about, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
         raise ConfigError(f"-o {out}: expected FILE.onnx or FILE.site")
     if network is not None:
@@ -75,7 +75,8 @@ def export(source: Path, out: Path) -> str:
         if not isinstance(method, Classifier):
             raise ConfigError(f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this network alone")
         own = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
-        site_file.write(out, about, own, arrays, data)
+        answering = {key: value for key, value in about.items() if key != "growth"}
+        site_file.write(out, site_file.Parts(answering, own, arrays, data))
     else:
         with replaced(out) as scratch:
             scratch.write_bytes(data)

@@ -15,10 +15,11 @@ from pipeline import schemas, store
 from pipeline.errors import ConfigError
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
-from pipeline.matching.ranking import Rows
+from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site, site_file
 from pipeline.online.sensor import typical
+from pipeline.online.site_file import Arrays
 from pipeline.posing.held_out import HeldOut
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import PROMISES, Verdict
@@ -98,8 +99,10 @@ class Packing:
             "sensor": self._sensor(scans, submaps, reader),
             "provenance": self._provenance(dataset, grid, train, trained),
         }
+        about["growth"] = {"voxel_m": mapped.attrs["voxel_m"], "days": [day(train, len(views.stamps_ns))]}
+        known = learned_from(views, learned)
         model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
-        site_file.write(out, about, model, {**arrays, "cells": labels.load("cells")})
+        site_file.write(out, site_file.Parts(about, model, {**arrays, "cells": labels.load("cells")}, None, known))
         kept = sum(reject_from > 0 for reject_from in about["verdict"]["promised"])
         promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
             "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"
@@ -147,3 +150,16 @@ class Packing:
         rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
         found = typical(next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
         return {"lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))), **found}
+
+
+def learned_from(views: Rows, model: Model) -> Arrays:
+    """What a site keeps in order to grow: its views, the day and the chance of each, and the held-out answers of its model."""
+    n = len(views.stamps_ns)
+    kept = {"images": np.asarray(views.images[:]), "stamps_ns": views.stamps_ns, "world_T_anchor": views.world_T_anchor}
+    kept |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
+    return kept | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
+
+
+def day(name: str, views: int, **more: int) -> dict[str, Any]:
+    """What a site says of a day that it learned."""
+    return {"day": name, "views": views, **more}

@@ -65,7 +65,7 @@ class Site:
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Of the content of a site file."""
-        about, model, arrays, network = parts
+        about, model, arrays, network, _ = parts
         self.about = about
         if network is None:
             self.localizer: Localizer = build({**about["method"], "threads": threads}, ROOTS).localizer(model)

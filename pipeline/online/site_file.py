@@ -1,4 +1,5 @@
-"""The file of a site: a zip of site.json, model.safetensors, map.safetensors and, where it was exported, network.onnx.
+"""The file of a site: a zip of site.json, model.safetensors, map.safetensors, and either views.safetensors, by which it can grow,
+or, where it was exported, network.onnx.
 
 Nothing in it is run when it is read, and nothing is unpacked to disk.
 """
@@ -7,6 +8,7 @@ import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from pipeline.errors import ArtifactError, YearlocError
 from pipeline.online.runtime import NETWORK
 from pipeline.replacing import replace as replaced
 
-ABOUT, MODEL, MAP = "site.json", "model.safetensors", "map.safetensors"
+ABOUT, MODEL, MAP, VIEWS = "site.json", "model.safetensors", "map.safetensors", "views.safetensors"
 VERSION = 1
 LARGEST_BYTES = 2**32
 KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "reader", "sensor", "provenance")
@@ -36,37 +38,38 @@ class Parts(NamedTuple):
     """The map, and the cells of the places."""
     network: bytes | None
     """Exported to ONNX, in place of weights in `model`."""
+    views: Arrays = MappingProxyType({})
+    """What the model learned from, and its answers to held-out views; read only where they are asked for."""
 
 
-def write(path: Path, about: Mapping[str, Any], model: Arrays, arrays: Arrays, network: bytes | None = None) -> None:
+def write(path: Path, parts: Parts) -> None:
     """Write a site file, whole or not at all; with a network that was exported, `model` has no weights."""
-    content = {ABOUT: json.dumps({"version": VERSION, **about}, indent=1).encode()}
-    content |= {
-        name: save({key: np.require(one, requirements="C") for key, one in held.items()})
-        for name, held in ((MODEL, model), (MAP, arrays))
-    }
-    content |= {} if network is None else {NETWORK: network}
+    held = {MODEL: parts.model, MAP: parts.arrays} | ({VIEWS: parts.views} if parts.views else {})
+    content = {ABOUT: json.dumps({"version": VERSION, **parts.about}, indent=1).encode()}
+    content |= {name: save({key: np.require(one, requirements="C") for key, one in part.items()}) for name, part in held.items()}
+    content |= {} if parts.network is None else {NETWORK: parts.network}
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
         for name, data in content.items():
             file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
 
 
-def read(path: Path) -> Parts:
+def read(path: Path, views: bool = False) -> Parts:
     """The content of a site file; raises ArtifactError as `Site.open` does."""
     if path.suffix == ".onnx":
         raise ArtifactError(f"{path}: a network alone; `yearloc export SITE -o FILE.site` writes a site that answers with it")
     try:
         with zipfile.ZipFile(path) as file:
             entries = {entry.filename: entry.file_size for entry in file.infolist()}
-            if set(entries) - {NETWORK} != {ABOUT, MODEL, MAP} or len(file.infolist()) != len(entries):
-                odd = next((name for name in entries if name not in (ABOUT, MODEL, MAP, NETWORK)), "")
+            if set(entries) - {NETWORK, VIEWS} != {ABOUT, MODEL, MAP} or len(file.infolist()) != len(entries):
+                odd = next((name for name in entries if name not in (ABOUT, MODEL, MAP, NETWORK, VIEWS)), "")
                 held = f"holds {odd[:60]!r}" if odd else "lacks a part"
                 raise ArtifactError(f"{path}: no site, it {held}; expected {ABOUT}, {MODEL} and {MAP}")
             if sum(entries.values()) > LARGEST_BYTES:
                 raise ArtifactError(f"{path}: unpacks to {sum(entries.values()):,} bytes, more than a site has")
-            content = {name: file.read(name) for name in entries}
+            content = {name: file.read(name) for name in entries if views or name != VIEWS}
         about = json.loads(content[ABOUT])
         model, arrays = load(content[MODEL]), load(content[MAP])
+        learned = load(content[VIEWS]) if VIEWS in content else {}
     except FileNotFoundError:
         raise ArtifactError(f"{path}: no such site; `yearloc pack STUDY/GRID/METHOD -o {path.name}` writes one") from None
     except IsADirectoryError:
@@ -81,4 +84,4 @@ def read(path: Path) -> Parts:
         raise ArtifactError(f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it anew")
     if lacking := [key for key in KEYS if key not in about]:
         raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
-    return Parts(about, model, arrays, content.get(NETWORK))
+    return Parts(about, model, arrays, content.get(NETWORK), learned)

@@ -37,12 +37,18 @@ def write_map(
     attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
     with store.write(path, schemas.MAPS, **attrs) as out:
         for points_m in submap_points(scans, submaps, slice(0, len(world_T_anchor))):
-            thinned = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[:, :3]
-            out.append("points", np.rint(thinned / GRAIN_M).astype(np.int64))
-            offsets.append(offsets[-1] + len(thinned))
+            points = thinned(points_m, range_m, voxel_m)
+            out.append("points", points)
+            offsets.append(offsets[-1] + len(points))
         out.put("offsets", np.array(offsets))
         out.put("world_T_anchor", world_T_anchor)
     return len(world_T_anchor), offsets[-1]
+
+
+def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
+    """Of points (n, 3) within `range_m` one a voxel, in units of GRAIN_M."""
+    points = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[:, :3]
+    return np.rint(points / GRAIN_M).astype(np.int64)
 
 
 def around(points_m: Points, range_m: float) -> Points:

@@ -68,12 +68,12 @@ class Walls:
 
     def chart(self, points_m: NDArray[np.float64], single: bool = True) -> Chart:
         """Of a submap's points (n, 3), z up from the ground; only a `single` scan has a place from which it saw through."""
-        chart: Chart = _chart(self._walls(points_m), self.cell_m, self.half, self.margin_m if single else np.inf)
+        chart: Chart = _chart(self.walls(points_m), self.cell_m, self.half, self.margin_m if single else np.inf)
         return chart
 
     def turned(self, points_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The cells (heading, n, 2) of a query's walls, from points (m, 3), turned to each heading."""
-        cells = np.unique(np.floor(self._walls(points_m) / self.cell_m), axis=0) + 0.5
+        cells = np.unique(np.floor(self.walls(points_m) / self.cell_m), axis=0) + 0.5
         angles = np.arange(self.headings) * (2 * np.pi / self.headings)
         rotations = np.array([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
         return np.asarray(np.floor(cells @ rotations).astype(np.int64) + self.half)
@@ -89,7 +89,8 @@ class Walls:
         pose[:2, 3] = x * self.cell_m, y * self.cell_m
         return Match(score / (WALL * turned.shape[1]), pose)
 
-    def _walls(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def walls(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (n, 2) of walls within range, from above."""
         x, y, z = points_m.T
         inside = (z > self.low_m) & (z < self.high_m) & (x * x + y * y < self.range_m**2)
         return np.ascontiguousarray(points_m[inside, :2])

@@ -54,7 +54,7 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
 
 def packed(folder: Path, **changes: Any) -> Path:
     """The site's file."""
-    site_file.write(folder / "three.site", about(**changes), *arrays())
+    site_file.write(folder / "three.site", site_file.Parts(about(**changes), *arrays(), None))
     return folder / "three.site"
 
 

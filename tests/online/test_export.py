@@ -41,7 +41,7 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     model = method.learn(Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1))), np.tile(np.arange(3), 4), Progress())
     target = f"{type(method).__module__}.{type(method).__name__}"
     path = tmp_path_factory.mktemp("learned") / "three.site"
-    site_file.write(path, about(method={"_target_": target, **SETTINGS}), model, arrays()[1])
+    site_file.write(path, site_file.Parts(about(method={"_target_": target, **SETTINGS}), model, arrays()[1], None))
     return path
 
 

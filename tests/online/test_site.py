@@ -119,7 +119,7 @@ def test_what_a_site_says_of_itself_is_checked(tmp_path: Path, changes: dict[str
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     known = about()
     del known["sensor"]
-    site_file.write(tmp_path / "a.site", known, *arrays())
+    site_file.write(tmp_path / "a.site", site_file.Parts(known, *arrays(), None))
     with one_line(ArtifactError, "site.json has no sensor"):
         Site.open(tmp_path / "a.site")
 

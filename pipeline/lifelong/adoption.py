@@ -1,0 +1,119 @@
+"""Adoption: scans of a later day whose poses are known by survey, or found by the site itself and believed (METHODS 11.2)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from pipeline.errors import LogError
+from pipeline.frames import Poses, Stamps, Trajectory, apart
+from pipeline.matching.ranking import Rows
+from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.site import Fix, Site, finite
+from pipeline.online.tracking import Tracker
+from pipeline.posing.registration import Points
+from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
+
+STEP_M = 1.0
+"""Way from one adopted scan to the next, at least."""
+
+
+@dataclass(frozen=True)
+class Adoption:
+    """Scans of one day that a site is to learn, a row each."""
+
+    points: tuple[Points, ...]
+    """(n, 3) each: x forward, y left, z up from the ground, in metres."""
+    stamps_ns: Stamps
+    world_T_scan: Poses
+    chance: NDArray[np.float64]
+    """(scan,) that the pose is right; 1 of a survey."""
+    wrong: NDArray[np.bool_]
+    """(scan,) whether the pose is over 2 m or 5° off the log's own, where it has one."""
+    surveyed: bool
+    """Whether the poses are given, so that places may be new."""
+    asked: int
+    """Scans of the day, adopted or not."""
+
+    def views(self, site: Site) -> Rows:
+        """The scans as the site's method looks at them."""
+        return Rows(np.stack([site.view(points_m) for points_m in self.points]), self.stamps_ns, self.world_T_scan)
+
+
+def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> Adoption:
+    """The scans of one drive whose fixes keep a promise; without a promise every scan that has any pose.
+
+    The drive is followed there and back. Scans between two fixes are adopted where odometry leads from one to the other. Raises
+    LogError where there is none to adopt.
+    """
+    both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
+    believed = [[fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)]
+    best = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed]
+    poses = np.array([NO_POSE if fix is None else fix.world_T_sensor for fix in best]).reshape(-1, 4, 4)
+    chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best])
+    bridge(poses, chance, np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4))
+    return taken(scans, poses, chance, False, f"no fix keeps the promise of {promise}")
+
+
+def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
+    """The scans of one drive at poses of a survey, by their stamps, or at the log's own; raises LogError where none is known."""
+    known = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
+    if poses is not None:
+        known = poses.at(np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64))[0]
+    return taken(scans, known, np.ones(len(scans)), True, "the survey has a pose of none")
+
+
+def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
+    """The fix of each scan, along the drive in this direction."""
+    tracker, before, fixes = Tracker(site, promise or min(site.promises)), NO_POSE, []
+    for scan in scans:
+        known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
+        step = np.linalg.inv(before) @ scan.odom_T_scan if known else None
+        fixes.append(tracker.localize(scan.points(), step, scan.stamp_ns))
+        before = scan.odom_T_scan
+    return fixes
+
+
+def accepts(fix: Fix, promise: float | None) -> bool:
+    """Whether a fix is to be believed."""
+    return fix.verdict == "accepted" if promise else fix.verdict != "no pose"
+
+
+def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> None:
+    """Fill poses (n, 4, 4) between two that are known where odometry (n, 4, 4) leads from one to the other within 2 m and 5°.
+
+    What it is off is spread over the way; the chance is that of the less sure end.
+    """
+    known = np.flatnonzero(np.isfinite(poses).all((1, 2)))
+    for first, last in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
+        steps = np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
+        onwards = poses[first] @ steps
+        away_m, turn_deg = apart(onwards[-1:], poses[last][None])
+        if last - first < 2 or not (np.isfinite(steps).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG):
+            continue
+        back = poses[last] @ np.linalg.inv(steps[-1]) @ steps
+        way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(steps[:, :3, 3], axis=0), axis=1))])
+        share = way_m / max(way_m[-1], 1e-9)
+        for row in range(first + 1, last):
+            ends, part = (onwards[row - first], back[row - first]), share[row - first]
+            poses[row] = np.eye(4)
+            poses[row, :3, :3] = Slerp([0, 1], Rotation.from_matrix([end[:3, :3] for end in ends]))(part).as_matrix()
+            poses[row, :3, 3] = (1 - part) * ends[0][:3, 3] + part * ends[1][:3, 3]
+            chance[row] = min(chance[first], chance[last])
+
+
+def taken(scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str) -> Adoption:
+    """Those with a pose, each STEP_M from the one before it or farther; raises LogError with the reason where there are none."""
+    rows: list[int] = []
+    for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
+        if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
+            rows.append(row)
+    if not rows:
+        raise LogError(f"nothing to learn of {len(scans)} scans: {why}")
+    stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
+    true = np.array([scans[row].world_T_scan for row in rows])
+    wrong = np.isfinite(true).all((1, 2)) & ~right(poses[rows], true)
+    points = tuple(finite(scans[row].points()) for row in rows)
+    return Adoption(points, stamps_ns, poses[rows], chance[rows], wrong, given, len(scans))
