@@ -14,13 +14,13 @@ from pipeline import schemas, store
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.timing import Latency, contenders, cost_rows
 from pipeline.studies.expansion import models_of
+from pipeline.studies.known import studies
 from stages import ROOT, build, stage
-from stages._studies import studies
 
 
 @stage("latency")
 def main(cfg: DictConfig) -> str:
-    study, artifacts = studies()[cfg.study], Path(cfg.artifacts)
+    study, artifacts = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts)
     sequence, models = study["tests"][0], artifacts / "train" / cfg.study / cfg.cells
     scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)

@@ -8,16 +8,16 @@ from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import ModelName, answers_of, asks_about_the_year
+from pipeline.studies.known import studies
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
 from pipeline.tracking.records import Source, measured, with_model
-from stages import stage
-from stages._studies import studies
+from stages import ROOT, stage
 
 
 @stage("publish")
 def main(cfg: DictConfig) -> str:
-    study, artifacts, runs = studies()[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
+    study, artifacts, runs = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
     if not asks_about_the_year(study):
         return f"{cfg.study} judges turned robots alone, see {artifacts}/report/{cfg.study}"
     table, lock = results.read(artifacts, [cfg.study]), DvcLock.read(artifacts.parent / "dvc.lock")

@@ -9,14 +9,14 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.report import report, sweep
+from pipeline.studies.known import studies
 from pipeline.sweeps.record import Record
-from stages import build, stage
-from stages._studies import studies
+from stages import ROOT, build, stage
 
 
 @stage("report")
 def main(cfg: DictConfig) -> str:
-    artifacts, known = Path(cfg.artifacts), studies()
+    artifacts, known = Path(cfg.artifacts), studies(ROOT / "conf")
     table = results.read(artifacts, list(known))
     with store.replace(cfg.out) as folder:
         line = report.write(folder, artifacts, known, table, instantiate(cfg.bands), lambda name: build("view", name))

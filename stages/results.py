@@ -8,13 +8,13 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.evaluation.plots import precision_recall, year
-from stages import stage
-from stages._studies import studies
+from pipeline.studies.known import studies
+from stages import ROOT, stage
 
 
 @stage("results")
 def main(cfg: DictConfig) -> str:
-    study = studies()[cfg.study]
+    study = studies(ROOT / "conf")[cfg.study]
     rules = {"ageing": instantiate(cfg.ageing), "bands": instantiate(cfg.bands), "unseen_share": cfg.unseen_share}
     gathering = results.Gathering(Path(cfg.artifacts), cfg.study, study, cfg.dataset.simulated, **rules)
     table = gathering.table()

@@ -10,13 +10,13 @@ from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import Judged, line
 from pipeline.matching.ranking import Rows
 from pipeline.studies.expansion import models_of, on_bird_views
-from stages import ProgressBar, build, stage
-from stages._studies import studies
+from pipeline.studies.known import studies
+from stages import ROOT, ProgressBar, build, stage
 
 
 @stage("viewpoints")
 def main(cfg: DictConfig) -> str:
-    study, numbers = studies()[cfg.study], dict[str, list[dict[str, dict[str, float | None]]]]()
+    study, numbers = studies(ROOT / "conf")[cfg.study], dict[str, list[dict[str, dict[str, float | None]]]]()
     methods, sequences = on_bird_views(study["methods"]), study["tests"][: cfg.tests]
     with store.replace(cfg.out) as folder:
         folder.mkdir()

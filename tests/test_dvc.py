@@ -37,7 +37,7 @@ def test_params_are_the_files_that_the_stage_composes(stage):
     name, cfg = composed(stage)
     groups = {group: f"{group}/{choice}" for group, choice in cfg.hydra.runtime.choices.items() if not group.startswith("hydra/")}
     used = {name, *(file for group, file in groups.items() if group not in UNTRACKED)}
-    if "stages._studies" in GRAPH.find_upstream_modules(f"stages.{name}"):
+    if "pipeline.studies.known" in GRAPH.find_upstream_modules(f"stages.{name}"):
         used.add("studies")
     assert paths(stage, params=True) == {f"conf/{file}.yaml" for file in used}
 

@@ -1,6 +1,7 @@
 """The house's rules that no other test holds."""
 
 import ast
+import itertools
 import subprocess
 import sys
 import tomllib
@@ -96,14 +97,15 @@ def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    optional = {"parts", "poses", "views", "altered", "variants", "viewpoints", "robustness"}
+    optional = {"parts", "poses", "views", "altered", "variants", "viewpoints", "robustness", "lifelong"}
     needed = {"train", "tests", "submap", "grids", "methods", *([] if conf["simulated"] else ["expected"])}
     assert study.keys() - optional == needed
     assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()
     for preset in study["tests"] if conf["simulated"] else ():
         driven = yaml.safe_load((ROOT / f"conf/world/{path.stem}_{preset}.yaml").read_text())["sequences"]
         stress = study.get("robustness", {}).get("stress", {}).get(preset, {})
-        asked = (study["train"], *study["tests"][preset], *stress)
+        further = [study.get("lifelong", {}).get(part, {}).get(preset, ()) for part in ("tests", "learned", "updates")]
+        asked = (study["train"], *study["tests"][preset], *stress, *itertools.chain(*further))
         assert {name.partition("-a")[0].partition("-b")[0] for name in asked} <= driven.keys()
 
 

@@ -4,8 +4,10 @@ Reports, the page, MLflow, `yearloc results` and sweeps read this table and comp
 csv, a file a study; timings, which differ from run to run, have a csv of their own and are added when the table is read.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,13 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
 from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES, WORDS, Rows, of_evaluation, row, table
 from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, viewpoint_rows
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence, best_precision
+from pipeline.schemas_lifelong import LIFELONG
 from pipeline.store import Artifact
 from pipeline.studies.expansion import ModelName, answerers, asks_about_the_year, grids, models_of, on_bird_views
 
@@ -45,7 +49,8 @@ class Gathering:
 
     def table(self) -> pd.DataFrame:
         """All rows of the study."""
-        return table([*self._answers(), *self._viewpoints()], study=self.name, dataset=self.name, simulated=self.simulated)
+        rows = [*self._answers(), *self._viewpoints(), *self._lifelong()]
+        return table(rows, study=self.name, dataset=self.name, simulated=self.simulated)
 
     def _answers(self) -> Rows:
         """Every model at every cell size on every sequence; and for the study's own cells what several of them show together."""
@@ -57,7 +62,7 @@ class Gathering:
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out, bootstrap = {}, Bootstrap()
             for model in models if own else [model for model in models if model.name == model.method]:
-                place = {"grid": grid, "method": model.method, "variant": model.answered, "seed": model.seed}
+                place = {"grid": grid, **model.columns}
                 driven: dict[str, Evaluation] = {}
                 for sequence in (*tests, *stress) if own else tests:
                     artifact = self._evaluations(grid, model, sequence)
@@ -95,7 +100,7 @@ class Gathering:
     def _viewpoints(self) -> Rows:
         """Every model on bird-views, on the sequences that the stage `viewpoints` matched with themselves."""
         for grid in self.study["grids"]:
-            for method in on_bird_views(self.study["methods"]):
+            for method in self._on_bird_views():
                 for model in models_of({**method, "variants": {}}):
                     place = {"grid": grid, "method": model.method, "seed": model.seed}
                     folder = self._path("viewpoints", grid, model.name)
@@ -104,6 +109,19 @@ class Gathering:
                     for path in sorted(folder.glob("*.zarr")):
                         judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
                         yield from (place | {"sequence": path.stem} | one for one in viewpoint_rows(judged))
+
+    def _on_bird_views(self) -> Sequence[Mapping[str, Any]]:
+        return on_bird_views(self.study["methods"]) if self.study["question"] != "lifelong" else ()
+
+    def _lifelong(self) -> Rows:
+        """Every model after each day that it learned, in each order and by each strategy."""
+        for grid, method in product(self.study["grids"], self.study["methods"]):
+            for model in models_of(method) if self.study["question"] == "lifelong" else ():
+                place = {"grid": grid, **model.columns}
+                for order, strategies in method["courses"].items():
+                    for strategy in strategies:
+                        path = self._path("lifelong", grid, model.name, f"{order}-{strategy}.zarr")
+                        yield from (place | one for one in lifelong_rows(store.read(path, LIFELONG)))
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """What a model answered in one sequence as driven."""
@@ -123,6 +141,8 @@ def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
         path = artifacts / "results" / study / FILE
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
+        courses = sorted((artifacts / "lifelong" / study).rglob("*.json"))
+        frames += [table(row for course in courses for row in cost_rows(json.loads(course.read_text())))] if courses else []
         frames += [_parsed(one) for one in (path, *sorted((artifacts / "latency" / study).glob("*.csv")))]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 

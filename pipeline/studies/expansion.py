@@ -4,7 +4,8 @@ A study is one data set's training sequence, its test sequences, and the cells a
 is how a localiser lasts over a `year`; methods on bird-views are judged with turned robots besides (DOM and PFL, IROS 2018).
 A study of `robustness` judges also altered queries, sequences of `stress`, other cells and variants of the methods. A study of
 `viewpoints` judges turned robots alone, on sequences that share no place with training; then several may train, with blanks
-between. DVC can look up no name within another, so all that a stage needs is listed for each of its instances.
+between. A study of `lifelong` judges what a model answers after it learned further days (studies.courses). DVC can look up no
+name within another, so all that a stage needs is listed for each of its instances.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,15 +14,16 @@ from itertools import product
 from typing import Any
 
 from pipeline.errors import ConfigError
+from pipeline.studies.courses import LIFELONG, instances
 
 Lists = dict[str, dict[str, dict[str, Any]]]
 Study = Mapping[str, Any]
 
 LISTS = (
     "drives", "submaps", "views", "birdviews", "altered", "labels", "maps", "models", "rankings", "poses", "paths", "evaluations",
-    "events", "viewpoints", "latency", "results", "report", "published",
+    "events", "viewpoints", "lifelong", "latency", "results", "report", "published",
 )  # fmt: skip
-QUESTIONS = ("year", "robustness", "viewpoints")
+QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
 DRIVE = ("world", "source", "heeds", "root")
 """What the stages of one drive take from its study. `heeds` is what its logs depend on in the data set's yaml: the
 reader, or of a simulated one no more than that it is simulated."""
@@ -33,6 +35,7 @@ INSTEAD = {
     "evaluated": "pipeline/__init__.py",
     "viewed": "pipeline/evaluation/__init__.py",
     "changed": "pipeline/formats/__init__.py",
+    "learned": "pipeline/fetching/__init__.py",
 }
 """What a stage depends on where a study has no such artifact, an empty file: DVC has no optional dependencies."""
 
@@ -62,6 +65,10 @@ class ModelName:
         """As its artifacts are called: `sci-4way-seed1`."""
         return f"{self.family}-seed{self.seed}" if self.seed else self.family
 
+    @property
+    def columns(self) -> dict[str, Any]:  # of the table of results
+        return {"method": self.method, "variant": self.answered, "seed": self.seed}
+
 
 def expand(studies: Mapping[str, Study]) -> Lists:
     """For each list the name of a stage's instance, such as campus-10m-sci, to its entry."""
@@ -76,6 +83,7 @@ def expand(studies: Mapping[str, Study]) -> Lists:
     lists["report"]["all"] = {
         "evaluated": "artifacts/evaluate" if lists["rankings"] else INSTEAD["evaluated"],
         "viewed": "artifacts/viewpoints" if lists["viewpoints"] else INSTEAD["viewed"],
+        "learned": "artifacts/lifelong" if lists["lifelong"] else INSTEAD["learned"],
         "timed": "artifacts/latency" if lists["rankings"] else INSTEAD["changed"],
     }
     return lists
@@ -83,7 +91,8 @@ def expand(studies: Mapping[str, Study]) -> Lists:
 
 def _views(lists: Lists, dataset: str, study: Study) -> None:
     """What is computed before anything is learned: logs, scans, submaps, views, labels."""
-    sequences = [*study["train"].split(), *study["tests"], *study.get("stress", {})]
+    sequences = [*study["train"].split(), *study["tests"], *study.get("stress", {}), *study.get("learned", ())]
+    sequences += study.get("updates", ())
     drive, every = {name: study[name] for name in DRIVE}, " ".join(sequences)
     for sequence in sequences:
         lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **drive}
@@ -108,6 +117,8 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     entry |= {"recipe": " ".join(filter(None, words)), "code": method["code"], "view": method["view"], "train": study["train"]}
     learned = {"budget": study["budget"], "of": "" if " " in study["train"] else f"/{study['train']}.zarr"}
     lists["models"][f"{dataset}-{grid}-{model.name}"] = entry | learned
+    if study.get("question") == LIFELONG:
+        lists["lifelong"] |= instances(entry | {"budget": study["budget"]}, study, method, INSTEAD)
     if not asks_about_the_year(study):
         return
     own = grid in study["grids"]
@@ -132,14 +143,16 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     """What is measured besides, and what it is gathered into."""
     year, robust = asks_about_the_year(study), study.get("question") == "robustness"
-    bird_views = bool(on_bird_views(study["methods"]))
+    lifelong = study.get("question") == LIFELONG
+    bird_views = bool(on_bird_views(study["methods"])) and not lifelong
     own = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
     lists["latency"] |= own if year else {}
     lists["viewpoints"] |= own if bird_views else {}
     if robust:
-        drive = {name: study[name] for name in DRIVE}
-        lists["events"][dataset] = {"dataset": dataset, **drive, "train": study["train"], "sequences": " ".join(study["tests"])}
-    there = {"evaluated": ("evaluate", year), "viewed": ("viewpoints", bird_views), "changed": ("events", robust)}
+        entry = {"dataset": dataset, "train": study["train"], "sequences": " ".join(study["tests"])}
+        lists["events"][dataset] = entry | {name: study[name] for name in DRIVE}
+    there = {"evaluated": ("evaluate", year), "viewed": ("viewpoints", bird_views)}
+    there |= {"changed": ("events", robust), "learned": ("lifelong", lifelong)}
     read = {word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word] for word, (kind, has) in there.items()}
     lists["results"][dataset] = {"dataset": dataset, **read}
     if year:
@@ -151,7 +164,7 @@ def asks_about_the_year(study: Study) -> bool:
     question = study.get("question", QUESTIONS[0])
     if question not in QUESTIONS:
         raise ConfigError(f"question={question}: expected {', '.join(QUESTIONS[:-1])} or {QUESTIONS[-1]}")
-    return bool(question != "viewpoints")
+    return question in QUESTIONS[:2]
 
 
 def grids(study: Study) -> tuple[str, ...]:
@@ -163,6 +176,11 @@ def models_of(method: Mapping[str, Any]) -> list[ModelName]:
     """The models of a method of a study: its own, then its variants, each with every seed."""
     seeds = range(method.get("seeds", 1))
     return [ModelName(method["name"], variant, seed) for variant in ("", *method.get("variants", {})) for seed in seeds]
+
+
+def model_named(study: Study, name: str) -> ModelName:
+    """The model of a study whose artifacts have this name."""
+    return next(model for method in study["methods"] for model in models_of(method) if model.name == name)
 
 
 def answers_of(study: Study, model: ModelName) -> list[ModelName]:

@@ -7,6 +7,7 @@ from typing import Any
 import yaml
 
 from pipeline.errors import ConfigError
+from pipeline.studies.courses import LIFELONG, courses, further_days
 from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
 from pipeline.studies.expansion import QUESTIONS, TOLERANCE, expand, grids, models_of, on_bird_views
 
@@ -73,12 +74,13 @@ class _Indented(yaml.SafeDumper):
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     """The study of data set `name`; options are root, log, parts, world, budget, question, scale and seeds, and with commas
-    train, tests, methods, variants, altered, cells, poses and paths.
+    train, learned, tests, methods, variants, altered, cells, poses and paths.
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
     allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "paths", "scale"}
+    allowed |= {"learned"} if options.get("question") == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{name} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}")
@@ -125,6 +127,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         raise ConfigError(f"paths={options['paths']}: joins poses along a drive; say poses=METHOD too")
     besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "paths": paths}
     besides["tolerance"] = scale.get("tolerance")
+    if question == LIFELONG:
+        days = further_days(study, options, preset if dataset["simulated"] else "", places["tests"])
+        places = {**places, **days}
+        for one in methods:
+            one["courses"] = courses(study, parsed(conf / "method" / f"{one['name']}.yaml"), "updates" in days)
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 

@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 
 from pipeline.errors import YearlocError
+from pipeline.studies.known import studies
 from pipeline.sweeps.record import Record, cost, read
 from pipeline.tracking import records
 from pipeline.tracking.runs import experiment_of, publish
-from stages._studies import studies
+from stages import ROOT
 from stages.report import sweep_report
 from stages.sweep.job import SWEEPS, job
 
@@ -33,7 +34,7 @@ def main() -> None:
 
 def usual_choices(given: Sequence[str]) -> dict[str, str]:
     """What the study says and the command line does not: its data set, world, submaps, budget, first grid and first method."""
-    known, said = studies(), dict(word.partition("=")[::2] for word in given)
+    known, said = studies(ROOT / "conf"), dict(word.partition("=")[::2] for word in given)
     usual = {"dataset": said.get("dataset", next(iter(known)))}
     if study := known.get(usual["dataset"]):
         usual |= {group: study[group] for group in ("world", "submap", "budget")}

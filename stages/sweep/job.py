@@ -24,13 +24,13 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.rows import Rows, of_evaluation, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
+from pipeline.studies.known import studies
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
 from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
 from stages import ROOT
-from stages._studies import studies
 from stages.sweep.settings import Composer, listed, own_fields
 
 SWEEPS = Path(".sweeps")
@@ -63,7 +63,7 @@ def job(cfg: DictConfig) -> float:
 
 def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
     """A job's rows of results, and where its artifacts came from."""
-    if dataset not in (known := studies()):
+    if dataset not in (known := studies(ROOT / "conf")):
         raise ConfigError(f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it")
     composer = Composer(overrides)
 

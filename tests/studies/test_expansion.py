@@ -43,7 +43,8 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     assert lists["labels"]["turned-10m"]["sequences"] == lists["models"]["turned-10m-pfl"]["train"] == "e f"
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
     assert lists["models"]["turned-10m-pfl-seed1"]["recipe"] == "method=pfl method.seed=1"
-    read = {"evaluated": INSTEAD["evaluated"], "viewed": "artifacts/viewpoints/turned", "changed": INSTEAD["changed"]}
+    read = {"evaluated": INSTEAD["evaluated"], "viewed": "artifacts/viewpoints/turned"}
+    read |= {name: INSTEAD[name] for name in ("changed", "learned")}
     assert lists["results"]["turned"] == {"dataset": "turned", **read}
     assert (lists["report"]["all"]["viewed"], lists["report"]["all"]["timed"]) == ("artifacts/viewpoints", INSTEAD["changed"])
 
@@ -99,7 +100,7 @@ def test_a_study_without_a_question_asks_about_the_year() -> None:
 
 
 def test_an_unknown_question_is_named() -> None:
-    with pytest.raises(ConfigError, match="question=when: expected year, robustness or viewpoints"):
+    with pytest.raises(ConfigError, match="question=when: expected year, robustness, viewpoints or lifelong"):
         expand({"one": ONE | {"question": "when"}})
 
 

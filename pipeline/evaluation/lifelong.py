@@ -1,0 +1,102 @@
+"""Numbers of a localiser that learns day after day: recall, forgetting, and what a day costs (METHODS 11.4).
+
+Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after an earlier step, how many more
+were answered right then.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation.rows import Rows, several
+from pipeline.store import Artifact
+
+NEAR_M = 15.0
+"""How near an answer is right by distance."""
+CHANGE = "lifelong"
+
+
+@dataclass(frozen=True)
+class Course:
+    """What was answered after each step, by one strategy."""
+
+    right: NDArray[np.bool_]
+    """(step, query)."""
+    known_from: NDArray[np.int64]
+    """(query,) the step from which its place is known; −1 for never."""
+    group: NDArray[np.int64]
+    """(query,) index of the day asked, or of the part of the site."""
+    groups: Sequence[str]
+    steps: Sequence[str]
+
+    @classmethod
+    def of(cls, artifact: Artifact, protocol: str) -> Self:
+        """That of an artifact, by cells or by distance."""
+        attrs, known_from = artifact.attrs, artifact.load("known_from")
+        right = artifact.load("right") if protocol == "cells" else artifact.load("error_m") < NEAR_M
+        streets = attrs["order"] == "streets"
+        group = known_from if streets else artifact.load("day")
+        return cls(right, known_from, group, attrs["steps"] if streets else attrs["asked"], attrs["steps"])
+
+    def recall(self, step: int, group: int, known_by: int | None = None) -> float:
+        """The share of right answers after a step to queries of a group whose place was known by then, or by an earlier step."""
+        asked = (self.group == group) & (self.known_from >= 0) & (self.known_from <= (step if known_by is None else known_by))
+        return float(self.right[step, asked].mean()) if asked.any() else np.nan
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(step, group) recall; NaN where no place of the group is known yet."""
+        return np.array([[self.recall(step, group) for group in range(len(self.groups))] for step in range(len(self.steps))])
+
+    def mean_recall(self, step: int) -> float:
+        """Over the groups that have a known place."""
+        return _mean([self.recall(step, group) for group in range(len(self.groups))])
+
+    def of_all(self, step: int) -> float:
+        """The share of right answers among all queries whose place is known after the last step."""
+        return float(self.right[step, self.known_from >= 0].mean())
+
+    def forgetting(self, step: int) -> float:
+        """The mean over the groups of the most that was lost since an earlier step; 0 after the first."""
+        if not step:
+            return 0.0
+        lost = [
+            [self.recall(past, group) - self.recall(step, group, past) for past in range(step)]
+            for group in range(len(self.groups))
+        ]
+        return _mean([max(known) for one in lost if (known := [value for value in one if np.isfinite(value)])])
+
+
+def _mean(values: Sequence[float]) -> float:
+    there = [value for value in values if np.isfinite(value)]
+    return float(np.mean(there)) if there else np.nan
+
+
+def lifelong_rows(artifact: Artifact) -> Rows:
+    """One strategy: recall after each step of each group, and over all."""
+    attrs = artifact.attrs
+    for step, name in enumerate(attrs["steps"]):
+        place = _place(attrs, step)
+        for protocol in ("cells", "distance"):
+            course = Course.of(artifact, protocol)
+            for group, asked in enumerate(course.groups):
+                yield from several(place | {"sequence": asked}, protocol, {"recall_at_1": course.recall(step, group)})
+            numbers = {"mean_recall": course.mean_recall(step), "recall_of_all": course.of_all(step)}
+            yield from several(place, protocol, numbers | {"forgetting": course.forgetting(step)})
+        counts = {kind: attrs[kind][step] for kind in ("places", "bytes")} | attrs["counts"][step]
+        yield from several(place | {"sequence": name}, "", counts)
+
+
+def cost_rows(course: Mapping[str, Any]) -> Rows:
+    """CPU seconds of each step, as the stage keeps them beside the artifact."""
+    for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
+        yield from several(course["place"] | _place(course, step) | {"sequence": name}, "", {"cpu_s": seconds})
+
+
+def _place(attrs: Mapping[str, Any], step: int) -> dict[str, Any]:
+    """The columns that say which step of which strategy."""
+    case = f"{attrs['order']} {attrs['strategy']} {step}"
+    return {"case": case, "change": CHANGE, "kind": f"{attrs['order']} {attrs['strategy']}", "level": float(step)}

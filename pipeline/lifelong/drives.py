@@ -1,0 +1,30 @@
+"""Drives of a study as scans that come one after the other, with their odometry and, to count errors by, their true poses."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import schemas, store
+from pipeline.mapping.gathering import submap_points
+from pipeline.online.inputs import Scan
+from pipeline.store import Artifact
+
+
+def read(artifacts: Path, study: str, sequences: Sequence[str]) -> dict[str, list[Scan]]:
+    """The submaps of some sequences, each of which is one scan."""
+    return {name: _scans(artifacts, study, name) for name in sequences}
+
+
+def _scans(artifacts: Path, study: str, sequence: str) -> list[Scan]:
+    scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
+    submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
+    odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
+    rows = enumerate(zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True))
+    return [Scan(f"{sequence} {row}", int(stamp), _points(scans, submaps, row), *poses) for row, (stamp, *poses) in rows]
+
+
+def _points(scans: Artifact, submaps: Artifact, row: int) -> Callable[[], NDArray[np.float64]]:
+    return partial(lambda row: np.asarray(next(iter(submap_points(scans, submaps, slice(row, row + 1)))), np.float64), row)

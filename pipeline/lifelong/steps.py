@@ -1,0 +1,86 @@
+"""Steps: what a localiser is after each further day, by a strategy; and what it then answers of other days (METHODS 11.4)."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.lifelong import adoption, growth
+from pipeline.lifelong.strategies import Updated
+from pipeline.matching.places import Places
+from pipeline.matching.ranking import Localizer, Method, Model, Rows, TrainingSet
+from pipeline.online import site_file
+from pipeline.online.inputs import Scan
+from pipeline.online.site import Site
+from pipeline.running.progress import Progress
+
+STREETS = 4
+"""Parts of the training day that are learned one after the other, as InCloud's steps are (Knights et al., IROS 2022)."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A localiser after it learned a day."""
+
+    name: str
+    localizer: Localizer
+    places: Places
+    """Those surveyed by then, whether it learned them or not."""
+    bytes: int
+    cpu_s: float
+    counts: Mapping[str, int] = field(default_factory=dict)
+    """Of an update: scans asked and adopted, adopted at a wrong pose, and submaps that changed."""
+
+
+def streets(name: str, views: Rows) -> dict[str, Rows]:
+    """A day in STREETS parts of equal length."""
+    way_m = np.cumsum(np.r_[0, np.linalg.norm(np.diff(views.world_T_anchor[:, :2, 3], axis=0), axis=1)])
+    ends = np.searchsorted(way_m, way_m[-1] * np.arange(1, STREETS) / STREETS)
+    whole = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)
+    parts = zip([0, *ends], [*ends, len(way_m)], strict=True)
+    return {f"{name} {i}/{STREETS}": whole.some(slice(*part)) for i, part in enumerate(parts, 1)}
+
+
+def surveyed(
+    method: Method, strategy: Any, days: Mapping[str, Rows], places: Places, first: Model | None, progress: Progress
+) -> Iterator[Step]:
+    """A step a day whose poses are known; `places` are those of the grid, none or the first day's, and `first` its model."""
+    known: TrainingSet | None = None
+    model: Model = first or {}
+    for number, (name, views) in enumerate(days.items()):
+        places = places.grown(xy_m := views.world_T_anchor[:, :2, 3])
+        new, start = TrainingSet(views, places.at(xy_m)), time.process_time()
+        part = progress.part(f"step{number}")
+        if known is None:
+            model = first if first is not None else method.learn(*new, part)
+        else:
+            model = strategy.learn(method, model, known, new, part)
+        known = new if known is None else TrainingSet.joined([known, new])
+        used_s, size = time.process_time() - start, sum(array.nbytes for array in model.values())
+        yield Step(name, method.localizer(model), places, size, used_s)
+
+
+def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress) -> Iterator[Step]:
+    """The site at `path`, then a step a drive that it learned by itself."""
+    parts = site_file.read(path, views=True)
+    for name, scans in {"": (), **drives}.items():
+        site, start, counts = Site(parts, threads=2), time.process_time(), dict[str, int]()
+        if name:
+            found = adoption.adopted(site, scans, strategy.promise)
+            plan = growth.planned(site, found)
+            parts = growth.grown(site, parts, plan, name, progress.part(name))
+            site = Site(parts, threads=2)
+            right = found.wrong[plan.used]
+            counts = {"asked": found.asked, "adopted": len(plan.used), "wrong": int(right.sum()), "changed": len(plan.changed)}
+        size = sum(array.nbytes for array in parts.model.values())
+        yield Step(
+            name or str(parts.about["provenance"]["train"]),
+            site.localizer,
+            site.places,
+            size,
+            time.process_time() - start,
+            counts,
+        )
