@@ -16,8 +16,8 @@ from pipeline.online.tracking import Tracker
 from pipeline.posing.registration import Points
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
-STEP_M = 1.0
-"""Way from one adopted scan to the next, at least."""
+STEP_M = 0.8
+"""Way from one adopted scan to the next, at least: a little less than from one submap to the next."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,20 @@ Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float
 """Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
 
 
+class MadeAnew:
+    """A method that trains nothing: with further days its database is made from all rows."""
+
+    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
+        """Each method says how."""
+        raise NotImplementedError
+
+    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+        """As if all rows had been learned at once."""
+        return self.learn(*TrainingSet.joined([known, new]), progress)
+
+
 @dataclass(frozen=True)
-class DescriptorMethod:
+class DescriptorMethod(MadeAnew):
     """Settings of every method that answers with the nearest of a database."""
 
     distinct_places: bool = False  # rank places, each once where its nearest training row lies, instead of training rows
@@ -37,15 +49,6 @@ class DescriptorMethod:
     def __post_init__(self) -> None:
         check(self, "method")
         positive("method", held_out_every_m=self.held_out_every_m)
-
-    def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """As every method learns; each descriptor method says how."""
-        raise NotImplementedError
-
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """A database of all rows; where nothing is trained it is made from them."""
-        both = TrainingSet.joined([known, new])
-        return self.learn(both.views, both.places, progress)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.matching.database import Database
+from pipeline.matching.database import Database, MadeAnew
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
@@ -19,7 +19,7 @@ from pipeline.running.settings import positive
 
 
 @dataclass(frozen=True)
-class Sad(SequenceMethod):
+class Sad(MadeAnew, SequenceMethod):
     """Views are compared at the robot's own heading, so a turned view is a different image; answers have no heading."""
 
     view: str = "birdview"

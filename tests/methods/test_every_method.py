@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.matching.ranking import Model, Rows
+from pipeline.matching.ranking import Model, Rows, TrainingSet
 from pipeline.methods.m2dp import M2dp
 from pipeline.methods.sad import Sad
 from pipeline.running.progress import Progress
@@ -94,3 +94,43 @@ def test_other_views_are_refused(name: str, shape: tuple[int, ...], said: str) -
     ask = METHODS[name][0].localizer(learned(name))
     with pytest.raises(InputError, match=said):
         ask(along(np.zeros(shape, np.float32)), 1)
+
+
+@pytest.mark.parametrize("name", [name for name in METHODS if name not in ("pfl", "sad")])
+def test_a_grown_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
+    method, views, queries, places = METHODS[name]
+    known, budget = places < places.max(), Progress(budget=1.0)
+    parts = [TrainingSet(_some(views, rows), places[rows]) for rows in (known, ~known)]
+    if name in ("sci", "sci_ring"):
+        method = replace(method, grown=0.5, epochs=16)
+    model = method.learn(*parts[0], budget)
+    grown = method.grow(model, *parts, budget)
+    assert same(method.grow(model, *parts, budget), grown)
+    queries = views if name == "m2dp" else queries  # signatures here are made up, another day's are others
+    answers = method.localizer(grown)(queries, 1).places[:, 0]
+    assert (answers == places)[known].mean() > 0.9
+    assert (answers == places)[~known].mean() > 0.9
+    assert (method.localizer(model)(queries, 1).places[:, 0] == places)[~known].mean() == 0
+
+
+@pytest.mark.parametrize("name", ["pfl", "sad"])
+def test_a_grown_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
+    method, views, _, places = METHODS[name]
+    known = np.arange(len(places)) < len(places) - 1
+    known[np.unique(places, return_index=True)[1]] = True
+    model = method.learn(_some(views, known), places[known], SHARE)
+    new = TrainingSet(_some(views, ~known), places[~known]) if (~known).any() else TrainingSet(views.some(slice(1)), places[:1])
+    grown = method.grow(model, TrainingSet(_some(views, known), places[known]), new, SHARE)
+    assert len(grown["database/places"]) == known.sum() + len(new)
+    networks = [key for key in model if key.startswith("net/")]
+    assert all(np.array_equal(grown[key], model[key]) for key in networks)
+
+
+def test_a_place_without_a_view_is_refused() -> None:
+    views = along(SIGNATURES[0][:2])
+    with pytest.raises(InputError, match="place 1 of 3 has no view"):
+        TrainingSet.joined([TrainingSet(views, np.array([0, 2]))])
+
+
+def _some(views: Rows, rows: np.ndarray) -> Rows:
+    return Rows(views.images[rows], views.stamps_ns[rows], views.world_T_anchor[rows])
