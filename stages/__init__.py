@@ -4,7 +4,7 @@ import ctypes
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
@@ -99,6 +99,15 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
 def build(group: str, name: str, **changed: Any) -> Any:
     """The object that a file of conf/ describes, with some of its fields changed."""
     return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed)
+
+
+def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
+    """The configuration with its method's words of conf/budget in `method` and `budget`; what `overrides` set stays as it is."""
+    explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
+    words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
+    share = cfg.budget.share if "budget.share" in explicit else words["share"]
+    given = {key: value for key, value in words.items() if key != "share" and f"method.{key}" not in explicit}
+    return OmegaConf.create({**cfg, "method": {**cfg.method, **given}, "budget": {"share": share}})
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from pipeline.online.pack import Packing
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.studies.expansion import model_named
 from pipeline.studies.known import studies
-from stages import ROOT, ProgressBar, stage
-from stages.train import within_budget
+from stages import ROOT, ProgressBar, stage, within_budget
 
 
 @stage("lifelong")

@@ -12,9 +12,8 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline.errors import InputError
 from pipeline.running.telemetry import Trace
 from pipeline.sweeps.chain import Step
-from stages import ROOT, stage
+from stages import ROOT, stage, within_budget
 from stages.sweep.settings import Composer
-from stages.train import within_budget
 
 
 @pytest.fixture(autouse=True)

@@ -13,8 +13,7 @@ from pipeline.errors import ConfigError
 from pipeline.studies.expansion import asks_about_the_year, expand
 from pipeline.studies.names import entry
 from pipeline.sweeps.chain import Step
-from stages import ROOT
-from stages.train import within_budget
+from stages import ROOT, within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
 LISTED = ("world", "submap", "budget", "grid", "method", "view", "tolerance")  # groups whose file conf/lists.yaml names
