@@ -11,13 +11,17 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
+from pipeline.evaluation.lifelong import NEAR_M
 from pipeline.report.result import day
+from pipeline.report.sections.lifelong_numbers import PROTOCOL, by_order, by_strategy, strategies
 from pipeline.report.summary import Row, Summary
-from pipeline.report.table import MISSING, fixed
+from pipeline.report.table import MISSING, average, fixed
+from pipeline.studies.courses import LIFELONG
 
 LINES, WIDEST = 30, 78
 AROUND = 5
 """Lines of a study besides its methods; the last line of all says where the rest is."""
+SHORT = 7  # strategies of a study of learning further days
 NARROW, NARROWEST = 70, 56
 """Below these widths the columns that matter less are left out."""
 
@@ -32,8 +36,33 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: 
         console = Console(file=file, width=min(width, WIDEST), color_system=None, highlight=False, emoji=False, markup=False)
         for name, grid in each:
             own = table[(table["study"] == name) & (table["grid"] == grid)]
-            _print(console, name, grid, Summary.of(own, studies[name]), studies[name], most)
+            if studies[name].get("question") == LIFELONG:
+                _print_learning(console, name, grid, own, studies[name], most)
+            else:
+                _print(console, name, grid, Summary.of(own, studies[name]), studies[name], most)
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
+
+
+def _print_learning(console: Console, name: str, grid: str, rows: pd.DataFrame, study: Mapping[str, Any], most: int) -> None:
+    """One study of learning further days: recall and forgetting after the last step of each order, means over the seeds."""
+    every = strategies(rows)
+    orders, found = by_order(every), by_strategy(every)
+    numbers = ("recall_of_all", "forgetting")[: 1 if console.width < NARROW else 2]
+    name += ", simulated" if study["source"] == "world" else ", recorded"
+    title = f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within {NEAR_M:g} m"
+    console.print(title, overflow="ellipsis", no_wrap=True)
+    lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
+    lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True
+    for order in orders:
+        for heading in (f"{order}:\nof all", "for-\ngetting")[: len(numbers)]:
+            lines.add_column(Text(heading), justify="right", no_wrap=True)
+    shown = min(most, SHORT)
+    for (model, strategy), of in [*found.items()][:shown]:
+        cells = [average(of[order].last(key, PROTOCOL)) if order in of else np.nan for order in orders for key in numbers]
+        lines.add_row(Text(f"{model} {strategy}"), *(fixed(cell, 3) for cell in cells))
+    console.print(lines)
+    left = len(found) - shown
+    return console.print(f"  … and {left} more\n" if left > 0 else "")
 
 
 def _print(console: Console, name: str, grid: str, found: Summary, study: Mapping[str, Any], most: int) -> None:

@@ -12,11 +12,12 @@ from pipeline.evaluation.events import Bands
 from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
-from pipeline.report.sections import cases, poses, viewpoints, year
+from pipeline.report.sections import cases, lifelong, poses, viewpoints, year
 from pipeline.report.study import Study
 from pipeline.report.web import page
 from pipeline.report.web.front import Front
 from pipeline.running.dvc_files import DvcLock
+from pipeline.studies.courses import LIFELONG
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 from pipeline.views.birdview import BirdView
 
@@ -61,5 +62,7 @@ def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], Bi
         yield from year.sections(study, folder)
         yield from poses.sections(study, folder)
         yield from cases.sections(study, folder, bands)
-    if methods := on_bird_views(study.words["methods"]):
+    if study.words["question"] == LIFELONG:
+        yield lifelong.section(study, folder)
+    elif methods := on_bird_views(study.words["methods"]):
         yield viewpoints.section(study, folder, view(methods[0]["view"]))

@@ -5,8 +5,11 @@ from collections.abc import Iterator
 
 from pipeline.report import findings, tables, viewpoint_tables
 from pipeline.report.render import caption, sentence, words
+from pipeline.report.sections import lifelong_tables
+from pipeline.report.sections.lifelong_numbers import by_order, strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
+from pipeline.studies.courses import LIFELONG
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 
@@ -26,7 +29,11 @@ def _blocks(study: Study) -> Iterator[str]:
         yield from (tables.means(study).text(), _wrapped(words("terminal")) + "\n")
         if doubted := [_wrapped(sentence(one)) for one in findings.doubts(study)]:
             yield "\n".join(doubted) + "\n"
-    if on_bird_views(study.words["methods"]):
+    if study.words["question"] == LIFELONG:
+        yield f"{study.where}: after the last step of learning, means over the seeds\n"
+        for order, found in by_order(strategies(study.rows)).items():
+            yield from (_wrapped(caption(one)) + "\n" + one.text() for one in lifelong_tables.of_order(order, found))
+    elif on_bird_views(study.words["methods"]):
         yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
         yield from (one.text() for one in viewpoint_tables.over(study))
 

@@ -115,8 +115,12 @@ def _map(
 
 
 def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lowest and highest x and y (2, 2) in metres of all positions, with a margin, and room below for the scale bar."""
-    everything = np.concatenate([train_xy_m, *(result.evaluation.xy_m for result in results)])
+    return bounds_m(train_xy_m, *(result.evaluation.xy_m for result in results))
+
+
+def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin, and room below for the scale bar."""
+    everything = np.concatenate(xy_m)
     if not len(everything):
         raise InputError("a map needs at least one training pose or query")
     low, high = everything.min(axis=0), everything.max(axis=0)

@@ -1,0 +1,130 @@
+"""Learning further days: recall of each asked day after each step, forgetting, and from which step each place is known."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from pipeline.report.figures.maps import bounds_m, scale_bar
+from pipeline.report.figures.panels import balanced, panels, share_limits
+from pipeline.report.figures.style import MARK, QUIET, WIDTH_IN, below, dot, figure, styled
+from pipeline.report.result import day
+from pipeline.report.table import MISSING, average, short
+from pipeline.studies.colours import MARKERS, PALETTE
+
+DARK = 0.6
+"""From this share of the colours on, a number in a cell is white."""
+ALONE_IN = 4.2  # width of a single matrix
+LEAST = 0.1  # a scale of recall or forgetting spans at least so much
+PATH = "0.15"  # of the training path, above the queries
+NEVER = "0.75"  # grey of queries whose place is never known
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """From which step the places of queries are known, in one order."""
+
+    xy_m: NDArray[np.float64]  # (query, 2) where each was taken
+    known_from: NDArray[np.int64]  # (query,) −1 for never
+    steps: Sequence[str]
+
+
+@styled
+def matrices(found: Mapping[str, NDArray[np.float64]], steps: Sequence[str], groups: Sequence[str], heading: str) -> Figure:
+    """Recall (step, group) of each strategy, a number in each cell; NaN where no place of the group is known yet."""
+    (rows, columns), blues = balanced(len(found), 3), matplotlib.colormaps["Blues"]
+    fig = figure(WIDTH_IN if columns > 1 else ALONE_IN, rows * (0.85 + 0.24 * len(steps)) + 0.35, heading)
+    axes = panels(fig, len(found), columns)
+    low, high = share_limits(*found.values())
+    for axis, (strategy, values) in zip(axes, found.items(), strict=True):
+        axis.pcolormesh(values, cmap=blues, vmin=low, vmax=high, edgecolors="white", linewidth=1.2)
+        for (step, group), value in np.ndenumerate(values):
+            tint = "white" if value > low + DARK * (high - low) else "0.15"
+            text = short(value, 2) if np.isfinite(value) else MISSING
+            axis.text(group + 0.5, step + 0.5, text, ha="center", va="center", size=7, color=tint)
+        axis.set_title(strategy, pad=4)
+        axis.set_xticks(np.arange(len(groups)) + 0.5, _ends(groups), rotation=40, ha="right", rotation_mode="anchor")
+        axis.set_yticks(np.arange(len(steps)) + 0.5, _ends(steps))
+        axis.tick_params(length=0)
+        axis.spines[:].set_visible(False)
+    axes[0].set_ylim(len(steps), 0)  # the first step above; the panels share it
+    fig.supylabel("step learned", size=8)
+    return fig
+
+
+@styled
+def over_steps(
+    orders: Mapping[str, Sequence[str]], numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]], heading: str
+) -> Figure:
+    """A column an order with the names of its steps, a row a number by its title: (seed, step) by order and strategy; a line
+    joins the means, thin lines are single seeds; each panel has its own scale."""
+    known = list(dict.fromkeys(strategy for found in numbers.values() for _, strategy in found))
+    looks = {one: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]) for i, one in enumerate(known)}
+    fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
+    wide: Any = {"width_ratios": [len(steps) + 1 for steps in orders.values()]}
+    axes = fig.subplots(len(numbers), len(orders), squeeze=False, sharex="col", gridspec_kw=wide)
+    for row, (title, found) in zip(axes, numbers.items(), strict=True):
+        row[0].set_ylabel(title)
+        for axis, order in zip(row, orders, strict=True):
+            for strategy in (strategy for of, strategy in found if of == order):
+                _line(axis, found[order, strategy], *looks[strategy])
+            axis.grid(axis="y")
+    for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
+        column[0].set_title(order, pad=4)
+        column[-1].set_xticks(range(len(steps)), _ends(steps), rotation=30, ha="right", rotation_mode="anchor")
+        column[-1].set_xlim(-0.3, len(steps) - 0.7)
+    for axis in axes.flat:
+        low, high = axis.get_ylim()
+        spare = max(LEAST - (high - low), 0.0) / 2
+        axis.set_ylim(low - spare, high + spare)
+    for axis in axes[-1]:
+        axis.axhline(0.0, **MARK)
+    line: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}
+    below(fig, [Line2D([], [], color=tint, marker=form, label=name, **line) for name, (tint, form) in looks.items()])
+    return fig
+
+
+@styled
+def known_places(found: Mapping[str, Known], train_xy_m: NDArray[np.float64]) -> Figure:
+    """Queries of all asked days by the step from which their place is known, a panel an order, over the training path (n, 2)."""
+    around = bounds_m(train_xy_m, *(one.xy_m for one in found.values()))
+    slope, columns = float(np.divide(*(around[1] - around[0])[::-1])), len(found)
+    panel_in = min(WIDTH_IN / max(columns, 2), 4.5)
+    most = max(len(one.steps) for one in found.values())
+    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most + 2) // 2))
+    fig = figure(panel_in * max(columns, 2), height_in, "From which step each place is known")
+    for axis, (order, one) in zip(fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True):
+        axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
+        shades = [PALETTE[i % len(PALETTE)] for i in range(len(one.steps))]
+        entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
+        for step, (name, tint) in enumerate([("never", NEVER), *zip(_ends(one.steps), shades, strict=True)], start=-1):
+            own = one.xy_m[one.known_from == step]
+            if len(own):
+                axis.scatter(*own.T, 5.0, tint, linewidths=0, zorder=3 + step, rasterized=True)
+                entries.insert(-1, dot(f"{name}: {len(own)}", tint))
+        axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
+        axis.set_axis_off()
+        axis.set_title(order, pad=3)
+        axis.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7, labelcolor=QUIET)
+    scale_bar(fig.axes[0], around)
+    return fig
+
+
+def _line(axis: Axes, seeds: NDArray[np.float64], tint: str, form: str) -> None:
+    """The means of (seed, step) as a line, each seed as a thin one."""
+    x = np.arange(seeds.shape[1])
+    for one in seeds if len(seeds) > 1 else ():
+        axis.plot(x, one, color=tint, lw=0.5, alpha=0.5, zorder=2)
+    means = [average(step) for step in seeds.T]
+    axis.plot(x, means, color=tint, lw=1.3, marker=form, ms=4, mec="white", mew=0.5, zorder=3)
+
+
+def _ends(names: Sequence[str]) -> list[str]:
+    """Short names: of the parts of one day the part alone, of a day its date."""
+    return [day(name.rpartition(" ")[2]) for name in names]
