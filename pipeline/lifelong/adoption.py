@@ -20,6 +20,10 @@ STEP_M = 0.8
 """Way from one adopted scan to the next, at least: a little less than from one submap to the next."""
 
 
+class NothingAdoptedError(LogError):
+    """A drive of which no scan can be learned."""
+
+
 @dataclass(frozen=True)
 class Adoption:
     """Scans of one day that a site is to learn, a row each."""
@@ -46,7 +50,7 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
     """The scans of one drive whose fixes keep a promise; without a promise every scan that has any pose.
 
     The drive is followed there and back. Scans between two fixes are adopted where odometry leads from one to the other. Raises
-    LogError where there is none to adopt.
+    NothingAdoptedError where there is none.
     """
     both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
     believed = [[fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)]
@@ -58,7 +62,7 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
-    """The scans of one drive at poses of a survey, by their stamps, or at the log's own; raises LogError where none is known."""
+    """The scans of one drive at poses of a survey, by stamps, or at the log's own; raises NothingAdoptedError where none is known."""
     known = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
     if poses is not None:
         known = poses.at(np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64))[0]
@@ -105,13 +109,13 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
 
 
 def taken(scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str) -> Adoption:
-    """Those with a pose, each STEP_M from the one before it or farther; raises LogError with the reason where there are none."""
+    """Those with a pose, each STEP_M or more from the one before; raises NothingAdoptedError with the reason where there are none."""
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
         if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
             rows.append(row)
     if not rows:
-        raise LogError(f"nothing to learn of {len(scans)} scans: {why}")
+        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: {why}")
     stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
     true = np.array([scans[row].world_T_scan for row in rows])
     wrong = np.isfinite(true).all((1, 2)) & ~right(poses[rows], true)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.lifelong import adoption, growth
+from pipeline.lifelong.adoption import NothingAdoptedError
 from pipeline.lifelong.strategies import Updated
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Method, Model, Rows, TrainingSet
@@ -64,23 +66,21 @@ def surveyed(
 
 
 def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress) -> Iterator[Step]:
-    """The site at `path`, then a step a drive that it learned by itself."""
+    """The site at `path`, then a step a drive that it learned by itself; one of which it believes nothing changes nothing."""
     parts = site_file.read(path, views=True)
-    for name, scans in {"": (), **drives}.items():
-        site, start, counts = Site(parts, threads=2), time.process_time(), dict[str, int]()
-        if name:
-            found = adoption.adopted(site, scans, strategy.promise)
-            plan = growth.planned(site, found)
+    site = Site(parts, threads=2)
+    yield _of_site(str(parts.about["provenance"]["train"]), site, parts, 0.0)
+    for name, scans in drives.items():
+        start, counts = time.process_time(), {"asked": len(scans), "adopted": 0, "wrong": 0, "changed": 0}
+        with suppress(NothingAdoptedError):
+            plan = growth.planned(site, adoption.adopted(site, scans, strategy.promise))
+            wrong = int(plan.adoption.wrong[plan.used].sum())
+            counts |= {"adopted": len(plan.used), "wrong": wrong, "changed": len(plan.changed)}
             parts = growth.grown(site, parts, plan, name, progress.part(name))
             site = Site(parts, threads=2)
-            right = found.wrong[plan.used]
-            counts = {"asked": found.asked, "adopted": len(plan.used), "wrong": int(right.sum()), "changed": len(plan.changed)}
-        size = sum(array.nbytes for array in parts.model.values())
-        yield Step(
-            name or str(parts.about["provenance"]["train"]),
-            site.localizer,
-            site.places,
-            size,
-            time.process_time() - start,
-            counts,
-        )
+        yield _of_site(name, site, parts, time.process_time() - start, counts)
+
+
+def _of_site(name: str, site: Site, parts: site_file.Parts, cpu_s: float, counts: Mapping[str, int] | None = None) -> Step:
+    size = sum(array.nbytes for array in parts.model.values())
+    return Step(name, site.localizer, site.places, size, cpu_s, counts or {})

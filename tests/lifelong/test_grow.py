@@ -1,5 +1,6 @@
 """`yearloc grow`: a site learns a new place from a survey, what has changed by itself, and is never half grown."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,15 @@ from pipeline import replacing
 from pipeline.cli import main
 from pipeline.lifelong.adoption import Adoption
 from pipeline.lifelong.growth import Growth, mapped
+from pipeline.lifelong.steps import updated
+from pipeline.lifelong.strategies import Updated
 from pipeline.matching.ranking import Rows
 from pipeline.online import site_file
 from pipeline.online.description import describe
+from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.pack import day, learned_from
 from pipeline.online.site import Site
+from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.online.made import ANCHORS, about, arrays, packed
 from tests.posing.scene import planar, scene, seen_from
@@ -114,3 +119,15 @@ def test_a_site_without_views_cannot_grow(tmp_path: Path, capsys: pytest.Capture
     with pytest.raises(SystemExit):
         main(["grow", str(packed(tmp_path)), str(tmp_path)])
     assert "holds no views to learn from" in capsys.readouterr().err
+
+
+def test_a_site_learns_a_drive_by_itself_and_one_that_it_does_not_know_changes_nothing(site: Path) -> None:
+    known, unknown = (
+        [Scan("s", None, partial(seen_from, scene(seed), planar(x_m, 0, 0)), NO_POSE, NO_POSE) for x_m in (0, 1)]
+        for seed in (0, 9)
+    )
+    first, second, third = updated(site, Updated(0.99), {"known": known, "unknown": unknown}, Progress())
+    assert (first.name, first.counts) == ("monday", {})
+    assert second.counts == {"asked": 2, "adopted": 2, "wrong": 0, "changed": 0}
+    assert third.counts == {"asked": 2, "adopted": 0, "wrong": 0, "changed": 0}
+    assert third.bytes == second.bytes > first.bytes
