@@ -62,7 +62,7 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
-    """The scans of one drive at poses of a survey, by stamps, or at the log's own; raises NothingAdoptedError where none is known."""
+    """The scans of a drive at surveyed poses, by stamps, or at the log's own; raises NothingAdoptedError where none is known."""
     known = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
     if poses is not None:
         known = poses.at(np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64))[0]
@@ -109,7 +109,7 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
 
 
 def taken(scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str) -> Adoption:
-    """Those with a pose, each STEP_M or more from the one before; raises NothingAdoptedError with the reason where there are none."""
+    """Those with a pose, STEP_M or more from the one before; raises NothingAdoptedError with the reason where there is none."""
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
         if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
