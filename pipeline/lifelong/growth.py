@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.lifelong.adoption import Adoption
+from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
 from pipeline.matching.rejection import PREFIX as HELD_OUT
@@ -46,10 +46,12 @@ class Growth:
 
 
 def planned(site: Site, adoption: Adoption) -> Growth:
-    """What of the day's scans the site can learn."""
+    """What of the day's scans the site can learn; raises NothingAdoptedError where none lies in a place."""
     xy_m = adoption.world_T_scan[:, :2, 3]
     places = site.places.grown(xy_m) if adoption.surveyed else site.places
     new, walls = places.at(xy_m), site.fixer.walls
+    if (new < 0).all():
+        raise NothingAdoptedError(f"nothing to learn of {adoption.asked} scans: those adopted lie in no place of the site")
     usual = usual_contradiction(site.targets, walls)
     changed = contradicted(site.targets, walls, adoption.points, adoption.world_T_scan, usual)
     return Growth(adoption, places, new, changed, np.flatnonzero(new >= len(site.places.cells)))
@@ -66,7 +68,7 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
     method = build(about["method"], ROOTS)
     model = method.grow({**parts.model, **held_out}, known, new, progress)
     number = len(about["growth"]["days"])
-    learned = {**learned_from(Rows.joined([known_views, new.views]), model)}
+    learned = dict(learned_from(Rows.joined([known_views, new.views]), model))
     learned["days"] = np.concatenate([views["days"], np.full(len(used), number)])
     learned["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used]])
     counts = {"places": len(growth.places.cells) - len(site.places.cells), "changed": len(growth.changed)}

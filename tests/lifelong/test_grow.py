@@ -8,8 +8,8 @@ import pytest
 
 from pipeline import replacing
 from pipeline.cli import main
-from pipeline.lifelong.adoption import Adoption
-from pipeline.lifelong.growth import Growth, mapped
+from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
+from pipeline.lifelong.growth import Growth, mapped, planned
 from pipeline.lifelong.steps import updated
 from pipeline.lifelong.strategies import Updated
 from pipeline.matching.ranking import Rows
@@ -94,6 +94,13 @@ def test_a_submap_that_changed_gives_way_to_the_scan_that_tells(site: Path) -> N
     kept, offsets = parts.arrays["points"][parts.arrays["offsets"][1] :], grown["offsets"]
     np.testing.assert_array_equal(grown["points"][: offsets[2]], kept)
     assert len(grown["points"]) == offsets[-1] > offsets[3] > offsets[2]
+
+
+def test_scans_that_lie_in_no_place_are_not_learned(site: Path) -> None:
+    opened, cloud = Site(site_file.read(site)), (scene(0),)
+    away = Adoption(cloud, np.zeros(1, np.int64), np.array([planar(100, 0, 0)]), np.ones(1), np.zeros(1, bool), False, 3)
+    with pytest.raises(NothingAdoptedError, match="nothing to learn of 3 scans: those adopted lie in no place"):
+        planned(opened, away)
 
 
 def test_a_kill_while_writing_leaves_the_old_site(
