@@ -198,7 +198,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
     model = M2dp().learn(views, np.arange(12), Progress())
     store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
     study = {"tests": ["2012-02-04"], "methods": [{"name": "m2dp", "view": "m2dp"}]}
-    monkeypatch.setattr(stage, "studies", lambda: {"campus": study})
+    monkeypatch.setattr(stage, "studies", lambda conf: {"campus": study})
     cfg = {"study": "campus", "cells": "10m", "artifacts": "artifacts", "queries": 4, "k": 3, "dataset": {"simulated": True}}
     line = stage.main.run(OmegaConf.create(cfg | {"out": "artifacts/latency/campus/10m.csv", "samples": "10m.json"}))
     assert line.startswith("m2dp ")
