@@ -17,6 +17,7 @@ LIFELONG = Schema(
         "strategy": "what a model does with it: a file of conf/strategy",
         "steps": "name of each step",
         "asked": "name of each asked day",
+        "correct_m": "right by distance: the answer is at most so far away",
         "places": "cells surveyed by each step",
         "bytes": "of the model after each step",
         "counts": "of each update: scans asked and adopted, adopted at a wrong pose, submaps that changed",

@@ -22,18 +22,19 @@ from stages import ROOT, ProgressBar, stage, within_budget
 @stage("lifelong")
 def main(cfg: DictConfig) -> str:
     cfg = within_budget(cfg, HydraConfig.get().overrides.task)
-    model = model_named(studies(ROOT / "conf")[cfg.study], cfg.name)
     strategy, progress = instantiate(cfg.strategy.way), ProgressBar(float(cfg.budget.share))
     asked = {name: Rows.read(Path(cfg.views, f"{name}.zarr")) for name in cfg.asked.split()}
     course = Course(Path(cfg.artifacts), cfg.study, cfg.cells, cfg.name, cfg.train, cfg.learned.split(), Path(cfg.views))
+    packing = Packing(ROOT / "conf", course.artifacts, studies(ROOT / "conf"))
     with TemporaryDirectory() as scratch:
-        packing = Packing(ROOT / "conf", course.artifacts, studies(ROOT / "conf"))
         found = course.steps(cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress)
         record = Record.of(found, asked, progress.tell)
     attrs = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*asked], **record.attrs}
+    attrs |= {"correct_m": float(cfg.tolerance.distance.correct_m)}
     with store.write(cfg.out, LIFELONG, **attrs) as out:
         for name, column in record.columns.items():
             out.put(name, column)
+    model = model_named(studies(ROOT / "conf")[cfg.study], cfg.name)
     place = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells, **model.columns}
     with store.replace(cfg.timing) as path:
         path.write_text(json.dumps({"place": place, **attrs, "cpu_s": [step.cpu_s for step in record.steps]}) + "\n")

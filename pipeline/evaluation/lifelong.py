@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from pipeline.evaluation.rows import Rows, several
 from pipeline.store import Artifact
 
-NEAR_M = 15.0
-"""How near an answer is right by distance."""
 CHANGE = "lifelong"
 
 
@@ -36,7 +34,7 @@ class Course:
     def of(cls, artifact: Artifact, protocol: str) -> Self:
         """That of an artifact, by cells or by distance."""
         attrs, known_from = artifact.attrs, artifact.load("known_from")
-        right = artifact.load("right") if protocol == "cells" else artifact.load("error_m") < NEAR_M
+        right = artifact.load("right") if protocol == "cells" else artifact.load("error_m") <= attrs["correct_m"]
         streets = attrs["order"] == "streets"
         group = known_from if streets else artifact.load("day")
         return cls(right, known_from, group, attrs["steps"] if streets else attrs["asked"], attrs["steps"])
@@ -87,7 +85,7 @@ def lifelong_rows(artifact: Artifact) -> Rows:
             numbers = {"mean_recall": course.mean_recall(step), "recall_of_all": course.of_all(step)}
             yield from several(place, protocol, numbers | {"forgetting": course.forgetting(step)})
         counts = {kind: attrs[kind][step] for kind in ("places", "bytes")} | attrs["counts"][step]
-        yield from several(place | {"sequence": name}, "", counts)
+        yield from several(place | {"sequence": name}, "", counts | {"correct_m": attrs["correct_m"]})
 
 
 def cost_rows(course: Mapping[str, Any]) -> Rows:

@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
-from pipeline.evaluation.lifelong import NEAR_M
 from pipeline.report.result import day
 from pipeline.report.sections.lifelong_numbers import PROTOCOL, by_order, by_strategy, strategies
 from pipeline.report.summary import Row, Summary
@@ -49,7 +48,8 @@ def _print_learning(console: Console, name: str, grid: str, rows: pd.DataFrame, 
     orders, found = by_order(every), by_strategy(every)
     numbers = ("recall_of_all", "forgetting")[: 1 if console.width < NARROW else 2]
     name += ", simulated" if study["source"] == "world" else ", recorded"
-    title = f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within {NEAR_M:g} m"
+    correct_m = rows.loc[rows["number"] == "correct_m", "value"].max()
+    title = f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within {correct_m:g} m"
     console.print(title, overflow="ellipsis", no_wrap=True)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True

@@ -115,10 +115,11 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     words = (f"method={model.method}", settings, method.get("variants", {}).get(model.variant, ""), seed)
     entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name}
     entry |= {"recipe": " ".join(filter(None, words)), "code": method["code"], "view": method["view"], "train": study["train"]}
+    tolerance = {"tolerance": study.get("tolerance", TOLERANCE)}
     learned = {"budget": study["budget"], "of": "" if " " in study["train"] else f"/{study['train']}.zarr"}
     lists["models"][f"{dataset}-{grid}-{model.name}"] = entry | learned
     if study.get("question") == LIFELONG:
-        lists["lifelong"] |= instances(entry | {"budget": study["budget"]}, study, method, INSTEAD)
+        lists["lifelong"] |= instances({**entry, **learned, **tolerance}, study, method, INSTEAD)
     if not asks_about_the_year(study):
         return
     own = grid in study["grids"]
@@ -127,8 +128,7 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
     answered = f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
     asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
     lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
-    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"]}
-    evaluated["tolerance"] = study.get("tolerance", TOLERANCE)
+    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"], **tolerance}
     for answers in answers_of(study, model) if own else [model]:
         rankings = f"artifacts/{folder(dataset, grid, answers)}"
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}

@@ -18,9 +18,9 @@ COURSE = Course(RIGHT, KNOWN_FROM, DAY, ("first", "second"), ("a", "b", "c"))
 
 def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
     """By distance the third query is right after every step, and the first after none."""
-    error_m = np.where(RIGHT, 14.9, 15.0)
+    error_m = np.where(RIGHT, 15.0, 15.1)
     error_m[:, 2], error_m[:, 0] = 3.0, 99.0
-    attrs: dict[str, Any] = {"order": order, "strategy": "grown", "steps": steps, "asked": ["first", "second"]}
+    attrs: dict[str, Any] = {"correct_m": 15.0, "order": order, "strategy": "grown", "steps": steps, "asked": ["first", "second"]}
     attrs |= {"places": [3, 4, 5], "bytes": [10, 20, 30], "counts": [{}, {"asked": 9, "adopted": 8}, {"asked": 7, "adopted": 0}]}
     columns = {"right": RIGHT, "error_m": error_m, "known_from": KNOWN_FROM, "day": DAY, "xy_m": np.zeros((6, 2))}
     with store.write(path, LIFELONG, **attrs) as draft:

@@ -57,7 +57,7 @@ def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -
 
 def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Path) -> None:
     found = record(Grown())
-    attrs = {"order": "days", "strategy": "grown", "asked": [*ASKED], **found.attrs}
+    attrs = {"order": "days", "correct_m": 15.0, "strategy": "grown", "asked": [*ASKED], **found.attrs}
     with store.write(tmp_path / "grown.zarr", LIFELONG, **attrs) as out:
         for name, column in found.columns.items():
             out.put(name, column)

@@ -79,7 +79,15 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
     names = {"days": [TRAIN, LEARNED], "streets": [f"{TRAIN} 1/2", f"{TRAIN} 2/2"], "updates": [TRAIN, UPDATE]}[order]
     wrong = {"updated": 0, "trusting": 3 + seed}.get(strategy)
     counts = {} if wrong is None else {"asked": 50, "adopted": 40 + wrong, "wrong": wrong, "changed": 7}
-    attrs = {"order": order, "strategy": strategy, "asked": ASKED, "steps": names, "places": [3, 4], "bytes": [2e6, 3e6]}
+    attrs = {
+        "correct_m": 15.0,
+        "order": order,
+        "strategy": strategy,
+        "asked": ASKED,
+        "steps": names,
+        "places": [3, 4],
+        "bytes": [2e6, 3e6],
+    }
     attrs["counts"] = [{}, counts]
     arrays = {"right": right, "error_m": np.where(right, 1.0, 20.0), "known_from": KNOWN_FROM, "day": DAY}
     arrays["xy_m"] = np.stack([10.0 * np.arange(5), np.zeros(5)], axis=1)
