@@ -58,7 +58,7 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
     poses = np.array([NO_POSE if fix is None else fix.world_T_sensor for fix in best]).reshape(-1, 4, 4)
     chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best])
     bridge(poses, chance, np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4))
-    return taken(scans, poses, chance, False, f"no fix keeps the promise of {promise}")
+    return taken(scans, poses, chance, False, "no fix is believed")
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
@@ -92,20 +92,19 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
     """
     known = np.flatnonzero(np.isfinite(poses).all((1, 2)))
     for first, last in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
-        steps = np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
-        onwards = poses[first] @ steps
+        onwards = poses[first] @ np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
         away_m, turn_deg = apart(onwards[-1:], poses[last][None])
-        if last - first < 2 or not (np.isfinite(steps).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG):
+        if last - first < 2 or not (np.isfinite(onwards).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG):
             continue
-        back = poses[last] @ np.linalg.inv(steps[-1]) @ steps
-        way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(steps[:, :3, 3], axis=0), axis=1))])
-        share = way_m / max(way_m[-1], 1e-9)
-        for row in range(first + 1, last):
-            ends, part = (onwards[row - first], back[row - first]), share[row - first]
-            poses[row] = np.eye(4)
-            poses[row, :3, :3] = Slerp([0, 1], Rotation.from_matrix([end[:3, :3] for end in ends]))(part).as_matrix()
-            poses[row, :3, 3] = (1 - part) * ends[0][:3, 3] + part * ends[1][:3, 3]
-            chance[row] = min(chance[first], chance[last])
+        way_m = np.cumsum(np.linalg.norm(np.diff(onwards[:, :3, 3], axis=0), axis=1))
+        share, between = way_m[:-1] / max(way_m[-1], 1e-9), slice(first + 1, last)
+        correction = poses[last] @ np.linalg.inv(onwards[-1])
+        turned = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share).as_matrix()
+        corrected = (correction @ onwards[1:-1])[:, :3, 3]
+        poses[between] = np.eye(4)
+        poses[between, :3, :3] = turned @ onwards[1:-1, :3, :3]
+        poses[between, :3, 3] = onwards[1:-1, :3, 3] + share[:, None] * (corrected - onwards[1:-1, :3, 3])
+        chance[between] = min(chance[first], chance[last])
 
 
 def taken(scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str) -> Adoption:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from pipeline.lifelong import adoption, growth
 from pipeline.lifelong.adoption import NothingAdoptedError
 from pipeline.lifelong.strategies import Updated
+from pipeline.matching.growth import in_order
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Method, Model, Rows, TrainingSet
 from pipeline.online import site_file
@@ -52,17 +52,15 @@ def surveyed(
     """A step a day whose poses are known; `places` are those of the grid, none or the first day's, and `first` its model."""
     known: TrainingSet | None = None
     model: Model = first or {}
-    for number, (name, views) in enumerate(days.items()):
-        places = places.grown(xy_m := views.world_T_anchor[:, :2, 3])
-        new, start = TrainingSet(views, places.at(xy_m)), time.process_time()
-        part = progress.part(f"step{number}")
+    for number, (name, (new, by_then)) in enumerate(zip(days, in_order(days.values(), places), strict=True)):
+        start, part = time.process_time(), progress.part(f"step{number}")
         if known is None:
             model = first if first is not None else method.learn(*new, part)
         else:
             model = strategy.learn(method, model, known, new, part)
         known = new if known is None else TrainingSet.joined([known, new])
         used_s, size = time.process_time() - start, sum(array.nbytes for array in model.values())
-        yield Step(name, method.localizer(model), places, size, used_s)
+        yield Step(name, method.localizer(model), by_then, size, used_s)
 
 
 def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress) -> Iterator[Step]:
@@ -72,12 +70,14 @@ def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]],
     yield _of_site(str(parts.about["provenance"]["train"]), site, parts, 0.0)
     for name, scans in drives.items():
         start, counts = time.process_time(), {"asked": len(scans), "adopted": 0, "wrong": 0, "changed": 0}
-        with suppress(NothingAdoptedError):
+        try:
             plan = growth.planned(site, adoption.adopted(site, scans, strategy.promise))
             wrong = int(plan.adoption.wrong[plan.used].sum())
             counts |= {"adopted": len(plan.used), "wrong": wrong, "changed": len(plan.changed)}
             parts = growth.grown(site, parts, plan, name, progress.part(name))
             site = Site(parts, threads=2)
+        except NothingAdoptedError as error:
+            progress.tell(f"{name}: {error}")
         yield _of_site(name, site, parts, time.process_time() - start, counts)
 
 

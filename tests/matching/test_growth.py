@@ -12,7 +12,7 @@ from tests.methods.test_scan_context import FIFTY
 
 def test_later_days_are_learned_after_the_first() -> None:
     first, second = DAYS.values()
-    known, later = in_order([first, second], NONE)
+    (known, _), (later, _) = in_order([first, second], NONE)
     model = FIFTY.learn(*known, Progress())
     found, both = grown(FIFTY, model, [first, second], NONE, Progress())
     assert np.array_equal(both.places, np.concatenate([known.places, later.places]))
