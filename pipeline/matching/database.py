@@ -1,5 +1,6 @@
 """The places and poses of training submaps, and rankings of queries by their nearest descriptors."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -24,12 +25,12 @@ Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float
 """Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
 
 
-class MadeAnew:
+class MadeAnew(ABC):
     """A method that trains nothing: with further days its database is made from all rows."""
 
+    @abstractmethod
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Each method says how."""
-        raise NotImplementedError
+        """The database of all rows."""
 
     def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
         """As if all rows had been learned at once."""

@@ -5,8 +5,9 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.frames import pose
-from pipeline.matching.database import Database, DescriptorMethod, euclidean
+from pipeline.matching.database import Database, euclidean
 from pipeline.matching.ranking import Rows
+from pipeline.methods.m2dp import M2dp
 
 XYZ = np.stack([10.0 * np.arange(6), np.zeros(6), np.zeros(6)], axis=1)
 YAW = np.deg2rad([0, 0, 90, 90, 170, 170])
@@ -43,7 +44,7 @@ def test_the_heading_of_an_answer_is_its_rows_and_the_turn_against_it():
 
 def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surroundings():
     # Blocks of 10 m every 20 m hold rows 1, 3 and 5 (path + 10 m, modulo 20 m, below 10 m); of their places each keeps a row.
-    evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, DescriptorMethod(False, 20, 10, 15))
+    evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, M2dp(False, 20, 10, 15))
     assert evidence.right.tolist() == [True, True, True]  # row 3 is as near to 2 as to 4, row 1 to 0 as to 2: the first counts
     assert evidence.seen["distance"].tolist() == [1, 1, 1]
     # Without all within 15 m: row 1 finds 4 at 3, row 3 finds 0 at 3, row 5 finds 2 at 3.
@@ -51,7 +52,7 @@ def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surrou
 
 
 def test_a_path_too_short_for_blocks_holds_each_row_against_the_others():
-    evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, DescriptorMethod(False, 1000, 1, 15))
+    evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, M2dp(False, 1000, 1, 15))
     assert len(evidence.right) == 6
     assert evidence.seen["distance"].tolist() == [1] * 6
 
