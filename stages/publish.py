@@ -7,9 +7,9 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.expansion import ModelName, answers_of, asks_about_the_year
+from pipeline.studies.expansion import LIFELONG, ModelName, answers_of, asks_about_the_year
 from pipeline.studies.known import studies
-from pipeline.tracking import page
+from pipeline.tracking import further_days, page
 from pipeline.tracking import runs as tracking
 from pipeline.tracking.records import Source, measured, with_model
 from stages import ROOT, stage
@@ -18,21 +18,21 @@ from stages import ROOT, stage
 @stage("publish")
 def main(cfg: DictConfig) -> str:
     study, artifacts, runs = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
-    if not asks_about_the_year(study):
-        return f"{cfg.study} judges turned robots alone, see {artifacts}/report/{cfg.study}"
     table, lock = results.read(artifacts, [cfg.study]), DvcLock.read(artifacts.parent / "dvc.lock")
+    further = study.get("question") == LIFELONG
     for grid in study["grids"]:
         figures = artifacts / "report" / cfg.study / grid
         source = Source(cfg.study, grid, study, cfg.dataset.simulated, table[table["grid"] == grid], figures, lock)
-        for method in study["methods"]:
+        runs += further_days.records(source) if further else ()
+        for method in study["methods"] if asks_about_the_year(study) else ():
             path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
             extra = measured(artifacts, cfg.study, grid, method, path)
             own, *others = answers_of(study, ModelName(method["name"]))
             recipe = store.read_recipe(path)
             runs += [source.record(posed, {}, recipe, {}) for posed in others if not posed.path]
             runs.append(with_model(source.record(own, store.read_model(path), recipe, extra), path))
-    name = tracking.experiment_of(cfg.study, cfg.dataset.simulated)
-    done = tracking.publish(Path(cfg.tracking.database), name, runs)
+    name = tracking.experiment_of(cfg.study, cfg.dataset.simulated, LIFELONG if further else "")
+    done = tracking.publish(Path(cfg.tracking.database), name, runs, page.FURTHER_DAYS if further else page.YEAR)
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     moved = f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; " if done.aside else ""
     return f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"

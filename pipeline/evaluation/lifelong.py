@@ -29,6 +29,8 @@ class Course:
     """(query,) index of the day asked, or of the part of the site."""
     groups: Sequence[str]
     steps: Sequence[str]
+    later: NDArray[np.bool_]
+    """(step, group) whether the group is a day after all that was learned by then."""
 
     @classmethod
     def of(cls, artifact: Artifact, protocol: str) -> Self:
@@ -36,8 +38,9 @@ class Course:
         attrs, known_from = artifact.attrs, artifact.load("known_from")
         right = artifact.load("right") if protocol == "cells" else artifact.load("error_m") <= attrs["correct_m"]
         streets = attrs["order"] == "streets"
-        group = known_from if streets else artifact.load("day")
-        return cls(right, known_from, group, attrs["steps"] if streets else attrs["asked"], attrs["steps"])
+        group, groups = (known_from, attrs["steps"]) if streets else (artifact.load("day"), attrs["asked"])
+        later = np.greater(*np.ix_(attrs["asked_ns"], attrs["newest_ns"])).T
+        return cls(right, known_from, group, groups, attrs["steps"], np.zeros((len(groups),) * 2, bool) if streets else later)
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
         """The share of right answers after a step to queries of a group whose place was known by then, or by an earlier step."""
@@ -67,6 +70,11 @@ class Course:
         ]
         return _mean([max(known) for one in lost if (known := [value for value in one if np.isfinite(value)])])
 
+    def transfer(self, step: int) -> float:
+        """The mean over the days still to come of what was gained since the first step, of the queries known then."""
+        coming = np.flatnonzero(self.later[step])
+        return _mean([self.recall(step, group, 0) - self.recall(0, group, 0) for group in coming])
+
 
 def _mean(values: Sequence[float]) -> float:
     there = [value for value in values if np.isfinite(value)]
@@ -83,7 +91,8 @@ def lifelong_rows(artifact: Artifact) -> Rows:
             for group, asked in enumerate(course.groups):
                 yield from several(place | {"sequence": asked}, protocol, {"recall_at_1": course.recall(step, group)})
             numbers = {"mean_recall": course.mean_recall(step), "recall_of_all": course.of_all(step)}
-            yield from several(place, protocol, numbers | {"forgetting": course.forgetting(step)})
+            numbers |= {"forgetting": course.forgetting(step), "transfer": course.transfer(step)}
+            yield from several(place, protocol, numbers)
         counts = {kind: attrs[kind][step] for kind in ("places", "bytes")} | attrs["counts"][step]
         yield from several(place | {"sequence": name}, "", counts | {"correct_m": attrs["correct_m"]})
 

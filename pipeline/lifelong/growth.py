@@ -60,17 +60,16 @@ def planned(site: Site, adoption: Adoption) -> Growth:
 def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progress) -> Parts:
     """The site with the day `name` learned; `parts` are those that it was opened from, its views among them."""
     about, views, used = parts.about, parts.views, growth.used
-    known_views = Rows(*(views[key] for key in ("images", "stamps_ns", "world_T_anchor")))
-    known = TrainingSet(known_views, site.places.at(known_views.world_T_anchor[:, :2, 3]))
+    known = learned(site, parts)
     seen = growth.adoption.views(site)
     new = TrainingSet(Rows(seen.images[used], seen.stamps_ns[used], seen.world_T_anchor[used]), growth.new[used])
     held_out = {key: array for key, array in views.items() if key.startswith(HELD_OUT)}
     method = build(about["method"], ROOTS)
     model = method.grow({**parts.model, **held_out}, known, new, progress)
     number = len(about["growth"]["days"])
-    learned = dict(learned_from(Rows.joined([known_views, new.views]), model))
-    learned["days"] = np.concatenate([views["days"], np.full(len(used), number)])
-    learned["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used]])
+    every = dict(learned_from(Rows.joined([known.views, new.views]), model))
+    every["days"] = np.concatenate([views["days"], np.full(len(used), number)])
+    every["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used]])
     counts = {"places": len(growth.places.cells) - len(site.places.cells), "changed": len(growth.changed)}
     days = [*about["growth"]["days"], day(name, len(used), **counts)]
     return Parts(
@@ -78,8 +77,14 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
         {key: array for key, array in model.items() if key in parts.model},
         {**mapped(site, parts, growth), "cells": growth.places.cells},
         None,
-        learned,
+        every,
     )
+
+
+def learned(site: Site, parts: Parts) -> TrainingSet:
+    """The views that a site has learned, each with its place; `parts` are those that it was opened from."""
+    views = Rows(*(parts.views[key] for key in ("images", "stamps_ns", "world_T_anchor")))
+    return TrainingSet(views, site.places.at(views.world_T_anchor[:, :2, 3]))
 
 
 def mapped(site: Site, parts: Parts, growth: Growth) -> Arrays:

@@ -21,6 +21,8 @@ class Record:
     columns: Mapping[str, NDArray[Any]]
     """As in schemas_lifelong."""
     steps: Sequence[Step]
+    asked_ns: Sequence[int]
+    """The first stamp of each asked day."""
 
     @classmethod
     def of(cls, steps: Iterator[Step], asked: Mapping[str, Rows], told: Callable[[str], None]) -> Self:
@@ -43,8 +45,10 @@ class Record:
             "known_from": np.where(known.any(axis=0), known.argmax(axis=0), -1),
             "day": day,
             "xy_m": xy_m,
+            "place_xy_m": (last := done[-1]).places.grid.centre(last.places.cells),
+            "newest_ns": last.newest_ns,
         }
-        return cls(columns, done)
+        return cls(columns, done, [int(views.stamps_ns[0]) for views in asked.values()])
 
     @property
     def attrs(self) -> dict[str, Any]:
@@ -54,6 +58,8 @@ class Record:
         return {
             "steps": [step.name for step in every],
             "places": known,
+            "newest_ns": [int(step.newest_ns.max()) for step in every],
+            "asked_ns": [*self.asked_ns],
             "bytes": [step.bytes for step in every],
             "counts": [dict(step.counts) for step in every],
         }

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.lifelong import adoption, growth
 from pipeline.lifelong.adoption import NothingAdoptedError
@@ -31,6 +32,8 @@ class Step:
     localizer: Localizer
     places: Places
     """Those surveyed by then, whether it learned them or not."""
+    newest_ns: NDArray[np.int64]
+    """(place,) stamp of the newest view of each that was surveyed or adopted."""
     bytes: int
     cpu_s: float
     counts: Mapping[str, int] = field(default_factory=dict)
@@ -60,7 +63,14 @@ def surveyed(
             model = strategy.learn(method, model, known, new, part)
         known = new if known is None else TrainingSet.joined([known, new])
         used_s, size = time.process_time() - start, sum(array.nbytes for array in model.values())
-        yield Step(name, method.localizer(model), by_then, size, used_s)
+        yield Step(name, method.localizer(model), by_then, newest_ns(known), size, used_s)
+
+
+def newest_ns(views: TrainingSet) -> NDArray[np.int64]:
+    """(place,) the stamp of the newest view of each."""
+    found = np.zeros(views.places.max() + 1, np.int64)
+    np.maximum.at(found, views.places, views.views.stamps_ns)
+    return found
 
 
 def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress) -> Iterator[Step]:
@@ -83,4 +93,4 @@ def updated(path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]],
 
 def _of_site(name: str, site: Site, parts: site_file.Parts, cpu_s: float, counts: Mapping[str, int] | None = None) -> Step:
     size = sum(array.nbytes for array in parts.model.values())
-    return Step(name, site.localizer, site.places, size, cpu_s, counts or {})
+    return Step(name, site.localizer, site.places, newest_ns(growth.learned(site, parts)), size, cpu_s, counts or {})

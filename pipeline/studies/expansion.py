@@ -155,7 +155,7 @@ def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     there |= {"changed": ("events", robust), "learned": ("lifelong", lifelong)}
     read = {word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word] for word, (kind, has) in there.items()}
     lists["results"][dataset] = {"dataset": dataset, **read}
-    if year:
+    if year or lifelong:
         lists["published"][dataset] = {"dataset": dataset}
 
 

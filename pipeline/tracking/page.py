@@ -46,7 +46,18 @@ class Drawing:
     bars: bool = False  # a bar for each run instead of lines over the steps
 
 
-SECTIONS = {
+@dataclass(frozen=True)
+class View:
+    """What the page of an experiment shows."""
+
+    name: str
+    sections: Mapping[str, Drawing]
+    """In sight, from top to bottom, by headline."""
+    metrics: Mapping[str, int]
+    """Columns of the table of runs, and how wide, in px."""
+
+
+_YEAR = {
     "AUC over days since training": Drawing(("cells/auc_top1",)),
     "Means over the test days": Drawing(("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True),
     "By distance over days": Drawing(
@@ -66,22 +77,34 @@ SECTIONS = {
     "Calibration error over days": Drawing(("calibration/ece", "calibration/ece_raw")),
     "Training curves over epochs": Drawing(("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")),
 }
-"""In sight, from top to bottom, by headline."""
-UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss")
+_FURTHER_DAYS = {
+    "Recall of all queries over days learned": Drawing(("distance/recall_of_all", "cells/recall_of_all")),
+    "Forgetting over days learned": Drawing(("distance/forgetting", "cells/forgetting")),
+    "Transfer to days still to come": Drawing(("distance/transfer", "cells/transfer")),
+    "CPU seconds a day": Drawing(("cost/cpu_s",)),
+}
+UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss", "cost/")
+UNBOUNDED += tuple(f"{protocol}/{number}" for protocol in ("cells", "distance") for number in ("forgetting", "transfer"))
 """How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
-FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "System metrics"), 1)
-FOLDED |= dict.fromkeys(("mean", "ageing", "cost"), 2)
+FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "recall_by_cells", "recall_by_distance"), 1)
+FOLDED |= {"System metrics": 1} | dict.fromkeys(("mean", "ageing", "cost"), 2)
 """Sections below, for the charts that the page adds itself, and their columns: one where they are lines, two where bars."""
 COLUMNS = {
     "attributes.`Dataset`": 290,
     "attributes.`Models`": 240,
     "attributes.`Description`": 120,
-    "metrics.`mean/cells_auc_top1`": 140,
-    "metrics.`mean/distance_recall_at_1`": 175,
-    "metrics.`mean/distance_auroc`": 150,
-    "metrics.`mean/cells_recall_at_1`": 160,
 }
-"""What the table of runs shows beside a run's name and date, and how wide, in px."""
+"""What the table of runs shows beside a run's name and date, and how wide, in px; the metrics of a view follow."""
+YEAR = View(
+    "localisation over a year",
+    _YEAR,
+    {"mean/cells_auc_top1": 140, "mean/distance_recall_at_1": 175, "mean/distance_auroc": 150, "mean/cells_recall_at_1": 160},
+)
+FURTHER_DAYS = View(
+    "learning further days",
+    _FURTHER_DAYS,
+    {"distance/recall_of_all": 175, "cells/recall_of_all": 150, "distance/forgetting": 150, "cost/cpu_s": 110},
+)
 
 
 def shade(place: int, count: int) -> str:
@@ -94,10 +117,10 @@ def shade(place: int, count: int) -> str:
     )
 
 
-def tags() -> dict[str, str]:
+def tags(shown: View) -> dict[str, str]:
     """What an experiment is to be tagged with."""
-    state = base64.b64encode(zlib.compress(json.dumps(_state(), separators=(",", ":")).encode(), 9)).decode()
-    view = json.dumps({"name": "localisation over a year", "createdAt": 0, "state": f"deflate;{state}"})
+    state = base64.b64encode(zlib.compress(json.dumps(_state(shown), separators=(",", ":")).encode(), 9)).decode()
+    view = json.dumps({"name": shown.name, "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
     return {
         "mlflow.experimentKind": kind,
@@ -116,17 +139,18 @@ def url(experiment_id: str, host: str, port: int) -> str:
     return f"http://{host}:{port}/{fragment(experiment_id)}"
 
 
-def _state() -> dict[str, object]:
-    sections = [_section(name, {"columns": own.columns, "cardHeight": own.height}) for name, own in SECTIONS.items()]
-    sections += [_section(name, {"columns": columns}) for name, columns in FOLDED.items()]
-    charts = [_chart(name, own, metrics.split()) for name, own in SECTIONS.items() for metrics in own.charts]
+def _state(view: View) -> dict[str, object]:
+    sections = [_section(name, True, {"columns": own.columns, "cardHeight": own.height}) for name, own in view.sections.items()]
+    sections += [_section(name, False, {"columns": columns}) for name, columns in FOLDED.items()]
+    charts = [_chart(name, own, metrics.split()) for name, own in view.sections.items() for metrics in own.charts]
+    widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view.metrics.items()}
     shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
-    columns = {"selectedColumns": [*COLUMNS], "columnOrder": [*COLUMNS], "columnWidths": COLUMNS}
+    columns = {"selectedColumns": [*widths], "columnOrder": [*widths], "columnWidths": widths}
     return {"compareRunSections": sections, "compareRunCharts": charts, **shown, **columns}
 
 
-def _section(name: str, size: Mapping[str, int]) -> dict[str, object]:
-    return {"uuid": name, "name": name, "display": name in SECTIONS, "isReordered": False, **size}
+def _section(name: str, display: bool, size: Mapping[str, int]) -> dict[str, object]:
+    return {"uuid": name, "name": name, "display": display, "isReordered": False, **size}
 
 
 def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, object]:

@@ -81,7 +81,7 @@ class Source:
         }
         children = []
         for test in self.words["tests"]:
-            day, files = driven[driven["sequence"] == test], self._files(model, test)
+            day, files = driven[driven["sequence"] == test], self.files(model, test)
             name, about = tags | {"sequence": test}, self._about("day.md.j2", sequence=test, days=_days(day))
             inputs = used(self.study, self.words, [test], self.lock, train=False)
             children.append(RunRecord(test, name, params | {"test": test}, over_days(day), files, about=about, used=inputs))
@@ -91,21 +91,21 @@ class Source:
         said = {"what": what(recipe.get("_target_", "")), "method": model, "share": recipe.get("budget", ""), "places": places}
         about, registered = self._about("run.md.j2", **said), "" if of.posed else self._registered(model)
         inputs = used(self.study, self.words, self.words["tests"], self.lock)
-        return RunRecord(self._name(model), tags, params, series, self._files(model), children, None, registered, about, inputs)
+        return RunRecord(self.run(model), tags, params, series, self.files(model), children, None, registered, about, inputs)
 
-    def _name(self, model: str) -> str:
+    def run(self, model: str) -> str:
         """With the grid where the study has several; short, since a chart's legend has two lines for all runs."""
         return model if [*self.words.get("grids", ())] == [self.grid] else f"{model} {self.grid}"
 
     def _registered(self, model: str) -> str:
         """The name of the method's model in the registry, such as campus-sci-simulated."""
-        return "-".join([self.study, *self._name(model).split()] + ["simulated"] * self.simulated)
+        return "-".join([self.study, *self.run(model).split()] + ["simulated"] * self.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
         own = {"study": self.study, "grid": self.grid, "simulated": self.simulated, "budget": "", **self.words}
         return filled(template, **own | values)
 
-    def _files(self, model: str, sequence: str = "") -> list[Path]:
+    def files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures that belong to a model, those of all models included; or to it on one test sequence."""
         listed, owners = json.loads((self.figures / "figures.json").read_text()), {model} if sequence else {model, ""}
         wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners]

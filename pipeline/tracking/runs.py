@@ -83,9 +83,9 @@ class RunRecord:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def experiment_of(dataset: str, simulated: bool) -> str:
+def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
     """The name of a data set's experiment, which heads every page of it."""
-    return f"yearloc {dataset}{' (simulated)' * simulated}"
+    return f"yearloc {dataset}{f' {question}' * bool(question)}{' (simulated)' * simulated}"
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,11 @@ class Published:
     """The name that an experiment was given whose files went to another folder, where the project was moved."""
 
 
-def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Published:
+def publish(database: Path, experiment: str, runs: Sequence[RunRecord], view: page.View = page.YEAR) -> Published:
     """Make `experiment` in the sqlite file `database` hold these runs; figures go to `mlruns` beside it.
 
-    A run of the same name, or method and grid, whose content differs is marked deleted, with its children; others are left alone.
+    Its page opens on `view`. A run of the same name, or method and grid, whose content differs is marked deleted, with its
+    children; others are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
@@ -111,7 +112,7 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord]) -> Publi
     # One process at a time: two would each make the experiment, and each write the runs that they both find missing.
     with FileLock(f"{database}.lock"), _quiet_client(database) as client:
         experiment_id, aside = experiments.find(client, experiment, database.parent / "mlruns")
-        for tag, value in page.tags().items():
+        for tag, value in page.tags(view).items():
             client.set_experiment_tag(experiment_id, tag, value)
         ours = [run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags]
         models = served.owners(client, experiment_id)

@@ -13,7 +13,7 @@ from pipeline.schemas_lifelong import LIFELONG
 RIGHT = np.array([[1, 1, 0, 1, 0, 0], [1, 0, 1, 1, 0, 1], [0, 1, 1, 0, 1, 0]], bool)
 KNOWN_FROM, DAY = np.array([0, 0, 0, 1, 2, -1]), np.array([0, 0, 1, 1, 1, 0])
 """Three steps and six queries on two days; the place of the last query is never known."""
-COURSE = Course(RIGHT, KNOWN_FROM, DAY, ("first", "second"), ("a", "b", "c"))
+COURSE = Course(RIGHT, KNOWN_FROM, DAY, ("first", "second"), ("a", "b", "c"), np.array([[1, 1], [0, 1], [0, 0]], bool))
 
 
 def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
@@ -22,7 +22,9 @@ def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
     error_m[:, 2], error_m[:, 0] = 3.0, 99.0
     attrs: dict[str, Any] = {"correct_m": 15.0, "order": order, "strategy": "grown", "steps": steps, "asked": ["first", "second"]}
     attrs |= {"places": [3, 4, 5], "bytes": [10, 20, 30], "counts": [{}, {"asked": 9, "adopted": 8}, {"asked": 7, "adopted": 0}]}
+    attrs |= {"newest_ns": [1, 3, 5], "asked_ns": [2, 4]}
     columns = {"right": RIGHT, "error_m": error_m, "known_from": KNOWN_FROM, "day": DAY, "xy_m": np.zeros((6, 2))}
+    columns |= {"place_xy_m": np.zeros((5, 2)), "newest_ns": np.arange(1, 6)}
     with store.write(path, LIFELONG, **attrs) as draft:
         for name, column in columns.items():
             draft.put(name, column)
@@ -42,13 +44,29 @@ def test_forgetting_is_the_most_that_was_lost_of_what_was_known_then() -> None:
     assert [COURSE.forgetting(step) for step in range(3)] == pytest.approx([0.0, (0.5 - 1.0) / 2, (0.5 + 0.5) / 2])
 
 
+def test_transfer_is_what_was_gained_on_days_still_to_come(tmp_path: Path) -> None:
+    """Of the queries known from the first step the third alone is asked on the second day: wrong at first, right from then on."""
+    assert [COURSE.transfer(step) for step in (0, 1)] == [0.0, 1.0]
+    assert np.isnan(COURSE.transfer(2))  # no day is still to come
+    days = Course.of(artifact(tmp_path / "days.zarr", "days", ["a", "b", "c"]), "cells")
+    assert days.later.tolist() == COURSE.later.tolist()
+    assert not Course.of(artifact(tmp_path / "parts.zarr", "streets", ["a", "b", "c"]), "cells").later.any()
+
+
 def test_a_group_without_a_known_place_counts_nowhere() -> None:
-    late = Course(RIGHT[:2], np.array([0, 0, 1, 1, -1, -1]), np.array([0, 0, 1, 1, 2, 2]), ("x", "y", "z"), ("a", "b"))
+    late = Course(
+        RIGHT[:2],
+        np.array([0, 0, 1, 1, -1, -1]),
+        np.array([0, 0, 1, 1, 2, 2]),
+        ("x", "y", "z"),
+        ("a", "b"),
+        np.zeros((2, 3), bool),
+    )
     assert np.isnan(late.matrix).tolist() == [[False, True, True], [False, False, True]]
     assert late.mean_recall(0) == 1.0
     assert late.mean_recall(1) == pytest.approx(0.75)
     assert late.forgetting(1) == pytest.approx(0.5)  # of the first group alone
-    nothing = Course(RIGHT[:2], np.full(6, -1), DAY, ("x", "y"), ("a", "b"))
+    nothing = Course(RIGHT[:2], np.full(6, -1), DAY, ("x", "y"), ("a", "b"), COURSE.later)
     assert np.isnan([nothing.mean_recall(1), nothing.forgetting(1)]).all()
 
 

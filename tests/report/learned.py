@@ -44,6 +44,7 @@ WORDS: dict[str, Any] = {
         {"name": "sad", "view": "birdview", "stage": "birdviews", "courses": {"days": ["frozen", "grown"], "streets": ["grown"]}},
     ],
 }
+DAY_NS = 86_400 * 10**9
 DAY, KNOWN_FROM = np.array([0, 0, 1, 1, 1]), np.array([0, 0, 0, 1, -1])
 """Of five queries; the place of the last one is never known."""
 RIGHT = {"frozen": [1, 0, 1, 0, 0], "grown": [1, 1, 1, 1, 0], "tuned": [0, 0, 1, 1, 0], "joint": [1, 1, 1, 1, 0]}
@@ -89,8 +90,13 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
         "bytes": [2e6, 3e6],
     }
     attrs["counts"] = [{}, counts]
+    attrs |= {"newest_ns": [20 * DAY_NS, 40 * DAY_NS], "asked_ns": [10 * DAY_NS, 50 * DAY_NS]}
     arrays = {"right": right, "error_m": np.where(right, 1.0, 20.0), "known_from": KNOWN_FROM, "day": DAY}
     arrays["xy_m"] = np.stack([10.0 * np.arange(5), np.zeros(5)], axis=1)
+    arrays |= {
+        "place_xy_m": np.stack([10.0 * np.arange(4), np.zeros(4)], axis=1),
+        "newest_ns": np.array([10, 40, 40, 20]) * DAY_NS,
+    }
     with store.write(path, LIFELONG, **attrs) as draft:
         for name, array in arrays.items():
             draft.put(name, array)

@@ -14,7 +14,7 @@ from pipeline.tracking.records import MEANS
 @pytest.fixture(scope="module")
 def view() -> Any:
     """As js/build does: the envelope, then `deflate;` and base64 of zlib, then JSON."""
-    envelope = json.loads(page.tags()["mlflow.sharedViewState.yearloc"])
+    envelope = json.loads(page.tags(page.YEAR)["mlflow.sharedViewState.yearloc"])
     assert isinstance(envelope["name"], str)
     assert isinstance(envelope["createdAt"], int)
     head, _, packed = envelope["state"].partition(";")
@@ -45,7 +45,9 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
         "Training curves over epochs",
     ]
     folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
-    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "viewpoints", "cost", "System metrics"}
+    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "viewpoints", "cost", "System metrics"} | {
+        f"recall_by_{protocol}" for protocol in ("cells", "distance")
+    }
 
 
 def test_single_numbers_are_bars_over_the_runs_and_what_has_days_is_lines(view: Any) -> None:
@@ -87,7 +89,7 @@ def test_all_runs_are_shown_in_the_order_of_their_start(view: Any) -> None:
 
 
 def test_mlflow_keeps_tags_of_this_length() -> None:
-    assert all(len(value) <= page.LIMIT for value in page.tags().values())
+    assert all(len(value) <= page.LIMIT for value in page.tags(page.YEAR).values())
 
 
 def test_the_address_opens_the_charts_of_the_view_and_not_the_assistant() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
@@ -93,24 +94,48 @@ def over_steps(
 @styled
 def known_places(found: Mapping[str, Known], train_xy_m: NDArray[np.float64]) -> Figure:
     """Queries of all asked days by the step from which their place is known, a panel an order, over the training path (n, 2)."""
-    around = bounds_m(train_xy_m, *(one.xy_m for one in found.values()))
+    points = {}
+    for order, one in found.items():
+        names = ["never", *_ends(one.steps)]
+        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(one.steps)))]
+        points[order] = one.xy_m, one.known_from + 1, list(zip(names, shades, strict=True))
+    return _maps(points, train_xy_m, "From which step each place is known")
+
+
+@styled
+def ages(found: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]], train_xy_m: NDArray[np.float64]) -> Figure:
+    """Places by the age in days of their newest view, a panel an order: where they lie (n, 2), and their age (n,)."""
+    points = {}
+    for order, (xy_m, days) in found.items():
+        each, kind = np.unique(days, return_inverse=True)
+        shades = map(to_hex, matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(each))))
+        points[order] = xy_m, kind, [(f"{age} days", tint) for age, tint in zip(each, shades, strict=True)]
+    return _maps(points, train_xy_m, "The age of each place's newest view")
+
+
+Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]]
+"""Where points lie (n, 2), their kind (n,), and the name and colour of each kind."""
+
+
+def _maps(found: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str) -> Figure:
+    """A map a panel, later kinds above earlier ones, with how many points are of each kind."""
+    around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in found.values()))
     slope, columns = float(np.divide(*(around[1] - around[0])[::-1])), len(found)
     panel_in = min(WIDTH_IN / max(columns, 2), 4.5)
-    most = max(len(one.steps) for one in found.values())
-    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most + 2) // 2))
-    fig = figure(panel_in * max(columns, 2), height_in, "From which step each place is known")
-    for axis, (order, one) in zip(fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True):
+    most = max(len(looks) for *_, looks in found.values())
+    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most + 1) // 2))
+    fig = figure(panel_in * max(columns, 2), height_in, heading)
+    for axis, (title, (xy_m, kind, looks)) in zip(fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True):
         axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
-        shades = [PALETTE[i % len(PALETTE)] for i in range(len(one.steps))]
         entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
-        for step, (name, tint) in enumerate([("never", NEVER), *zip(_ends(one.steps), shades, strict=True)], start=-1):
-            own = one.xy_m[one.known_from == step]
+        for place, (name, tint) in enumerate(looks):
+            own = xy_m[kind == place]
             if len(own):
-                axis.scatter(*own.T, 5.0, tint, linewidths=0, zorder=3 + step, rasterized=True)
+                axis.scatter(*own.T, 5.0, tint, linewidths=0, zorder=2 + place, rasterized=True)
                 entries.insert(-1, dot(f"{name}: {len(own)}", tint))
         axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
         axis.set_axis_off()
-        axis.set_title(order, pad=3)
+        axis.set_title(title, pad=3)
         axis.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7, labelcolor=QUIET)
     scale_bar(fig.axes[0], around)
     return fig

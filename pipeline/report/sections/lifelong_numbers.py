@@ -11,7 +11,7 @@ from pipeline.evaluation.lifelong import CHANGE
 from pipeline.report.table import average
 from pipeline.studies.expansion import ModelName
 
-GROWN, TUNED, JOINT = "grown", "tuned", "joint"
+GROWN, TUNED, JOINT, UPDATED = "grown", "tuned", "joint", "updated"
 """Strategies that are compared with each other: files of conf/strategy."""
 UPDATES = "updates"
 """The order of days that nobody surveyed."""

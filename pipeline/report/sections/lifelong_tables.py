@@ -8,7 +8,7 @@ from pipeline.report.sections.lifelong_numbers import UPDATES, StrategyNumbers
 from pipeline.report.table import Cell, Table, average, spread, table
 from pipeline.report.tables import BOTH
 
-NUMBERS = {"recall_of_all": "of all", "mean_recall": "mean", "forgetting": "forgetting"}
+NUMBERS = {"recall_of_all": "of all", "mean_recall": "mean", "forgetting": "forgetting", "transfer": "transfer"}
 COUNTS = {"asked": "scans asked", "adopted": "adopted", "wrong": "of these wrong", "changed": "submaps changed"}
 
 
@@ -44,8 +44,8 @@ def asked_days(found: Sequence[StrategyNumbers], protocol: str) -> Table:
     rows = []
     for one in found:
         every = {day: one.over("recall_at_1", protocol, day) for day in days}
-        for at, when in enumerate(("before", "after")):
-            rows.append((one.model, one.strategy, when, *(spread(values[:, -at], 3) for values in every.values())))
+        for at, when in ((0, "before"), (-1, "after")):
+            rows.append((one.model, one.strategy, when, *(spread(values[:, at], 3) for values in every.values())))
     return table("lifelong_asked", ("model", "strategy", "when", *days), rows, words=3, protocol=protocol)
 
 

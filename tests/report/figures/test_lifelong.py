@@ -44,3 +44,12 @@ def test_a_query_has_the_colour_of_the_step_that_made_its_place_known(tmp_path: 
     shown = [(to_hex(one.get_facecolor()[0]).upper(), one.get_offsets().tolist()) for one in fig.axes[0].collections]
     assert shown == [("#BFBFBF", [[10, 0]]), (PALETTE[0], [[20, 5]]), (PALETTE[1], [[0, 0]])]
     assert {"never: 1", "1/2: 1", "2/2: 1", "training path", "days", "streets"} <= set(words(fig))
+
+
+def test_places_are_coloured_by_the_age_of_their_newest_view(tmp_path: Path) -> None:
+    xy_m = np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0]])
+    fig = saved_alike(partial(lifelong.ages, {"days": (xy_m, np.array([30, 0, 30]))}, TRAIN_XY_M), tmp_path)
+    newest, oldest = fig.axes[0].collections
+    assert np.asarray(newest.get_offsets()).tolist() == [[10, 0]]
+    assert np.asarray(oldest.get_offsets()).tolist() == [[0, 0], [20, 5]]
+    assert {"0 days: 1", "30 days: 2", "training path"} <= set(words(fig))
