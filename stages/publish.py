@@ -7,7 +7,8 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.expansion import LIFELONG, ModelName, answers_of, asks_about_the_year
+from pipeline.studies.courses import LIFELONG
+from pipeline.studies.expansion import ModelName, answers_of, asks_about_the_year
 from pipeline.studies.known import studies
 from pipeline.tracking import further_days, page
 from pipeline.tracking import runs as tracking

@@ -72,7 +72,7 @@ class Course:
 
     def transfer(self, step: int) -> float:
         """The mean over the days still to come of what was gained since the first step, of the queries known then."""
-        coming = np.flatnonzero(self.later[step])
+        coming = np.flatnonzero(self.later[step]).tolist()
         return _mean([self.recall(step, group, 0) - self.recall(0, group, 0) for group in coming])
 
 

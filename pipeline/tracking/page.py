@@ -83,8 +83,8 @@ _FURTHER_DAYS = {
     "Transfer to days still to come": Drawing(("distance/transfer", "cells/transfer")),
     "CPU seconds a day": Drawing(("cost/cpu_s",)),
 }
-UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss", "cost/")
-UNBOUNDED += tuple(f"{protocol}/{number}" for protocol in ("cells", "distance") for number in ("forgetting", "transfer"))
+_BY = ("cells/forgetting", "cells/transfer", "distance/forgetting", "distance/transfer")
+UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss", "cost/", *_BY)
 """How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
 FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "recall_by_cells", "recall_by_distance"), 1)
 FOLDED |= {"System metrics": 1} | dict.fromkeys(("mean", "ageing", "cost"), 2)
