@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import hydra
 from hydra.errors import InstantiationException
@@ -20,13 +20,21 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
-from pipeline.errors import YearlocError
+from pipeline.errors import ConfigError, YearlocError
 from pipeline.running.progress import Progress
+from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
 
 Item = TypeVar("Item")
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 ROOT = Path(__file__).parents[1]
+ABSENT = object()
+OPTIONAL = ("root", "altered", "alterations", "from")
+"""Of the settings that are null in a stage's file, those that may stay so."""
+NUMBERS = {"k": Count, "queries": Count, "every_m": NotNegative, "grid.cell_m": Annotated[float, Range(0.1, 10_000)]}
+NUMBERS |= dict.fromkeys(("grain_m", "voxel_m", "range_m", "gathered_m", "budget.share"), Positive)
+NUMBERS |= dict.fromkeys(("unseen_share", "wanted_precision"), Share)
+"""What the numbers may be that stand in a stage's own file, and fill no dataclass."""
 
 
 def _kernels() -> str:
@@ -71,12 +79,15 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
     def decorate(function: Callable[[DictConfig], str]) -> Stage:
         @wraps(function)
         def run(cfg: DictConfig) -> str:
+            _check(cfg)
             with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
                 return function(cfg)
 
         @wraps(function)
         def checked(cfg: DictConfig) -> None:
             try:
+                if missing := [str(key) for key, value in cfg.items() if value is None and key not in OPTIONAL]:
+                    raise ConfigError(f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs")
                 print(f"{name}: {run(cfg)}", flush=True)
             except YearlocError as error:
                 line = str(error)
@@ -94,6 +105,13 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
         return main
 
     return decorate
+
+
+def _check(cfg: DictConfig) -> None:
+    """Raise ConfigError for a number out of its range."""
+    for setting, hint in NUMBERS.items():
+        if (number := OmegaConf.select(cfg, setting, default=ABSENT)) is not ABSENT:
+            within(setting, number, hint)
 
 
 def build(group: str, name: str, **changed: Any) -> Any:

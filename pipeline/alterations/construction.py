@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.errors import ConfigError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Positive, Seed, check
 
 CONSTRUCTION = "construction"
 OWN_M = 1e-6
@@ -25,19 +25,19 @@ class Construction:
     """Numbers of walls, a case each. A query's first walls are the same in all cases."""
     shadows: Sequence[bool] = (False, True)
     """Whether points that a new wall hides from the sensor are removed, those of the other new walls included."""
-    seed: int = 0
+    seed: Seed = 0
     """See pipeline.alterations."""
-    nearest_m: float = 5.0
+    nearest_m: Positive = 5.0
     """Least distance from the sensor to the middle of a wall; all these ranges are sampled uniformly."""
     farthest_m: float = 20.0
-    shortest_m: float = 5.0
+    shortest_m: Positive = 5.0
     longest_m: float = 20.0
     lowest_m: float = 3.0
     """Height of a wall, at least."""
     highest_m: float = 10.0
     skew_deg: float = 30.0
     """Largest angle, either way, between a wall's normal and the ray to its middle."""
-    spacing_m: float = 0.2
+    spacing_m: Positive = 0.2
     """From one point of a wall to the next, along it and up."""
     sensor_height_m: float = 1.3
     """Where the rays of the shadows start, above the origin; the default is the simulated campus robot's."""
@@ -46,7 +46,6 @@ class Construction:
         for name in ("walls", "shadows"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         check(self, "alteration")
-        positive("alteration", nearest_m=self.nearest_m, shortest_m=self.shortest_m, spacing_m=self.spacing_m)
         if not self.walls or not all(isinstance(count, int) and count > 0 for count in self.walls):
             raise ConfigError(f"alteration.walls={list(self.walls)}: expected whole numbers above 0")
         if not self.shadows or set(self.shadows) - {False, True}:
@@ -58,8 +57,6 @@ class Construction:
             raise ConfigError(f"alteration.skew_deg={self.skew_deg}: expected an angle from 0 to below 90")
         if not 0 <= self.sensor_height_m < self.lowest_m:
             raise ConfigError(f"alteration.sensor_height_m={self.sensor_height_m}: expected 0 to below lowest_m={self.lowest_m}")
-        if self.seed < 0:
-            raise ConfigError(f"alteration.seed={self.seed}: expected a number of at least 0")
 
     @property
     def cases(self) -> Sequence[Case]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.errors import ConfigError
-from pipeline.running.settings import check
+from pipeline.running.settings import Seed, check
 
 DEMOLITION = "demolition"
 
@@ -20,7 +20,7 @@ class Demolition:
 
     widths_deg: Sequence[float] = (30, 60, 90)
     """Widths of the wedge, a case each. All wedges of a query begin at one random azimuth and open to the left."""
-    seed: int = 0
+    seed: Seed = 0
     """See pipeline.alterations."""
 
     def __post_init__(self) -> None:
@@ -28,8 +28,6 @@ class Demolition:
         check(self, "alteration")
         if not self.widths_deg or not all(0 < width < 360 for width in self.widths_deg):
             raise ConfigError(f"alteration.widths_deg={list(self.widths_deg)}: expected angles between 0 and 360")
-        if self.seed < 0:
-            raise ConfigError(f"alteration.seed={self.seed}: expected a number of at least 0")
 
     @property
     def cases(self) -> Sequence[Case]:

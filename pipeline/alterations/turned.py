@@ -8,24 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, TURNED, Case
-from pipeline.errors import ConfigError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, Seed, check
 
 
 @dataclass(frozen=True)
 class Turned:
     """Rotates the points, not the columns of a view."""
 
-    repeats: int = 5
+    repeats: Count = 5
     """Angles of each query."""
-    seed: int = 0
+    seed: Seed = 0
     """See pipeline.alterations."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
-        positive("alteration", repeats=self.repeats)
-        if self.seed < 0:
-            raise ConfigError(f"alteration.seed={self.seed}: expected a number of at least 0")
 
     @property
     def cases(self) -> Sequence[Case]:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a second to import
 
-from pipeline.errors import ConfigError
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.running.settings import check
+from pipeline.running.settings import InnerShare, check
 
 TINY = 1e-150  # in place of a standard error of zero, of values that are all equal
 
@@ -69,14 +68,11 @@ class Line:
 class Ageing:
     """What is asked of the lines (conf/results.yaml)."""
 
-    loss: float = 0.1  # the share of a number's value on the day of training whose loss calls for training again
-    level: float = 0.95  # of the intervals
+    loss: InnerShare = 0.1  # the share of a number's value on the day of training whose loss calls for training again
+    level: InnerShare = 0.95  # of the intervals
 
     def __post_init__(self) -> None:
         check(self, "ageing")
-        for name in ("loss", "level"):
-            if not 0 < getattr(self, name) < 1:
-                raise ConfigError(f"ageing.{name}={getattr(self, name)}: expected a share between 0 and 1")
 
     def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
         """Through values (n,) on days (n,) since training, those that are NaN left out; None unless two lie on unlike days."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.running import settings
+from pipeline.running.settings import Count, Positive, Seed, check
 
 BOUNDS = (2.5, 97.5)
 CHUNK = 1 << 17  # weights held at once: a MB in each array between, whatever the number of queries
@@ -21,13 +21,12 @@ class Bootstrap:
     evidence of how it might fail.
     """
 
-    block_m: float = 50.0  # travelled metres that stay together; longer than a run of errors
-    resamples: int = 1000
-    seed: int = 0
+    block_m: Positive = 50.0  # travelled metres that stay together; longer than a run of errors
+    resamples: Count = 1000
+    seed: Seed = 0
 
     def __post_init__(self) -> None:
-        settings.check(self, "bootstrap")
-        settings.positive("bootstrap", block_m=self.block_m, resamples=self.resamples)
+        check(self, "bootstrap")
 
     def intervals(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
-from pipeline.running import settings
+from pipeline.running.settings import Positive, check
 
 PROTOCOLS = ("cells", "distance")
 
@@ -37,13 +37,12 @@ def by_cells(places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: 
 class Distance:
     """The protocol by distance (conf/tolerance), which no border of a grid cell cuts."""
 
-    seen_m: float = 5.0  # seen: a training anchor is nearer than this
-    correct_m: float = 15.0  # right: the answer lies at most this far from the query
-    unseen_m: float = 15.0  # unseen: every training anchor is farther than this; a query between is not judged
+    seen_m: Positive = 5.0  # seen: a training anchor is nearer than this
+    correct_m: Positive = 15.0  # right: the answer lies at most this far from the query
+    unseen_m: Positive = 15.0  # unseen: every training anchor is farther than this; a query between is not judged
 
     def __post_init__(self) -> None:
-        settings.check(self, "distance")
-        settings.positive("distance", seen_m=self.seen_m, correct_m=self.correct_m, unseen_m=self.unseen_m)
+        check(self, "distance")
         if self.seen_m > self.unseen_m:
             raise ConfigError(f"distance.seen_m={self.seen_m}: expected at most distance.unseen_m={self.unseen_m}")
 

@@ -21,7 +21,7 @@ from pipeline.evaluation.rows import Rows, several
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
 from pipeline.store import Artifact, read_model
 from pipeline.studies.expansion import ModelName
@@ -58,7 +58,8 @@ class Latency:
 
         Raises InputError where it has none, ConfigError for no queries.
         """
-        positive("latency", queries=queries, k=k)
+        for name, number in (("queries", queries), ("k", k)):
+            within(f"latency.{name}", number, Count)
         number = int(submaps["scans"].shape[0])
         if not number:
             raise InputError(f"{submaps.path}: no submap to measure with")

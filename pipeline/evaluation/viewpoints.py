@@ -17,7 +17,7 @@ from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.protocols import Truth
 from pipeline.frames import pose
 from pipeline.matching.ranking import Method, Model, Rows
-from pipeline.running import settings
+from pipeline.running.settings import Positive, check
 from pipeline.schemas import VIEWPOINTS
 from pipeline.store import Artifact
 
@@ -119,11 +119,10 @@ class Judged:
 class Viewpoints:
     """How matches from other headings are judged."""
 
-    correct_m: float = 10.0  # a match is correct if it lies at most this far from the query
+    correct_m: Positive = 10.0  # a match is correct if it lies at most this far from the query
 
     def __post_init__(self) -> None:
-        settings.check(self, "viewpoints")
-        settings.positive("viewpoints", correct_m=self.correct_m)
+        check(self, "viewpoints")
 
     def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> Judged:
         """Ask about each row of `views`, bird-views (n, headings, side, side), from every odd heading.

@@ -18,8 +18,8 @@ from filelock import FileLock, Timeout
 from pipeline.errors import ConfigError, LogError
 from pipeline.fetching.download import Downloader, Part
 from pipeline.fetching.unpacking import unpack
-from pipeline.running import settings
 from pipeline.running.progress import Progress
+from pipeline.running.settings import Count, Positive, check
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Archive:
     """Path below the base address."""
     holds: str
     """The file or folder in the sequence's folder that exists once the archive is fetched and, if a .tar.gz, unpacked."""
-    swells: float = 1.0
+    swells: Positive = 1.0
     """Estimate of the unpacked bytes per byte."""
     numbers: int = 0
     """So many files, numbered from 0: {number} in path and holds stands for each."""
@@ -40,8 +40,7 @@ class Archive:
     """sha256 of the lines `DIGEST  NAME` of all numbered files, where the publisher's are known."""
 
     def __post_init__(self) -> None:
-        settings.check(self, "archives")
-        settings.positive("archives", swells=self.swells)
+        check(self, "archives")
         if not re.fullmatch("([0-9a-f]{64})?", self.together):
             raise ConfigError(f"archives.together={self.together}: expected 64 hexadecimal digits")
         if not self.path or self.path[0] == "/" or ".." in self.path or not re.fullmatch(r"[\w{}.-]+", self.holds):
@@ -80,13 +79,12 @@ class Publisher:
     """Said after fetching, and kept as LICENCE.txt beside the data."""
     sha256: Mapping[str, str] = field(default_factory=dict)
     """Path -> digest, where the publisher gives one."""
-    tries: int = 20
-    timeout_s: float = 60.0
-    wait_s: float = 1.0
+    tries: Count = 20
+    timeout_s: Positive = 60.0
+    wait_s: Positive = 1.0
 
     def __post_init__(self) -> None:
-        settings.check(self, "fetch")
-        settings.positive("fetch", tries=self.tries, timeout_s=self.timeout_s, wait_s=self.wait_s)
+        check(self, "fetch")
         if urlsplit(self.base).scheme not in ("http", "https") or not self.base.endswith("/"):
             raise ConfigError(f"fetch.base={self.base}: expected an address http(s)://…/")
         try:

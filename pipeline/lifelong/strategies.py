@@ -6,6 +6,7 @@ from typing import Any
 
 from pipeline.matching.ranking import Method, Model, TrainingSet
 from pipeline.running.progress import Progress
+from pipeline.running.settings import SomeShare, check
 
 
 @dataclass(frozen=True)
@@ -43,5 +44,8 @@ class Grown:
 class Updated:
     """A site adopts what it localises of a day that nobody surveyed."""
 
-    promise: float | None
+    promise: SomeShare | None
     """That a fix must keep to be adopted; None adopts every scan with a pose."""
+
+    def __post_init__(self) -> None:
+        check(self, "strategy")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping import octree_kernels as kernels
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import NotNegative, Positive, check
 
 LEAST = 1e-3
 """A leaf whose log-odds decayed below this is unknown again."""
@@ -24,7 +24,7 @@ LEAST = 1e-3
 class Octree:
     """How a map grows; the defaults are OctoMap's numbers at the IROS paper's scale for a car."""
 
-    edge_m: float = 50.0
+    edge_m: Positive = 50.0
     """Of the root cube, whose middle is within a leaf of the robot."""
     depth: int = 7
     """Levels below the root: 2^depth leaves along an edge."""
@@ -38,20 +38,19 @@ class Octree:
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
     """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or, independent of the scan rate,
     exp(−|u| sigma_m / per_metre_m); or none."""
-    sigma_m: float = 2.0
-    sigma_rad: float = 0.5
-    per_metre_m: float = 8.0
+    sigma_m: Positive = 2.0
+    sigma_rad: Positive = 0.5
+    per_metre_m: Positive = 8.0
     """At a scan a metre both ways of decay agree."""
     rays: Literal["end_voxel", "all"] = "end_voxel"
     """One ray to the middle of each cell that holds points, as OctoMap discretises, or one to every point."""
-    max_range_m: float = 0.0
+    max_range_m: NotNegative = 0.0
     """From the sensor; beyond it a ray clears what it crosses and hits nothing. 0: half the root cube's diagonal."""
     sensor_height_m: float = 1.73
     """Rays start this far above the vehicle frame's origin."""
 
     def __post_init__(self) -> None:
         check(self, "view.octree")
-        positive("view.octree", edge_m=self.edge_m, sigma_m=self.sigma_m, sigma_rad=self.sigma_rad, per_metre_m=self.per_metre_m)
         if not 2 <= self.depth <= 9:
             raise ConfigError(f"view.octree.depth={self.depth}: expected a whole number from 2 to 9")
         if not 0 < self.lowest <= self.miss < 0.5 < self.hit <= self.highest < 1:
@@ -59,8 +58,6 @@ class Octree:
             raise ConfigError(f"view.octree: {numbers} must increase from 0 to 1, the first two below 0.5, the others above")
         if not 0 <= self.sensor_height_m <= self.edge_m / 4:
             raise ConfigError(f"view.octree.sensor_height_m={self.sensor_height_m}: expected 0 to a quarter of edge_m")
-        if self.max_range_m < 0:
-            raise ConfigError(f"view.octree.max_range_m={self.max_range_m}: expected metres, or 0 for half the diagonal")
 
     @property
     def side(self) -> int:

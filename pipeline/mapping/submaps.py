@@ -10,7 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import Gathering, Layout
 from pipeline.running.progress import Progress
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import NotNegative, Positive, check
 from pipeline.store import Artifact
 
 
@@ -36,12 +36,10 @@ class Submaps:
 class SingleScan:
     """One scan a submap, one submap every `step_m` of path; the reader has put the ground at 0."""
 
-    step_m: float = 1.0
+    step_m: NotNegative = 1.0
 
     def __post_init__(self) -> None:
         check(self, "submap")
-        if not self.step_m >= 0:
-            raise ConfigError(f"submap.step_m={self.step_m}: expected a length, or 0 for every scan")
 
     def cut(self, scans: Artifact, progress: Progress) -> Submaps:
         """The submaps of a scans artifact."""
@@ -60,18 +58,17 @@ class Accumulated:
 
     step_m: float = 1.0
     """Path between two submaps."""
-    window_m: float = 80.0
+    window_m: Positive = 80.0
     layout: Layout = "odom_T_scan"
     """The poses that lay out the scans and measure the path: the log's odometry, or its truth."""
-    still_m: float = 0.01
+    still_m: Positive = 0.01
     """A scan less than this of path after the last one used is left out: minutes at a red light show nothing new."""
     ground_percentile: float = 5.0
     """The ground is this percentile of the heights within `ground_radius_m` of the anchor; −1: the reader has put it at 0."""
-    ground_radius_m: float = 10.0
+    ground_radius_m: Positive = 10.0
 
     def __post_init__(self) -> None:
         check(self, "submap")
-        positive("submap", window_m=self.window_m, still_m=self.still_m, ground_radius_m=self.ground_radius_m)
         if not self.step_m >= self.still_m:
             raise ConfigError(f"submap.step_m={self.step_m}: expected at least still_m={self.still_m}")
         if self.ground_percentile != -1 and not 0 <= self.ground_percentile <= 100:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, search
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, Positive, Whole, check
 
 QUERIES = 256  # searched at once, so that no cost of every row with every query is kept
 LARGEST = float(np.finfo(np.float32).max)
@@ -23,19 +23,18 @@ Costs = NDArray[np.float32]
 class Alignment:
     """How sequences are searched; a sequence is `length` + 1 queries."""
 
-    length: int = 10
-    slowest: float = 0.8
+    length: Count = 10
+    slowest: Positive = 0.8
     fastest: float = 1.2
     speed_step: float = 0.1  # speeds are training rows a query
     both_ways: bool = False  # match the training sequence driven backwards too; the authors do not
-    contrast_rows: int = 30  # a difference counts against those of so many training rows around its own
+    contrast_rows: Whole = 30  # a difference counts against those of so many training rows around its own
     subtract_minimum: bool = True
     """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that out, and costs below 0 turn its
     score round."""
 
     def __post_init__(self) -> None:
         check(self, "method")
-        positive("method", length=self.length, slowest=self.slowest)
         if self.speed_step * GRAIN < 1:
             raise ConfigError(f"method.speed_step={self.speed_step}: expected {1 / GRAIN} or more")
         if self.fastest < self.slowest:

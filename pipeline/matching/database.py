@@ -16,7 +16,7 @@ from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
 from pipeline.matching.rejection import Evidence, near
 from pipeline.running.progress import Progress
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import NotNegative, Positive, check
 
 PREFIX = "database/"
 QUERIES = 256  # queries per block when each is compared with the whole database
@@ -42,14 +42,13 @@ class DescriptorMethod(MadeAnew):
     """Settings of every method that answers with the nearest of a database."""
 
     distinct_places: bool = False  # rank places, each once where its nearest training row lies, instead of training rows
-    held_out_every_m: float = 40.0
-    held_out_length_m: float = 4.0
+    held_out_every_m: Positive = 40.0
+    held_out_length_m: Positive = 4.0
     """One block of this length in every `held_out_every_m` of the training path is held out to choose thresholds."""
-    neighbour_m: float = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    neighbour_m: NotNegative = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
 
     def __post_init__(self) -> None:
         check(self, "method")
-        positive("method", held_out_every_m=self.held_out_every_m)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Model, Ranking
-from pipeline.running.settings import check
+from pipeline.running.settings import Share, check
 
 ACCEPT_NOTHING = float(np.finfo(np.float32).min)  # the threshold that rejects every query; a novelty is a float32
 PREFIX = "held_out/"
@@ -72,14 +72,11 @@ class Rejection:
     """Which novelty to reject by, and the precision to keep among what is accepted."""
 
     novelty: str = "own"  # the method's own choice, or another of its kinds
-    wanted_precision: float = 0.9
-    unseen_share: float = 0.2  # share of unseen queries to expect
+    wanted_precision: Share = 0.9
+    unseen_share: Share = 0.2  # share of unseen queries to expect
 
     def __post_init__(self) -> None:
         check(self, "rejection")
-        for name in ("wanted_precision", "unseen_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ConfigError(f"rejection.{name}={getattr(self, name)}: expected a share from 0 to 1")
 
     def order(self, ranking: Ranking) -> Ranking:
         """The ranking with the wanted kind of novelty first; raises ConfigError for one that the method has not."""

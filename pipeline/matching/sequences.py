@@ -17,7 +17,7 @@ from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.sequence import cheapest
-from pipeline.running.settings import positive
+from pipeline.running.settings import NotNegative, Positive
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 """Differences (n, m) of training rows (m,) as queries from other training rows (n,)."""
@@ -29,14 +29,13 @@ class SequenceMethod(Alignment):
 
     novelty: Literal["cost", "ratio"] = "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
     distinct_places: bool = False  # rank places, each once where its cheapest training row lies, instead of training rows
-    held_out_every_m: float = 200.0
-    held_out_length_m: float = 40.0
+    held_out_every_m: Positive = 200.0
+    held_out_length_m: Positive = 40.0
     """One block of this length in every `held_out_every_m` of the training path is held out to choose epochs and thresholds."""
-    neighbour_m: float = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    neighbour_m: NotNegative = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("method", held_out_every_m=self.held_out_every_m)
 
     @property
     def kinds(self) -> tuple[str, str]:

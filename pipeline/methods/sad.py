@@ -15,7 +15,7 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.running.progress import Progress
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count, Side, Whole
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,9 @@ class Sad(MadeAnew, SequenceMethod):
     """Views are compared at the robot's own heading, so a turned view is a different image; answers have no heading."""
 
     view: str = "birdview"
-    side_px: int = 64  # views are brought to this side
-    patch_px: int = 8  # side of the patches that are normalised
-    contrast_rows: int = 10
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive("method", side_px=self.side_px, patch_px=self.patch_px)
+    side_px: Side = 64  # views are brought to this side
+    patch_px: Count = 8  # side of the patches that are normalised
+    contrast_rows: Whole = 10
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.matching.shift_method import ShiftMethod
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count
 
 
 @dataclass(frozen=True)
@@ -11,9 +11,5 @@ class ScanContext50(ShiftMethod):
     """The authors' place recognition."""
 
     view: str = "scan_context"
-    candidates: int = 50
+    candidates: Count = 50
     least_engaged: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive("method", candidates=self.candidates)

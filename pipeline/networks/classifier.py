@@ -16,7 +16,7 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.networks import loop
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.lenet import device
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, NotNegative, Positive, Seed, Share, SomeShare, Whole, check
 from pipeline.views.scan_context import colours, quantize
 
 Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)
@@ -31,39 +31,32 @@ class Classifier(ABC):
     colormap: Literal["jet", "grey"] = "jet"
     h_min_m: float = 0.0
     h_max_m: float = 15.0  # heights are clipped to [h_min_m, h_max_m] before they are coloured
-    epochs: int = 200
-    batch: int = 64
-    learning_rate: float = 0.002
+    epochs: Count = 200
+    batch: Count = 64
+    learning_rate: Positive = 0.002
     schedule: loop.Schedule = "one_cycle"  # the authors' is constant; falling at the end is what makes a short training good
-    dropout: float = 0.7
-    batch_norm_momentum: float = 0.1
+    dropout: Share = 0.7
+    batch_norm_momentum: Share = 0.1
     """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short training has."""
     precision: loop.Precision = "auto"  # of training and of answers; the last layer always answers in f32
-    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
-    seed: int = 0
-    held_out_every_m: float = 40.0
-    held_out_length_m: float = 4.0
+    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    seed: Seed = 0
+    held_out_every_m: Positive = 40.0
+    held_out_length_m: Positive = 4.0
     """One block of this length in every `held_out_every_m` of the training path chooses the epoch and the threshold."""
-    neighbour_m: float = 20.0
+    neighbour_m: NotNegative = 20.0
     """A held-out query counts as unseen once the places and training views nearer than this are forgotten."""
-    refit: float = 0.0
+    refit: Share = 0.0
     """Share of the schedule, its end, that is run once more on all views, once held-out blocks have given all that is chosen."""
-    grown: float = 0.3
+    grown: SomeShare = 0.3
     """Share of the schedule, its end, in which further days are learned."""
-    rehearsed: int = 2  # views of each known place, those of the highest loss, that are shown again with further days
-    distilled: float = 0.0  # weight of the distance to the earlier network's answers in the loss of further days
+    rehearsed: Whole = 2  # views of each known place, those of the highest loss, that are shown again with further days
+    distilled: NotNegative = 0.0  # weight of the distance to the earlier network's answers in the loss of further days
 
     def __post_init__(self) -> None:
         check(self, "method")
-        positive("method", epochs=self.epochs, batch=self.batch, threads=self.threads, learning_rate=self.learning_rate)
-        positive("method", held_out_every_m=self.held_out_every_m, h_max_m=self.h_max_m - self.h_min_m)
-        positive("method", grown=self.grown)
-        for name in ("rehearsed", "distilled"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"method.{name}={getattr(self, name)}: expected a number of at least 0")
-        for name in ("dropout", "refit", "grown"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ConfigError(f"method.{name}={getattr(self, name)}: expected a share from 0 to 1")
+        if not self.h_min_m < self.h_max_m:
+            raise ConfigError(f"method.h_max_m={self.h_max_m}: expected more than method.h_min_m={self.h_min_m}")
 
     def network(self, places: int, rings: int, sectors: int) -> nn.Module:
         """The network before training; raises InputError for views that do not suit it."""

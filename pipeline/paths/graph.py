@@ -11,6 +11,7 @@ from pipeline.frames import Poses, apart
 from pipeline.paths.belief import REPEATS
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
+from pipeline.running.settings import Positive, check
 
 
 @dataclass(frozen=True)
@@ -19,15 +20,18 @@ class Graph:
 
     verdict: bool
     """Whether only fixes that keep a promise of .99 are constraints; otherwise all are."""
-    drift: float
+    drift: Positive
     """Standard deviation of a step of odometry, as a share of its length."""
-    turn_deg_per_m: float
+    turn_deg_per_m: Positive
     """Standard deviation of its turn."""
-    fix_m: float
+    fix_m: Positive
     """Standard deviation of a right fix besides its own covariance: the map's poses are not exact either."""
-    fix_deg: float
-    outlier: float
+    fix_deg: Positive
+    outlier: Positive
     """From so many standard deviations on a constraint loses its weight (Cauchy)."""
+
+    def __post_init__(self) -> None:
+        check(self, "path")
 
     def along(self, track: Track) -> Estimates:
         """Estimates from the whole drive, future and past; a stretch without odometry or without a fix to believe has none."""

@@ -14,7 +14,7 @@ from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Regi
 from pipeline.posing.targets import Targets, around
 from pipeline.posing.verification import structure
 from pipeline.posing.walls import Walls
-from pipeline.running.settings import check
+from pipeline.running.settings import Count, NotNegative, check
 
 ELSEWHERE_M = 5.0
 """So far apart two hypotheses contradict one another."""
@@ -85,21 +85,20 @@ class Fixer:
     fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
     rounds: Sequence[int] = (5, 20, 20)
     """Candidates that are looked at in each round."""
-    tries: int = 5
+    tries: Count = 5
     """Rough registrations in each, of the best matches of walls."""
-    refined: int = 2
+    refined: Count = 2
     """Fine ones, of the best of these."""
-    clear_m: float = 0.0
+    clear_m: NotNegative = 0.0
     """A hypothesis of less spread ends the search; learned from held-out blocks (`held_out`)."""
-    widest_m: float = 0.5
+    widest_m: NotNegative = 0.5
     """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
 
     def __post_init__(self) -> None:
         check(self, "fixer")
         object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
-        for name, least in (("tries", self.tries), ("refined", self.refined), ("rounds", min(self.rounds, default=0))):
-            if not least >= 1:
-                raise ConfigError(f"fixer.{name}={getattr(self, name)}: expected at least 1")
+        if not min(self.rounds, default=0) >= 1:
+            raise ConfigError(f"fixer.rounds={self.rounds}: expected at least 1")
 
     def fix(
         self, points_m: Points, targets: Targets, answers_m: NDArray[np.float64], left_out: NDArray[np.bool_] | None = None

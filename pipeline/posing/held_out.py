@@ -14,7 +14,7 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import Evidence, features, right
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Positive, check
 
 CLEAR = 0.01
 """A hypothesis is clear if so few of the wrong ones have less spread."""
@@ -26,15 +26,14 @@ PART = 16
 class HeldOut:
     """Which submaps of the training day are asked, as if they were queries of another day."""
 
-    every_m: float
+    every_m: Positive
     """Path from one block to the next."""
-    length_m: float
-    around_m: float
+    length_m: Positive
+    around_m: Positive
     """A query is asked a second time without the training submaps that are so near: as a place never seen."""
 
     def __post_init__(self) -> None:
         check(self, "held_out")
-        positive("held_out", every_m=self.every_m, length_m=self.length_m, around_m=self.around_m)
         if not self.length_m < self.every_m:
             raise ConfigError(f"held_out.length_m={self.length_m}: expected less than held_out.every_m={self.every_m}")
 

@@ -8,7 +8,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, Positive, check
 
 Points = NDArray[np.float64]
 LEAST_ALONG = 0.005
@@ -67,19 +67,18 @@ class Cloud:
 class Registration:
     """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp), each stage with a shorter reach."""
 
-    voxel_m: float = 0.5
+    voxel_m: Positive = 0.5
     neighbours: int = 10
     """Points that a covariance is of."""
     reaches_m: tuple[float, ...] = (4.0, 1.0)
     """Largest distance of a pair of points, one stage after the other."""
-    iterations: int = 20
-    inlier_m: float = 0.5
+    iterations: Count = 20
+    inlier_m: Positive = 0.5
     least_voxels: int = 100
     """Clouds of fewer have too little to hold on to."""
 
     def __post_init__(self) -> None:
         check(self, "registration")
-        positive("registration", voxel_m=self.voxel_m, inlier_m=self.inlier_m, iterations=self.iterations)
         object.__setattr__(self, "reaches_m", tuple(self.reaches_m))  # a yaml has lists
         if not self.reaches_m or not all(reach > 0 for reach in self.reaches_m):
             raise ConfigError(f"registration.reaches_m={list(self.reaches_m)}: expected lengths above 0, the longest first")

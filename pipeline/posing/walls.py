@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, NotNegative, Positive, check
 
 Chart = NDArray[np.int8]
 """(2, cell, cell): WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known, x along the first axis, the robot in the middle; and
@@ -41,18 +41,17 @@ class Walls:
     low_m: float = 1.0
     """Points between these heights above the ground are walls: lower ones are cars and people."""
     high_m: float = 8.0
-    cell_m: float = 1.0
-    range_m: float = 40.0
+    cell_m: Positive = 1.0
+    range_m: Positive = 40.0
     """Around the robot."""
-    headings: int = 120
-    offset_m: float = 6.0
+    headings: Count = 120
+    offset_m: Positive = 6.0
     """The query is sought this far from the training anchor, along x and y."""
-    margin_m: float = 2.0
+    margin_m: NotNegative = 2.0
     """Seen through is what lies at least so much nearer to the sensor than the first wall."""
 
     def __post_init__(self) -> None:
         check(self, "walls")
-        positive("walls", cell_m=self.cell_m, range_m=self.range_m, headings=self.headings, offset_m=self.offset_m)
         if not self.high_m > self.low_m:
             raise ConfigError(f"walls.high_m={self.high_m}: expected more than walls.low_m={self.low_m}")
 

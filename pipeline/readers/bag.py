@@ -21,7 +21,7 @@ from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
 from pipeline.readers.log import Log
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Positive, check
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,13 @@ class Bag:
     """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None: from the fixed transforms."""
     lift_m: float = 0.0
     """Added to z, so that the ground is at 0."""
-    max_gap_s: float = 0.5
+    max_gap_s: Positive = 0.5
     """Poses further apart than this are a gap."""
 
     def __post_init__(self) -> None:
         if self.truth is None:
             raise ConfigError("reader.truth=null: expected the topic of the true poses, such as /odom; learning needs poses")
         check(self, "reader")
-        positive("reader", max_gap_s=self.max_gap_s)
-        if not isinstance(self.odometry, str | None):
-            raise ConfigError(f"reader.odometry={self.odometry}: expected a topic or null")
         for key, name in (("truth", self.truth), ("odometry", self.odometry or "tf:a>b")):
             parent, sign, child = name.removeprefix("tf:").partition(">")
             if name.startswith("tf:") and not (parent and sign and child):

@@ -19,7 +19,7 @@ from pipeline.formats.carmen import Laser, Records, Sweep
 from pipeline.frames import Poses, Stamps, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
-from pipeline.running import settings
+from pipeline.running.settings import Positive, check
 
 LIMIT_PARAMS: dict[Laser, str] = {"front": "robot_front_laser_max", "rear": "robot_rear_laser_max"}
 NEAR_LIMIT_M = 0.02
@@ -37,12 +37,11 @@ class Carmen:
     """Ranges in metres from here on are no hits; None: as the log declares it."""
     lift_m: float = 7.0
     """Metres added to z: the height that stands for an occupied spot."""
-    sweep_s: float = 1.0
+    sweep_s: Positive = 1.0
     """Seconds between two sweeps of a log whose stamps stand still."""
 
     def __post_init__(self) -> None:
-        settings.check(self, "reader")
-        settings.positive("reader", sweep_s=self.sweep_s, limit_m=1.0 if self.limit_m is None else self.limit_m)
+        check(self, "reader")
         if not self.lasers or not set(self.lasers) <= {"front", "rear"}:
             raise ConfigError(f"reader.lasers={list(self.lasers)}: expected front, rear or both")
         if self.corrected is not None and ("/" in self.corrected or not self.corrected.endswith(carmen.SUFFIXES)):

@@ -22,7 +22,7 @@ from pipeline.formats import kitti, records
 from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers import log
 from pipeline.readers.log import Log
-from pipeline.running import settings
+from pipeline.running.settings import Positive, check
 
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""
@@ -51,12 +51,11 @@ class Folder:
     """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
     lift_m: float = 0.0
     """Height of the origin of the body above the ground, added to z."""
-    max_gap_s: float = 0.5
+    max_gap_s: Positive = 0.5
     """Poses further apart than this are a gap; a scan in it is skipped."""
 
     def __post_init__(self) -> None:
-        settings.check(self, "reader")
-        settings.positive("reader", max_gap_s=self.max_gap_s)
+        check(self, "reader")
         if self.point_bytes and self.point_bytes < 12:
             raise ConfigError(f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or 0")
         log.extrinsic("reader.body_T_lidar", self.body_T_lidar)

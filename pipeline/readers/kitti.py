@@ -16,18 +16,22 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import kitti
 from pipeline.readers import log
 from pipeline.readers.log import Log
+from pipeline.running.settings import Positive, Share, check
 
 
 @dataclass(frozen=True)
 class Kitti:
     """A KITTI odometry root with `sequences/` and `poses/`."""
 
-    lidar_height_m: float = 1.73
+    lidar_height_m: Positive = 1.73
     """Height of the Velodyne above the road, added to z."""
-    split: float = 0.5
+    split: Share = 0.5
     """Share of the path of a log that belongs to its part `-a`."""
     root_per_sequence: bool = False
     """Whether each sequence has a folder of its own with such a root inside, as in the simulated suburb."""
+
+    def __post_init__(self) -> None:
+        check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
         root = root / sequence if self.root_per_sequence else root

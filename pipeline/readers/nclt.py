@@ -16,6 +16,7 @@ from pipeline.formats import nclt
 from pipeline.frames import Trajectory, flip_ned, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
+from pipeline.running.settings import Positive, check
 
 HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
 
@@ -24,10 +25,13 @@ HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
 class Nclt:
     """A folder of NCLT sequences, each named by its date."""
 
-    max_gap_s: float = 0.5
+    max_gap_s: Positive = 0.5
     """Ground truth further apart than this is a gap; a scan in it is skipped."""
     lift_m: float = 0.0
     """Added to z. The body frame of NCLT has its origin near the ground."""
+
+    def __post_init__(self) -> None:
+        check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence / nclt.SCANS

@@ -19,7 +19,7 @@ from pipeline.readers import log
 from pipeline.readers.columns import utimes_ns
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Positive, check
 
 NEAREST_M, FARTHEST_M = 0.01, 1000.0
 """The lasers reach 50 m: a nearer point means no return, a farther one a damaged file."""
@@ -33,16 +33,15 @@ class RobotCar:
     """lms_front, lms_rear or both; the sweeps of both are merged in order of time."""
     extrinsics: str = "extrinsics"
     """Folder below the root with the SDK's pose files of the sensors; {sequence} is replaced by the name of the sequence."""
-    max_vo_gap_s: float = 0.5
+    max_vo_gap_s: Positive = 0.5
     """Poses of the visual odometry further apart than this are a gap; a sweep in it has no odometry."""
-    max_ins_gap_s: float = 0.5
+    max_ins_gap_s: Positive = 0.5
     """Good rows of the inertial navigation further apart than this are an outage; a sweep in it has no true pose."""
     lift_m: float = 0.0
     """Added to z."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
-        positive("reader", max_vo_gap_s=self.max_vo_gap_s, max_ins_gap_s=self.max_ins_gap_s)
         lasers = list(self.lasers) if isinstance(self.lasers, Iterable) else []
         if not lasers or not all(laser in robotcar.LASERS for laser in lasers) or len(set(lasers)) < len(lasers):
             raise ConfigError(f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, or of both")

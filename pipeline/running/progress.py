@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self, TypeVar
 
-from pipeline.running.settings import positive
+from pipeline.running.settings import Positive, within
 
 Item = TypeVar("Item")
 
@@ -20,7 +20,7 @@ class Progress:
     """File for the state of training, from which an interrupted run goes on after its last whole epoch."""
 
     def __post_init__(self) -> None:
-        positive("budget", share=self.budget)
+        within("budget.share", self.budget, Positive)
 
     def part(self, name: str) -> Self:
         """The same for a further part of the work, with a checkpoint of its own beside the first part's."""

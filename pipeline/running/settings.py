@@ -1,38 +1,83 @@
-"""Settings that come from a yaml or a command line, checked against the dataclass that they fill."""
+"""Settings that come from a yaml or a command line, checked against the dataclass that they fill: types and ranges."""
 
 import math
-from dataclasses import fields
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ConfigError
 
 NAMES = {float: "a number", int: "a whole number", str: "a word", bool: "true or false"}
+LARGEST = 1e6
+"""Of a number whose field says nothing else."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Which numbers a setting may be: `Annotated[float, Range(0.0, 1.0)]`."""
+
+    low: float = -LARGEST
+    high: float = LARGEST
+    above: bool = False
+    """`low` itself is none of them."""
+    said: str = ""
+    """What was expected, where it is not the end that a number lies beyond."""
+
+    def expected(self, number: float) -> str:
+        """What was expected instead of a number; nothing where it is in the range."""
+        if (self.low < number if self.above else self.low <= number) and number <= self.high:
+            return ""
+        least = f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
+        return self.said or (f"at most {self.high:,.10g}" if number > self.high else least)
+
+
+Positive = Annotated[float, Range(0, above=True)]
+NotNegative = Annotated[float, Range(0)]
+Share = Annotated[float, Range(0, 1, said="a share from 0 to 1")]
+InnerShare = Annotated[float, Range(0, 1 - 1e-9, above=True, said="a share between 0 and 1")]
+SomeShare = Annotated[float, Range(0, 1, above=True, said="a share above 0, at most 1")]
+Count = Annotated[int, Range(0, above=True)]
+Whole = Annotated[int, Range(0)]
+Side = Annotated[int, Range(0, 2_000, above=True)]
+"""Of an image, in cells or pixels."""
+Seed = Annotated[int, Range(0, 2**32 - 1)]
 
 
 def check(settings: Any, group: str) -> None:
-    """Raise ConfigError naming the first field of a dataclass whose value is not of its declared type.
+    """Raise ConfigError naming the first field of a dataclass whose value is not of its declared type and range.
 
-    Plain fields only: numbers, words, switches and literals. A whole number is a number too.
+    Numbers, words, switches, literals, what may be null, and lists of these. A whole number is a number too.
     """
-    hints = get_type_hints(type(settings))
+    hints = get_type_hints(type(settings), include_extras=True)
     for field in fields(settings):
-        hint, value = hints[field.name], getattr(settings, field.name)
-        said = f"{group}.{field.name}={value}"
-        if get_origin(hint) is Literal and value not in get_args(hint):
-            *others, last = map(str, get_args(hint))
-            raise ConfigError(f"{said}: expected {', '.join(others)} or {last}")
-        if hint in NAMES and not _fits(value, hint):
-            raise ConfigError(f"{said}: expected {NAMES[hint]}")
+        value = getattr(settings, field.name)
+        if expected := _expected(value, hints[field.name]):
+            raise ConfigError(f"{group}.{field.name}={value}: expected {expected}")
 
 
-def _fits(value: Any, hint: type) -> bool:
+def within(name: str, value: Any, hint: Any) -> None:
+    """Raise ConfigError unless a value that fills no dataclass is of a type and range, such as `Count`."""
+    if expected := _expected(value, hint):
+        raise ConfigError(f"{name}={value}: expected {expected}")
+
+
+def _expected(value: Any, hint: Any) -> str:
+    """What a hint expects instead of a value; nothing where the value fits, or the hint is none that is checked."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _expected(value, args[0]) or str(args[1].expected(value))
+    if origin is Literal:
+        *others, last = map(str, args)
+        return "" if value in args else f"{', '.join(others)} or {last}"
+    if origin in (Union, UnionType):
+        found = [_expected(value, arg) for arg in args if arg is not type(None)]
+        return "" if "" in found or (value is None and type(None) in args) else f"{found[0]}{' or null' * (type(None) in args)}"
+    if origin in (Sequence, tuple):
+        listed = isinstance(value, Sequence) and not isinstance(value, str)
+        return next(filter(None, (_expected(one, args[0]) for one in value)), "") if listed else "a list"
     if hint is float:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return isinstance(value, hint) and (hint is bool or not isinstance(value, bool))
-
-
-def positive(group: str, **numbers: float) -> None:
-    """Raise ConfigError naming the first number that is not above 0."""
-    for name, number in numbers.items():
-        if not number > 0:
-            raise ConfigError(f"{group}.{name}={number}: expected a number above 0")
+        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    else:
+        fits = isinstance(value, hint) and (hint is bool or not isinstance(value, bool)) if hint in NAMES else True
+    return (NAMES[hint] if not fits else Range().expected(value) if hint in (int, float) else "") if hint in NAMES else ""

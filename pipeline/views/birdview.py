@@ -16,7 +16,7 @@ from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, NotNegative, Seed, Side, check
 
 NEAR_M, STEEPEST_DEG, PLANES, POINTS = 0.2, 20.0, 200, 4096
 """RANSAC of the ground's plane: inlier distance, largest slope, planes tried, and points of a scan used at most."""
@@ -39,27 +39,24 @@ class BirdView:
     vehicle's z axis, which pitches; or odometry's, in which the ground slopes."""
     occupied: float = 0.6
     """A column is occupied if one of these leaves is with a higher probability."""
-    headings: int = 16
+    headings: Count = 16
     """The even ones are references; the odd ones lie halfway between and are queries."""
-    side_px: int = 64
-    jitter_m: float = 0.5
+    side_px: Side = 64
+    jitter_m: NotNegative = 0.5
     """Standard deviation, on each axis, of a shift of the odd ones: METHODS 5.5's slight translation."""
-    seed: int = 0
+    seed: Seed = 0
     """Of that shift, together with each submap's number."""
 
     def __post_init__(self) -> None:
         if isinstance(self.octree, Mapping):
             object.__setattr__(self, "octree", Octree(**{name: self.octree[name] for name in self.octree if name != "_target_"}))
         check(self, "view")
-        positive("view", side_px=self.side_px)
         if self.headings < 8 or self.headings % 8:
             raise ConfigError(f"view.headings={self.headings}: expected a multiple of 8, half references and half queries")
         if not self.low_m < self.high_m:
             raise ConfigError(f"view.low_m={self.low_m}, high_m={self.high_m}: expected a band of heights")
         if not 0.5 <= self.occupied < 1:
             raise ConfigError(f"view.occupied={self.occupied}: expected a probability of at least 0.5, which is unknown")
-        if self.jitter_m < 0 or self.seed < 0:
-            raise ConfigError(f"view.jitter_m={self.jitter_m}, seed={self.seed}: expected numbers of at least 0")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The images of a map grown from points (n, 3) alone, z up from the ground. Raises InputError as `OctreeMap.insert`."""

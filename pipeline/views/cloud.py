@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, NotNegative, Positive, Seed, check
 from pipeline.views import kernels
 
 
@@ -22,23 +22,22 @@ class Cloud:
     """Settings of a submap's cloud."""
 
     schema: ClassVar[store.Schema] = schemas.CLOUDS
-    points: int = 4096
-    half_m: float = 25.0
+    points: Count = 4096
+    half_m: Positive = 25.0
     """Half the side of the cube around the sensor that is kept."""
-    voxel_m: float = 0.1
+    voxel_m: NotNegative = 0.1
     """Points are averaged in cubes of this side first; 0 takes them as they are."""
-    plane_m: float = 0.2
+    plane_m: NotNegative = 0.2
     """Points nearer than this to the ground plane are ground; 0 keeps the ground."""
     slope_deg: float = 20.0
     """A plane steeper than this is no ground but a wall."""
-    iterations: int = 1000
+    iterations: Count = 1000
     """Planes tried at most."""
-    seed: int = 0
+    seed: Seed = 0
     """The same for every cloud, so a view does not depend on those before it."""
 
     def __post_init__(self) -> None:
         check(self, "view")
-        positive("view", points=self.points, half_m=self.half_m, iterations=self.iterations)
         if not 0 <= self.slope_deg <= 90:
             raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas, store
 from pipeline.errors import InputError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Side, check
 from pipeline.views import m2dp_kernel as kernel
 
 LAST_EDGE_M = 0.001
@@ -27,17 +27,16 @@ class M2dp:
     """The defaults are the authors'."""
 
     schema: ClassVar[store.Schema] = schemas.SIGNATURES
-    azimuths: int = 4
-    elevations: int = 16
+    azimuths: Side = 4
+    elevations: Side = 16
     """A plane for each azimuth from −90° to 90° and each elevation from 0° to 90° of its normal, both ends included."""
-    circles: int = 8
+    circles: Side = 8
     """Their radii grow with the square of their number, to the farthest point."""
-    sectors: int = 16
+    sectors: Side = 16
     """Of each circle; counting is some thirty times slower with another number."""
 
     def __post_init__(self) -> None:
         check(self, "view")
-        positive("view", azimuths=self.azimuths, elevations=self.elevations, circles=self.circles, sectors=self.sectors)
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
         """The signature (azimuths · elevations + circles · sectors,) of points (n, 3): a number a plane, then one a bin.

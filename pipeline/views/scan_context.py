@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import NotNegative, Positive, Side, Whole, check
 from pipeline.store import Schema
 from pipeline.views import kernels
 
@@ -23,12 +23,12 @@ class ScanContext:
     """Settings of a submap's Scan Context; the defaults are the authors' Matlab reference."""
 
     schema: ClassVar[Schema] = schemas.VIEWS
-    rings: int = 40
-    sectors: int = 120
-    max_range_m: float = 80.0
-    voxel_m: float = 0.5
+    rings: Side = 40
+    sectors: Side = 120
+    max_range_m: Positive = 80.0
+    voxel_m: NotNegative = 0.5
     """Points are averaged in cubes of this side first; 0 takes them as they are."""
-    min_points: int = 5
+    min_points: Whole = 5
     """A bin with fewer (averaged) points is noise and empty."""
     beyond: Literal["last_ring", "drop"] = "last_ring"
     """Points beyond max_range_m: the authors put them into the outermost ring."""
@@ -37,7 +37,6 @@ class ScanContext:
 
     def __post_init__(self) -> None:
         check(self, "view")
-        positive("view", rings=self.rings, sectors=self.sectors, max_range_m=self.max_range_m)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from pipeline.errors import ConfigError
 from pipeline.formats.changes import Change
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.running.settings import check, positive
+from pipeline.running.settings import Count, NotNegative, Positive, Share, check
 from pipeline.world.driving.day import TWIGS_PER_M, simulate_day
 from pipeline.world.driving.drive import drive, survey
 from pipeline.world.driving.entry import Entry
@@ -38,30 +38,30 @@ class Simulation:
     """A world and the sequences recorded in it; its fields are the keys of the yamls in conf/world."""
 
     seed: int
-    blocks: int
+    blocks: Count
     """The world has blocks × blocks blocks of about 95 m."""
-    route_m: float
+    route_m: Positive
     """Length of each sequence; with a `route_file`, at most the length of that route."""
-    step_m: float
+    step_m: Positive
     """Metres between scans, or sweeps."""
-    azimuths: int
+    azimuths: Count
     """Rays per turn of each beam of the scanner; for a push-broom, rays per sweep."""
     sequences: Mapping[str, Mapping[str, float]]
     """Name -> settings of its Entry. The first is the training sequence: its shares are 0, and no other one changes it."""
-    events_per_km_of_route: float = 3.0
+    events_per_km_of_route: NotNegative = 3.0
     """Buildings built or demolished in fifteen months; 14 is very many."""
-    near_route: float = 0.6
+    near_route: Share = 0.6
     """The share of those events near the training route."""
     route_file: str | None = None
     """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across the world."""
     robot: Literal["segway", "segway_inverted", "push_broom_car", "scanner_car"] = "segway"
     logs: Format = "nclt"
     """The format of the logs."""
-    relief_m: float = 0.0
+    relief_m: NotNegative = 0.0
     """How far parts of a wall lie in front of its plane, or behind it, at most."""
-    twigs_per_m: float = TWIGS_PER_M
+    twigs_per_m: NotNegative = TWIGS_PER_M
     """Extinction of a bare deciduous tree."""
-    truth_sd_m: float = 0.0
+    truth_sd_m: NotNegative = 0.0
     """Standard deviation of the written truth, which wanders about the driven path as SLAM's does; 0: it is exact."""
 
     def __post_init__(self) -> None:
@@ -70,15 +70,10 @@ class Simulation:
             raise ConfigError(f"world.logs={self.logs}: the robot {self.robot} writes {' or '.join(self._robot.logs)}")
         if self.route_file is not None and self._robot.loops:
             raise ConfigError(f"world.route_file={self.route_file}: the robot {self.robot} plans loops of its own; leave it null")
-        positive("world", blocks=self.blocks, route_m=self.route_m, step_m=self.step_m, azimuths=self.azimuths)
         if not 0 <= self.seed <= MAX_SEED:
             raise ConfigError(f"world.seed={self.seed}: must lie in 0 to {MAX_SEED}")
         if self.blocks < 2 or self.route_m < self.step_m:
             raise ConfigError(f"world.blocks={self.blocks}, route_m={self.route_m}: needs 2 blocks and a route of one step_m")
-        if min(self.relief_m, self.twigs_per_m, self.truth_sd_m) < 0:
-            raise ConfigError("world.relief_m, world.twigs_per_m and world.truth_sd_m must be 0 or more")
-        if self.events_per_km_of_route < 0 or not 0 <= self.near_route <= 1:
-            raise ConfigError("world.events_per_km_of_route must be 0 or more, world.near_route a share")
         if not self.sequences:
             raise ConfigError("world.sequences: needs at least the training sequence")
         for sequence, settings in self.sequences.items():

@@ -111,7 +111,7 @@ def test_the_nearest_rows_come_in_the_order_of_the_positions(targets: Targets) -
 
 
 def test_settings_and_a_missing_map_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"fixer\.tries=0: expected at least 1"):
+    with pytest.raises(ConfigError, match=r"fixer\.tries=0: expected a number above 0"):
         Fixer(tries=0)
     with pytest.raises(ConfigError, match=r"fixer\.rounds=\(5, 0\): expected at least 1"):
         Fixer(rounds=(5, 0))

@@ -16,7 +16,7 @@ from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
 from pipeline.running.progress import Progress
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count, Positive, Seed
 
 RIGHT = "held_out_accuracy"  # the judge's number that says which round is best, where it gives one
 SETTLED = 16  # batches of a round that the running statistics to localise by are taken from
@@ -56,25 +56,23 @@ class Training(SequenceMethod):
 
     view: str = "birdview"
     contrast_rows: int = 30
-    width: int = 64  # filters of the first convolution; every hidden layer scales with it. A model is used at its own width
-    code: int = 512  # numbers in a code: 1 KB as they are stored
-    epochs: int = 30
+    width: Count = 64  # filters of the first convolution; every hidden layer scales with it. A model is used at its own width
+    code: Count = 512  # numbers in a code: 1 KB as they are stored
+    epochs: Count = 30
     """Passes over all headings of the training rows. Neither the paper nor its code says how many; BiGAN's authors make 400 over
     MNIST's 50,000 images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations."""
     batch: int = 64
-    learning_rate: float = 0.0002
+    learning_rate: Positive = 0.0002
     schedule: loop.Schedule = "constant"
     """The authors' is constant; a short training needs the rate to fall at its end, and then `learning_rate` is the peak."""
     beta1: float = 0.5
-    generator_steps: int = 4  # of the generators in an iteration, on the same batch; the discriminators and the cycles have one
+    generator_steps: Count = 4  # of the generators in an iteration, on the same batch; the discriminators and the cycles have one
     precision: loop.Precision = "auto"
-    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
-    seed: int = 0
+    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    seed: Seed = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("method", width=self.width, code=self.code, epochs=self.epochs, learning_rate=self.learning_rate)
-        positive("method", generator_steps=self.generator_steps, threads=self.threads)
         if self.batch < 2:
             raise ConfigError(f"method.batch={self.batch}: expected 2 or more, for the batch norms")
         if not 0 <= self.beta1 < 1:

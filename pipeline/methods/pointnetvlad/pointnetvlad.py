@@ -21,7 +21,7 @@ from pipeline.methods.pointnetvlad.weights import load
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count, NotNegative, Positive, Seed, Whole
 
 ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
 """A training has so many rounds, each of at least and at most so many steps; the authors' have 700. Between rounds the
@@ -38,33 +38,31 @@ class PointNetVlad(DescriptorMethod):
     weights: str = ""
     """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method, or tensors under its names,
     with or without net/. Of a TensorFlow checkpoint, every kernel but the centres is transposed to (outputs, inputs)."""
-    epochs: int = 20
-    batch: int = 2  # queries a step; each brings its positives, its negatives and one cloud more
-    positives: int = 2
-    negatives: int = 18
-    hard_negatives: int = 10
-    positive_m: float = 10.0  # clouds no further apart show the same place
+    epochs: Whole = 20
+    batch: Count = 2  # queries a step; each brings its positives, its negatives and one cloud more
+    positives: Count = 2
+    negatives: Count = 18
+    hard_negatives: Whole = 10
+    positive_m: Positive = 10.0  # clouds no further apart show the same place
     negative_m: float = 50.0  # clouds further apart show different ones
-    margin: float = 0.5
-    margin_star: float = 0.2
-    train_points: int = 4096  # random points of each cloud while training
-    points: int = 4096
+    margin: NotNegative = 0.5
+    margin_star: NotNegative = 0.2
+    train_points: Count = 4096  # random points of each cloud while training
+    points: Count = 4096
     """Of each cloud that make its descriptor, the first ones: a cloud comes in random order. The model keeps this number."""
-    turn_deg: float = 0.0
+    turn_deg: NotNegative = 0.0
     """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an option of theirs."""
-    learning_rate: float = 0.00005
+    learning_rate: Positive = 0.00005
     schedule: loop.Schedule = "one_cycle"  # the authors' is stepped
-    batch_norm_momentum: float = 0.1
+    batch_norm_momentum: Positive = 0.1
     """Weight of a new batch in the running statistics; the authors' .001 would not forget the first ones in a short training."""
     precision: loop.Precision = "auto"
-    threads: int = 2  # fixed, since the order of sums follows from it and the weights from that
-    seed: int = 0
+    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    seed: Seed = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        counts = ("batch", "positives", "negatives", "positive_m", "train_points", "points", "learning_rate", "threads")
-        positive("method", **{name: getattr(self, name) for name in (*counts, "batch_norm_momentum")})
-        if self.epochs < 0 or (self.epochs == 0 and not self.weights):
+        if self.epochs == 0 and not self.weights:
             said = f"method.epochs={self.epochs}"
             raise ConfigError(f"{said}: expected 1 or more, or 0 with method.weights to use them as they are")
         if not self.positive_m < self.negative_m:

@@ -8,7 +8,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Model, Rows
@@ -19,7 +18,7 @@ from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device
-from pipeline.running.settings import positive
+from pipeline.running.settings import Count, NotNegative, Share
 
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the mean leans to the
@@ -33,23 +32,15 @@ class SciRing(Learner):
     """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
 
     architecture = Ring
-    epochs: int = 300  # in one each training view is shown once, turned at random
-    batch: int = 32
-    dropout: float = 0.5
-    worst_arc: float = 0.5
+    epochs: Count = 300  # in one each training view is shown once, turned at random
+    batch: Count = 32
+    dropout: Share = 0.5
+    worst_arc: Share = 0.5
     """Share of the loss that is the loss without the arc whose absence costs most: no place may hang on a few sectors."""
-    widest_arc: int = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
-    refit: float = 0.3
-    yaw_noise_deg: float = 0.0
+    widest_arc: Count = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
+    refit: Share = 0.3
+    yaw_noise_deg: NotNegative = 0.0
     """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.worst_arc <= 1:
-            raise ConfigError(f"method.worst_arc={self.worst_arc}: expected a share from 0 to 1")
-        positive("method", widest_arc=self.widest_arc)
-        if self.yaw_noise_deg < 0:
-            raise ConfigError(f"method.yaw_noise_deg={self.yaw_noise_deg}: expected a number of at least 0")
 
     def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
         """Every trained view once, shuffled, each turned by a random number of columns."""
