@@ -43,9 +43,9 @@ class Construction:
     """Where the rays of the shadows start, above the origin; the default is the simulated campus robot's."""
 
     def __post_init__(self) -> None:
+        check(self, "alteration")
         for name in ("walls", "shadows"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        check(self, "alteration")
         if not self.walls or not all(isinstance(count, int) and count > 0 for count in self.walls):
             raise ConfigError(f"alteration.walls={list(self.walls)}: expected whole numbers above 0")
         if not self.shadows or set(self.shadows) - {False, True}:

@@ -24,8 +24,8 @@ class Demolition:
     """See pipeline.alterations."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "widths_deg", tuple(self.widths_deg))
         check(self, "alteration")
+        object.__setattr__(self, "widths_deg", tuple(self.widths_deg))
         if not self.widths_deg or not all(0 < width < 360 for width in self.widths_deg):
             raise ConfigError(f"alteration.widths_deg={list(self.widths_deg)}: expected angles between 0 and 360")
 

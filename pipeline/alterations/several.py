@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import Alteration, Case
 from pipeline.errors import ConfigError
+from pipeline.running.settings import check
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Several:
     """All of one seed, and no two with a case in common but the first."""
 
     def __post_init__(self) -> None:
+        check(self, "alteration")
         object.__setattr__(self, "parts", tuple(self.parts))
         if len({part.seed for part in self.parts}) != 1:
             raise ConfigError(f"alteration.parts: expected parts of one seed, got {[part.seed for part in self.parts]}")

@@ -1,8 +1,8 @@
 """Settings that come from a yaml or a command line, checked against the dataclass that they fill: types and ranges."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -47,7 +47,7 @@ Seed = Annotated[int, Range(0, 2**32 - 1)]
 def check(settings: Any, group: str) -> None:
     """Raise ConfigError naming the first field of a dataclass whose value is not of its declared type and range.
 
-    Numbers, words, switches, literals, what may be null, and lists of these. A whole number is a number too.
+    Numbers, words, switches, literals, what may be null, lists of these, tables. A whole number is a number too.
     """
     hints = get_type_hints(type(settings), include_extras=True)
     for field in fields(settings):
@@ -73,6 +73,10 @@ def _expected(value: Any, hint: Any) -> str:
     if origin in (Union, UnionType):
         found = [_expected(value, arg) for arg in args if arg is not type(None)]
         return "" if "" in found or (value is None and type(None) in args) else f"{found[0]}{' or null' * (type(None) in args)}"
+    if origin is Mapping:
+        return "" if isinstance(value, Mapping) else "a table"
+    if is_dataclass(hint) and isinstance(hint, type):
+        return "" if isinstance(value, hint) else f"a table of the settings of {hint.__name__}"
     if origin in (Sequence, tuple):
         listed = isinstance(value, Sequence) and not isinstance(value, str)
         return next(filter(None, (_expected(one, args[0]) for one in value)), "") if listed else "a list"

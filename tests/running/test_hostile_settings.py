@@ -1,0 +1,68 @@
+"""Every setting that conf/ builds an object from, given what no setting is: taken, or refused in one line of our own."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+from hydra.errors import InstantiationException
+from hydra.utils import get_class, instantiate
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from pipeline.errors import ConfigError, YearlocError
+from pipeline.running.settings import Count, NotNegative, Positive, Share, within
+
+ROOT = Path(__file__).parents[2]
+HOSTILE = (-1, 0, 10**9, float("nan"), float("inf"), True, "ten", None, [1])
+UNLISTED = ("lists.yaml", "studies.yaml")
+
+
+def described(node: object, found: dict[str, DictConfig]) -> None:
+    """Of each class that a conf file builds, its first description."""
+    if isinstance(node, DictConfig):
+        if "_target_" in node:
+            found.setdefault(node["_target_"], node)
+        for key in node:
+            described(OmegaConf.select(node, str(key), throw_on_resolution_failure=False), found)
+
+
+def classes() -> Iterator[tuple[str, DictConfig]]:
+    found: dict[str, DictConfig] = {}
+    for path in sorted((ROOT / "conf").rglob("*.yaml")):
+        if path.name not in UNLISTED:
+            described(OmegaConf.load(path), found)
+    return (one for one in found.items() if is_dataclass(get_class(one[0])) and not one[0].endswith(".Recorded"))
+
+
+@pytest.mark.parametrize(("target", "node"), [pytest.param(*one, id=one[0].rpartition(".")[2]) for one in classes()])
+def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: DictConfig) -> None:
+    instantiate(node)
+    refused = []
+    for field in fields(get_class(target)):
+        for value in HOSTILE:
+            if target.endswith("Several") and isinstance(value, list):
+                continue  # of alterations, each with checks of its own
+            try:
+                instantiate(node, **{field.name: value})
+            except InstantiationException as error:
+                refused.append((field.name, value, error.__cause__))
+            except OmegaConfBaseException:  # a list where a table is described
+                refused.append((field.name, value, YearlocError("")))
+    assert refused or not fields(get_class(target))
+    assert not [one for one in refused if not isinstance(one[-1], YearlocError) or "\n" in str(one[-1])]
+
+
+@pytest.mark.parametrize(
+    ("hint", "value", "said"),
+    [
+        (Positive, 0, "a number above 0"),
+        (Positive, 2e6, "at most 1,000,000"),
+        (NotNegative, -0.5, "a number of at least 0"),
+        (Share, 1.5, "a share from 0 to 1"),
+        (Count, 2.5, "a whole number"),
+    ],
+)
+def test_a_number_out_of_its_range_is_refused_with_what_was_expected(hint: object, value: float, said: str) -> None:
+    with pytest.raises(ConfigError, match=f"^k={value}: expected {said}$"):
+        within("k", value, hint)
