@@ -8,6 +8,24 @@ YearlocError
 └── ArtifactError   an artifact on disk is not what its reader expects
 """
 
+import errno
+
+MACHINE = {
+    getattr(errno, name)
+    for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "EMFILE", "ENAMETOOLONG", "ENFILE", "ENOMEM", "ENOSPC", "EPERM", "EROFS")
+    if hasattr(errno, name)
+}
+"""What the machine refuses: a full disk, no permission, a medium that fails. No bug of ours, and nothing that we could mend."""
+
+
+def refusal(error: BaseException) -> str:
+    """What the machine refused, in a line with the file; nothing for any other error."""
+    if isinstance(error, MemoryError):
+        return "not enough memory: fewer workers or a smaller view need less"
+    if isinstance(error, OSError) and error.errno in MACHINE:
+        return f"{error.filename or 'a file'}: {str(error.strerror).lower()}; nothing is half written, run it again after that"
+    return ""
+
 
 class YearlocError(Exception):
     """Base class: a stage that meets one prints its line and exits with code 1."""

@@ -1,6 +1,5 @@
 """Artifacts on disk: zarr groups with a declared schema, and models, written whole or not at all."""
 
-import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,10 +9,13 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
+from pipeline import sealed
 from pipeline.errors import ArtifactError
+from pipeline.model_file import read_foreign_model as read_foreign_model
+from pipeline.model_file import read_model as read_model
+from pipeline.model_file import read_recipe as read_recipe
+from pipeline.model_file import write_model as write_model
 from pipeline.replacing import replace as replace
 
 
@@ -40,24 +42,20 @@ class Schema:
     attrs: Mapping[str, str] = field(default_factory=dict)
 
 
-RECIPE = "recipe"
-"""The one key of a model's metadata (safetensors writes several in random order)."""
-
-
 class Artifact:
-    """A finished artifact, opened for reading: `artifact["column"]` is a zarr array, `artifact.attrs` its numbers."""
+    """A finished artifact, opened for reading: `artifact["column"]` is an array to be sliced, `artifact.attrs` its numbers."""
 
     def __init__(self, path: Path, group: zarr.Group) -> None:
         self.path = path
-        self.attrs: dict[str, Any] = dict(group.attrs)
+        self.attrs: dict[str, Any] = {name: value for name, value in group.attrs.items() if name != sealed.SEAL}
         self._group = group
 
-    def __getitem__(self, name: str) -> Any:
-        return self._group[name]
+    def __getitem__(self, name: str) -> sealed.Stored:
+        return sealed.Stored(self.path, self._group[name])
 
     def load(self, name: str) -> NDArray[Any]:
         """A whole column as an array."""
-        return np.asarray(self._group[name][:])
+        return np.asarray(self[name][:])
 
 
 def read(path: str | Path, *schemas: Schema) -> Artifact:
@@ -68,11 +66,12 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
     try:
         group = zarr.open_group(path, mode="r")
     except (ValueError, KeyError, TypeError) as error:
-        raise ArtifactError(f"{path}: not a whole zarr group ({error}); remove it and `dvc repro` it") from None
+        raise ArtifactError(f"{path}: not a whole zarr group ({error}); {sealed.REBUILD}") from None
     found = (group.attrs.get("kind"), group.attrs.get("version"))
     if found not in [(schema.kind, schema.version) for schema in schemas]:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
         raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds it anew")
+    sealed.checked(path, group)
     return Artifact(path, group)
 
 
@@ -125,6 +124,10 @@ class Draft:
                 if lengths.setdefault(dim.removesuffix("+1"), rows) != rows:
                     raise ArtifactError(f"{schema.kind}.{name}: {rows} along {dim}, elsewhere {lengths[dim.removesuffix('+1')]}")
 
+    def seal(self, path: Path) -> None:
+        """Write the checksum of the metadata, once nothing follows."""
+        self._group.attrs[sealed.SEAL] = sealed.seal(path)
+
     def _column(self, name: str) -> Column:
         if name not in self._schema.columns:
             raise ArtifactError(f"{self._schema.kind} has no column {name}")
@@ -141,12 +144,14 @@ class Draft:
                 shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
                 chunk_key_encoding={"name": "default", "separator": "."},  # c.0.0: no folders, each of which DVC would visit
                 dimension_names=column.dims,
+                compressors=sealed.COMPRESSOR,
             )
-        array = self._group[name]
         if len(rows):
-            start = array.shape[0]
-            array.resize((start + len(rows), *array.shape[1:]))
-            array[start:] = rows
+            with zarr.config.set(sealed.ALL_CHUNKS):
+                array = self._group[name]
+                start = array.shape[0]
+                array.resize((start + len(rows), *array.shape[1:]))
+                array[start:] = rows
 
 
 @contextmanager
@@ -159,36 +164,4 @@ def write(path: str | Path, schema: Schema, **attrs: object) -> Iterator[Draft]:
         draft = Draft(zarr.create_group(scratch), schema)
         yield draft
         draft.finish({name: value() if callable(value) else value for name, value in attrs.items()})
-
-
-def write_model(path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]) -> None:
-    """Named arrays as one safetensors file, with the parameters that they were learned with as its metadata."""
-    with replace(path) as scratch:
-        arrays = {name: np.require(array, requirements="C") for name, array in model.items()}
-        save_file(arrays, scratch, {RECIPE: json.dumps({name: str(value) for name, value in recipe.items()})})
-
-
-def read_recipe(path: str | Path) -> dict[str, str]:
-    """The parameters that a model was learned with."""
-    with _model(path) as file:
-        recipe: dict[str, str] = json.loads((file.metadata() or {}).get(RECIPE, "{}"))
-        return recipe
-
-
-def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
-    """A model's named arrays; raises ArtifactError if the file is missing or damaged."""
-    with _model(path) as file:
-        return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-
-
-@contextmanager
-def _model(path: str | Path) -> Iterator[Any]:
-    try:
-        with safe_open(path, "numpy") as file:
-            yield file
-    except FileNotFoundError:
-        raise ArtifactError(f"{path}: no such model; `dvc repro` trains it") from None
-    except IsADirectoryError:
-        raise ArtifactError(f"{path}: a folder, expected a safetensors file") from None
-    except SafetensorError as error:
-        raise ArtifactError(f"{path}: not a safetensors file ({error}); remove it and `dvc repro` it") from None
+        draft.seal(scratch)

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as RichProgress
 
-from pipeline.errors import ConfigError, YearlocError
+from pipeline.errors import ConfigError, YearlocError, refusal
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
@@ -91,6 +91,12 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
                 print(f"{name}: {run(cfg)}", flush=True)
             except YearlocError as error:
                 line = str(error)
+            except (OSError, MemoryError) as error:
+                if not (line := refusal(error)):
+                    raise
+            except KeyboardInterrupt:
+                print(f"{name}: interrupted", file=sys.stderr)
+                sys.exit(130)
             except InstantiationException as error:  # Hydra's wrapping of what a constructor raised
                 if not isinstance(error.__cause__, YearlocError | TypeError):
                     raise

@@ -1,6 +1,7 @@
 """A stage's function, as a shell and as another stage runs it."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -84,3 +85,47 @@ def test_a_sweep_over_a_field_that_the_budget_sets_is_what_it_says(width: int, u
         values, found = composer.settings(step)
         assert composer.config(step, {}).method.width == width
     assert (values["method"]["width"], found) == (width, usual)
+
+
+FILLED = """
+import resource, sys
+import numpy as np
+from omegaconf import OmegaConf
+from pipeline import store
+from stages import stage
+
+@stage("latency")
+def main(cfg):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # a disk that is full after 20 kB
+    store.write_model(sys.argv[0] + ".safetensors", {"a": np.zeros(99_999)}, {})
+
+@stage("latency")
+def write(cfg):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    open(sys.argv[0] + ".txt", "wb").write(bytes(99_999))
+
+@stage("latency")
+def stopped(cfg):
+    raise KeyboardInterrupt
+
+@stage("latency")
+def large(cfg):
+    np.zeros((10**9, 10**9))
+"""
+
+
+@pytest.mark.parametrize(
+    ("which", "code", "said"),
+    [
+        ("main", 1, "cannot be written (.*)"),
+        ("write", 1, "file too large; nothing is half written, run it again after that"),
+        ("stopped", 130, "interrupted"),
+        ("large", 1, "not enough memory: fewer workers or a smaller view need less"),
+    ],
+)
+def test_what_the_machine_refuses_is_one_line(tmp_path: Path, which: str, code: int, said: str) -> None:
+    words = ["out=a", "samples=b", "study=campus"]
+    command = [sys.executable, "-c", f"{FILLED}\nsys.argv[0] = {str(tmp_path / 'out')!r}\n{which}()", *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == code, done.stderr
+    assert re.fullmatch(rf"latency: (.*: )?{said}\n", done.stderr)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import zarr
 
 from pipeline import store
 from pipeline.errors import ArtifactError
@@ -58,15 +57,6 @@ def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:
     put(tmp_path / "a.zarr")
     assert {path.name for path in (tmp_path / "a.zarr").rglob("*") if path.is_dir()} == set(COLUMNS)
     assert {path.name for path in (tmp_path / "a.zarr/points").iterdir()} == {"zarr.json", "c.0.0", "c.1.0", "c.2.0"}
-
-
-def test_an_artifact_with_chunks_in_folders_is_read(tmp_path: Path) -> None:
-    """As artifacts were written before."""
-    group = zarr.create_group(tmp_path / "a.zarr", attributes={"kind": "things", "version": 3, "grain_m": 0.005})
-    for name, rows in COLUMNS.items():
-        group.create_array(name, data=rows)
-        np.testing.assert_array_equal(store.read(tmp_path / "a.zarr", THINGS).load(name), rows)
-    assert (tmp_path / "a.zarr/points/c/0/0").is_file()
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:

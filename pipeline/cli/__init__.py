@@ -14,7 +14,7 @@ from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
-from pipeline.errors import ConfigError, YearlocError
+from pipeline.errors import ConfigError, YearlocError, refusal
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -84,6 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(130)
     except BrokenPipeError:  # a reader such as head has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, MemoryError) as error:
+        if not (line := refusal(error)):
+            raise
+        print(f"yearloc {given.command}: {line}", file=sys.stderr)
+        sys.exit(1)
 
 
 def _use(given: argparse.Namespace) -> None:

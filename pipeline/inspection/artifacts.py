@@ -27,20 +27,14 @@ def artifact(path: Path, found: Inspection) -> None:
     """A zarr group; raises ArtifactError for one of an unknown kind, or one that cannot be read whole."""
     schema = _schema(path)
     found.kind = f"{schema.kind}, version {schema.version}, {nbytes(size(path))} on disk"
-    try:
-        opened = store.read(path, schema)
-        extents = {name: columns.extent(opened[name]) for name in schema.columns}
-        first = next(iter(schema.columns))
-        found.warn(not extents[first].shape[0], f"no rows: {first} is empty; every later stage would have nothing to work on")
-        for name, extent in extents.items() if schema.kind != "rankings" else ():
-            found.warn(extent.infinite, f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it")
-        if schema.kind in KEY_NUMBERS:
-            KEY_NUMBERS[schema.kind](opened, found)
-    except ArtifactError:
-        raise
-    except Exception as error:  # zarr and its codecs may raise anything at a damaged shard
-        reason = f"{type(error).__name__}: {(str(error).splitlines() or ['no reason given'])[0][:120]}"
-        raise ArtifactError(f"{path}: cannot be read whole ({reason}); remove it and `dvc repro` it") from None
+    opened = store.read(path, schema)
+    extents = {name: columns.extent(opened[name]) for name in schema.columns}
+    first = next(iter(schema.columns))
+    found.warn(not extents[first].shape[0], f"no rows: {first} is empty; every later stage would have nothing to work on")
+    for name, extent in extents.items() if schema.kind != "rankings" else ():
+        found.warn(extent.infinite, f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it")
+    if schema.kind in KEY_NUMBERS:
+        KEY_NUMBERS[schema.kind](opened, found)
     found.add("arrays", *(columns.row(name, extents[name], column) for name, column in schema.columns.items()))
     if schema.attrs:
         found.add("attributes", *((name, short(opened.attrs.get(name)), doc) for name, doc in schema.attrs.items()))

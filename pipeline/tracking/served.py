@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-MODULES = ("__init__", "errors", "frames", "replacing", "schemas", "store")
+MODULES = ("__init__", "errors", "frames", "model_file", "replacing", "schemas", "sealed", "store")
 FOLDERS = ("alterations", "matching", "methods", "networks", "running", "views")
 """Modules and folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")

@@ -145,14 +145,17 @@ def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:
     assert "has no entry for it" in inspect(other, lock=lock).text()
 
 
-def test_an_artifact_that_lost_a_file_is_not_what_dvc_lock_recorded(tmp_path: Path) -> None:
+def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
     path, lock = write(tmp_path / "a.zarr", "labels"), tmp_path / "dvc.lock"
     files = [file for file in path.rglob("*") if file.is_file()]
     size = sum(file.stat().st_size for file in files)
     lock.write_text(f"stages:\n  labels:\n    outs:\n    - path: a.zarr\n      size: {size}\n      nfiles: {len(files)}\n")
     assert inspect(path, lock=lock).warnings == ()
+    (path / "more").touch()
+    assert inspect(path, lock=lock).warnings[0].startswith(f"not what {lock} recorded: {len(files) + 1} files")
     next(file for file in files if file.name != "zarr.json").unlink()
-    assert inspect(path, lock=lock).warnings[0].startswith(f"not what {lock} recorded: {len(files) - 1} files")
+    with one_line(ArtifactError, r"a\.zarr: 1 of 1 files of \w+ are missing"):
+        inspect(path, lock=lock)
 
 
 def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
@@ -167,7 +170,7 @@ def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
     path = write(tmp_path / "a.zarr", "labels")
     shard = next(file for file in (path / "places").rglob("*") if file.is_file() and file.name != "zarr.json")
     shard.write_bytes(shard.read_bytes()[:-9])
-    with one_line(ArtifactError, r"cannot be read whole .*dvc repro"):
+    with one_line(ArtifactError, r"places is damaged .*dvc repro"):
         inspect(path)
     for text, says in (('{"attributes": {"kind": "casks"}}', "kind casks"), ('{"attr', "cut short")):
         (path / "zarr.json").write_text(text)

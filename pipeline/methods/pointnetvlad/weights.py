@@ -15,7 +15,7 @@ def load(net: nn.Module, path: Path) -> None:
     Raises ConfigError naming the file and the first tensor that is missing, unknown or of another shape.
     """
     try:
-        given = store.read_model(path)
+        given = store.read_foreign_model(path)
     except ArtifactError as error:
         raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
     own, found = net.state_dict(), loop.tensors(given) or loop.tensors(given, "")

@@ -1,0 +1,60 @@
+"""What is damaged on disk is refused and never read as numbers: checksums of chunks and of metadata.
+
+A chunk ends in zstd's own checksum; the metadata of a zarr group and of its arrays have one in the group's attribute `seal`.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import zarr
+from zarr.codecs import ZstdCodec
+
+from pipeline.errors import ArtifactError
+
+SEAL = "seal"
+COMPRESSOR = ZstdCodec(level=0, checksum=True)
+REBUILD = "remove it and `dvc repro` it"
+ALL_CHUNKS = {"array.write_empty_chunks": True}
+"""Chunks of zeros are written too, so that one that is not there is missing."""
+
+
+class Stored:
+    """An array of an artifact, read by slices; raises ArtifactError where bytes are damaged or missing."""
+
+    def __init__(self, path: Path, array: Any) -> None:
+        self._path, self._array = path, array
+        files = math.prod(-(-length // part) for length, part in zip(array.shape, array.shards or array.chunks, strict=True))
+        if (there := len([*Path(path, array.basename).glob("c.*")])) < files:
+            raise ArtifactError(f"{path}: {files - there} of {files} files of {array.basename} are missing; {REBUILD}")
+
+    def __getitem__(self, rows: Any) -> Any:
+        try:
+            return self._array[rows]
+        except (IndexError, MemoryError, OSError):
+            raise
+        except Exception as error:  # zarr and its codecs may raise anything at a damaged chunk
+            reason = f"{type(error).__name__}: {(str(error).splitlines() or ['no reason given'])[0][:120]}"
+            raise ArtifactError(f"{self._path}: {self._array.basename} is damaged ({reason}); {REBUILD}") from None
+
+    def __len__(self) -> int:
+        return int(self._array.shape[0])
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._array, name)
+
+
+def seal(path: Path) -> int:
+    """The checksum of the metadata of a group and its arrays."""
+    about = json.loads(Path(path, "zarr.json").read_bytes())
+    about["attributes"].pop(SEAL, None)
+    forms = [one.read_bytes() for one in sorted(Path(path).glob("*/zarr.json"))]
+    return crc32(b"".join([json.dumps(about, sort_keys=True).encode(), *forms]))
+
+
+def checked(path: Path, group: zarr.Group) -> None:
+    """Raise ArtifactError unless the metadata are as they were written."""
+    if group.attrs.get(SEAL) != seal(path):
+        raise ArtifactError(f"{path}: its zarr.json are not as they were written; {REBUILD}")

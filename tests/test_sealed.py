@@ -1,0 +1,63 @@
+"""A bit that turns in an artifact or a model is found: what is read is what was written, or nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import store
+from pipeline.errors import ArtifactError
+from tests.test_store import COLUMNS, THINGS, put
+
+TRIES = 400
+MODEL = {"weight": np.linspace(-1, 1, 50, dtype=np.float32), "none": np.empty((0, 3)), "k": np.array(7)}
+
+
+def turned(path: Path, rng: np.random.Generator) -> bytes:
+    """Turn one bit of a file; returns the file as it was."""
+    before = path.read_bytes()
+    damaged = bytearray(before)
+    damaged[rng.integers(len(damaged))] ^= 1 << int(rng.integers(8))
+    path.write_bytes(damaged)
+    return before
+
+
+def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
+    put(path := tmp_path / "a.zarr")
+    files, rng, refused = sorted(one for one in path.rglob("*") if one.is_file()), np.random.default_rng(0), 0
+    for i in range(TRIES):
+        file = files[i % len(files)]
+        before = turned(file, rng)
+        try:
+            found = store.read(path, THINGS)
+            assert found.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
+            for name, rows in COLUMNS.items():
+                np.testing.assert_array_equal(found.load(name), rows)
+        except ArtifactError:
+            refused += 1
+        file.write_bytes(before)
+    assert refused > 0.8 * TRIES
+
+
+def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
+    put(path := tmp_path / "a.zarr", heights=np.zeros(2, np.float32))
+    np.testing.assert_array_equal(store.read(path, THINGS).load("heights"), [0, 0])
+    (path / "points/c.1.0").unlink()
+    with pytest.raises(ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"):
+        store.read(path, THINGS).load("points")
+
+
+def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
+    store.write_model(path := tmp_path / "a.safetensors", MODEL, {"epochs": 3})
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(TRIES):
+        before = turned(path, rng)
+        try:
+            found = store.read_model(path)
+            assert store.read_recipe(path) == {"epochs": "3"}
+            assert found.keys() == MODEL.keys()
+            assert all(found[name].dtype == array.dtype and np.array_equal(found[name], array) for name, array in MODEL.items())
+        except ArtifactError:
+            refused += 1
+        path.write_bytes(before)
+    assert refused > 0.9 * TRIES
