@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from pipeline import remote
 from pipeline.errors import ArtifactError
 from pipeline.replacing import replace as replace
 
@@ -47,7 +48,7 @@ RECIPE = "recipe"
 class Artifact:
     """A finished artifact, opened for reading: `artifact["column"]` is a zarr array, `artifact.attrs` its numbers."""
 
-    def __init__(self, path: Path, group: zarr.Group) -> None:
+    def __init__(self, path: Path | str, group: zarr.Group) -> None:
         self.path = path
         self.attrs: dict[str, Any] = dict(group.attrs)
         self._group = group
@@ -61,9 +62,13 @@ class Artifact:
 
 
 def read(path: str | Path, *schemas: Schema) -> Artifact:
-    """Open an artifact; raises ArtifactError if it is missing or not of the kind and version of one of the schemas."""
-    path = Path(path)
-    if not (path / "zarr.json").is_file():
+    """Open an artifact in a folder, or in an object store as s3://BUCKET/PATH.
+
+    Raises ArtifactError if it is missing or not of the kind and version of one of the schemas.
+    """
+    if remote.is_remote(path):
+        remote.look(f"{path}/zarr.json")
+    elif not Path(path, "zarr.json").is_file():
         raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
     try:
         group = zarr.open_group(path, mode="r")
@@ -73,7 +78,7 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
     if found not in [(schema.kind, schema.version) for schema in schemas]:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
         raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds it anew")
-    return Artifact(path, group)
+    return Artifact(path if remote.is_remote(path) else Path(path), group)
 
 
 class Draft:
