@@ -75,11 +75,14 @@ docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 mkdocs build --strict
 
 # yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
+# DATABASE=postgresql://USER@HOST/NAME ARTIFACTS=s3://BUCKET/PATH: a server instead of mlflow.db and mlruns, its password in PGPASSWORD.
+dashboard: export MLFLOW_BACKEND_STORE_URI = $(or $(patsubst postgresql:%,postgresql+psycopg:%,$(DATABASE)),sqlite:///$(CURDIR)/mlflow.db)
 dashboard: .venv/ready
 	@for study in $$(yearloc use | cut -d: -f1); do \
-		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) || exit 1; done
+		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) \
+		$${DATABASE:+"tracking.database='$$DATABASE'" "tracking.artifacts='$$ARTIFACTS'"} || exit 1; done
 	@echo "Ctrl-C stops the server. Where yearloc.localhost is unknown, put 127.0.0.1 in its place."
-	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 \
+	@mlflow server --host 127.0.0.1 --port $(PORT) --workers 1 \
 		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \
 		>mlflow.log 2>&1
 
