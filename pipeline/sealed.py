@@ -13,6 +13,7 @@ import zarr
 from zarr.codecs import ZstdCodec
 
 from pipeline.errors import ArtifactError
+from pipeline.remote import content, listed
 
 SEAL = "seal"
 COMPRESSOR = ZstdCodec(level=0, checksum=True)
@@ -24,10 +25,10 @@ ALL_CHUNKS = {"array.write_empty_chunks": True}
 class Stored:
     """An array of an artifact, read by slices; raises ArtifactError where bytes are damaged or missing."""
 
-    def __init__(self, path: Path, array: Any) -> None:
+    def __init__(self, path: Path | str, array: Any) -> None:
         self._path, self._array = path, array
         files = math.prod(-(-length // part) for length, part in zip(array.shape, array.shards or array.chunks, strict=True))
-        if (there := len([*Path(path, array.basename).glob("c.*")])) < files:
+        if (there := len(listed(path, f"{array.basename}/c.*"))) < files:
             raise ArtifactError(f"{path}: {files - there} of {files} files of {array.basename} are missing; {REBUILD}")
 
     def __getitem__(self, rows: Any) -> Any:
@@ -46,15 +47,15 @@ class Stored:
         return getattr(self._array, name)
 
 
-def seal(path: Path) -> int:
+def seal(path: Path | str) -> int:
     """The checksum of the metadata of a group and its arrays."""
-    about = json.loads(Path(path, "zarr.json").read_bytes())
+    about = json.loads(content(f"{path}/zarr.json"))
     about["attributes"].pop(SEAL, None)
-    forms = [one.read_bytes() for one in sorted(Path(path).glob("*/zarr.json"))]
+    forms = [content(one) for one in listed(path, "*/zarr.json")]
     return crc32(b"".join([json.dumps(about, sort_keys=True).encode(), *forms]))
 
 
-def checked(path: Path, group: zarr.Group) -> None:
+def checked(path: Path | str, group: zarr.Group) -> None:
     """Raise ArtifactError unless the metadata are as they were written."""
     if group.attrs.get(SEAL) != seal(path):
         raise ArtifactError(f"{path}: its zarr.json are not as they were written; {REBUILD}")

@@ -10,7 +10,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from pipeline import sealed
+from pipeline import remote, sealed
 from pipeline.errors import ArtifactError
 from pipeline.model_file import read_foreign_model as read_foreign_model
 from pipeline.model_file import read_model as read_model
@@ -45,7 +45,7 @@ class Schema:
 class Artifact:
     """A finished artifact, opened for reading: `artifact["column"]` is an array to be sliced, `artifact.attrs` its numbers."""
 
-    def __init__(self, path: Path, group: zarr.Group) -> None:
+    def __init__(self, path: Path | str, group: zarr.Group) -> None:
         self.path = path
         self.attrs: dict[str, Any] = {name: value for name, value in group.attrs.items() if name != sealed.SEAL}
         self._group = group
@@ -59,9 +59,13 @@ class Artifact:
 
 
 def read(path: str | Path, *schemas: Schema) -> Artifact:
-    """Open an artifact; raises ArtifactError if it is missing or not of the kind and version of one of the schemas."""
-    path = Path(path)
-    if not (path / "zarr.json").is_file():
+    """Open an artifact in a folder, or in an object store as s3://BUCKET/PATH.
+
+    Raises ArtifactError if it is missing or not of the kind and version of one of the schemas.
+    """
+    if remote.is_remote(path):
+        remote.look(f"{path}/zarr.json")
+    elif not Path(path, "zarr.json").is_file():
         raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
     try:
         group = zarr.open_group(path, mode="r")
@@ -72,7 +76,7 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
         raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds it anew")
     sealed.checked(path, group)
-    return Artifact(path, group)
+    return Artifact(path if remote.is_remote(path) else Path(path), group)
 
 
 class Draft:

@@ -57,7 +57,8 @@ def _keep_freed_memory() -> None:
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
 _keep_freed_memory()
-logging.getLogger("faiss").setLevel(logging.WARNING)  # it tells which instructions it was built for
+for talkative in ("aiobotocore", "botocore", "faiss"):  # where keys were found; which instructions it was built for
+    logging.getLogger(talkative).setLevel(logging.WARNING)
 
 
 class Stage(Protocol):

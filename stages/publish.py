@@ -33,7 +33,9 @@ def main(cfg: DictConfig) -> str:
             runs += [source.record(posed, {}, recipe, {}) for posed in others if not posed.path]
             runs.append(with_model(source.record(own, store.read_model(path), recipe, extra), path))
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated, LIFELONG if further else "")
-    done = tracking.publish(Path(cfg.tracking.database), name, runs, page.FURTHER_DAYS if further else page.YEAR)
+    done = tracking.publish(
+        cfg.tracking.database, name, runs, page.FURTHER_DAYS if further else page.YEAR, cfg.tracking.artifacts
+    )
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
     moved = f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; " if done.aside else ""
     return f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"

@@ -29,7 +29,7 @@ FENCED, CODE = re.compile(r"```.*?```", re.DOTALL), re.compile(r"`[^`\n]*`")
 BLOCK = re.compile(r"^[ ]*```\w*\n(.*?)^[ ]*```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 NAMED = re.compile(r"(?:\.github|benchmarks|conf|dag|docs|examples|pipeline|stages|tests)/[\w./-]*")
-TARGETS = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 PLACEHOLDER = re.compile(r"\b[A-Z]{4,}\b|…")
 """DATE, NAME or STUDY: what a reader replaces."""
 LOADED = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//""")

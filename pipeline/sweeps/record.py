@@ -20,7 +20,6 @@ class Record:
     dataset: str
     simulated: bool
     method: str
-    database: str  # MLflow's, written once all jobs have ended
     error: str | None = None  # why it failed, in one line
     rows: Sequence[Mapping[str, Any]] = ()
     """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on held-out blocks of training."""

@@ -1,9 +1,10 @@
 """The experiment that runs are published to: found by its name, created, brought back from MLflow's bin, or made anew."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.errors import ConfigError
 from pipeline.tracking import served
+from pipeline.tracking.databases import Database
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -13,19 +14,22 @@ KEY = "yearloc.key"
 """The tag of a run that was published here."""
 
 
-def find(client: "MlflowClient", name: str, artifacts: Path) -> tuple[str, str]:
-    """The id of the experiment of this name whose files go to the folder `artifacts`; and the name that an older one now bears.
+def find(client: "MlflowClient", name: str, into: Database) -> tuple[str, str]:
+    """The id of the experiment of this name whose files go where the database says; and the name that an older one now bears.
 
     That name is empty but where the folder moved: MLflow fixes an experiment's folder when it is made. An experiment whose
-    files went elsewhere is then put aside, and deleted unless it holds runs that were not published here.
+    files went elsewhere is then put aside, and deleted unless it holds runs that were not published here. In a server's
+    database it may be somebody else's, who would do the same to ours: ConfigError.
     """
     found, aside = client.get_experiment_by_name(name), ""
+    if found is not None and found.artifact_location != into.files and into.shared:
+        raise ConfigError(f"tracking.artifacts={into.files}: {name} keeps its files at {found.artifact_location}; say that")
     if found is not None and found.lifecycle_stage == "deleted":
         client.restore_experiment(found.experiment_id)
-    if found is not None and found.artifact_location != artifacts.as_uri():
+    if found is not None and found.artifact_location != into.files:
         found, aside = None, _put_aside(client, found)
     if found is None:
-        return str(client.create_experiment(name, artifact_location=artifacts.as_uri())), aside
+        return str(client.create_experiment(name, artifact_location=into.files)), aside
     return str(found.experiment_id), aside
 
 

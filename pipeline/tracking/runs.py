@@ -17,10 +17,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from filelock import FileLock
-
 from pipeline.errors import InputError
 from pipeline.tracking import datasets, experiments, page, registry, served, texts
+from pipeline.tracking.databases import Database, database
 from pipeline.tracking.experiments import KEY as KEY
 
 if TYPE_CHECKING:
@@ -99,19 +98,20 @@ class Published:
     """The name that an experiment was given whose files went to another folder, where the project was moved."""
 
 
-def publish(database: Path, experiment: str, runs: Sequence[RunRecord], view: page.View = page.YEAR) -> Published:
-    """Make `experiment` in the sqlite file `database` hold these runs; figures go to `mlruns` beside it.
+def publish(
+    address: str | Path, experiment: str, runs: Sequence[RunRecord], view: page.View = page.YEAR, files: str = ""
+) -> Published:
+    """Make `experiment` in the database at `address` hold these runs; figures and models go to `files`: see `databases.database`.
 
     Its page opens on `view`. A run of the same name, or method and grid, whose content differs is marked deleted, with its
     children; others are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
-    database = database.absolute()
-    database.parent.mkdir(parents=True, exist_ok=True)
+    into = database(address, files)
     # One process at a time: two would each make the experiment, and each write the runs that they both find missing.
-    with FileLock(f"{database}.lock"), _quiet_client(database) as client:
-        experiment_id, aside = experiments.find(client, experiment, database.parent / "mlruns")
+    with into.alone(), _quiet_client(into) as client:
+        experiment_id, aside = experiments.find(client, experiment, into)
         for tag, value in page.tags(view).items():
             client.set_experiment_tag(experiment_id, tag, value)
         ours = [run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags]
@@ -138,8 +138,8 @@ def publish(database: Path, experiment: str, runs: Sequence[RunRecord], view: pa
 
 
 @contextmanager
-def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
-    """A client of this database, created and migrated if need be, without telemetry and without log lines about it."""
+def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
+    """A client of a database, created and migrated if need be, without telemetry and without log lines about it."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
@@ -148,7 +148,7 @@ def _quiet_client(database: Path) -> Iterator["MlflowClient"]:
     try:
         for logger in levels:
             logger.setLevel(logging.WARNING)
-        yield mlflow.MlflowClient(tracking_uri=f"sqlite:///{database}", registry_uri=f"sqlite:///{database}")
+        yield mlflow.MlflowClient(tracking_uri=into.uri, registry_uri=into.uri)
     finally:
         for logger, level in levels.items():
             logger.setLevel(level)

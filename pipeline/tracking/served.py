@@ -17,7 +17,7 @@ from urllib.request import url2pathname
 
 import numpy as np
 
-from pipeline import store
+from pipeline import remote, store
 from pipeline.errors import InputError
 from pipeline.running.building import plain
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-MODULES = ("__init__", "errors", "frames", "model_file", "replacing", "schemas", "sealed", "store")
+MODULES = ("__init__", "errors", "frames", "model_file", "remote", "replacing", "schemas", "sealed", "store")
 FOLDERS = ("alterations", "matching", "methods", "networks", "running", "views")
 """Modules and folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
@@ -164,8 +164,13 @@ def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
 
 
 def delete(client: "MlflowClient", model: Any) -> None:
-    """Take a model off the page and its files, which are copies, off the disk."""
+    """Take a model off the page, and its files, which are copies, off the disk or out of the object store."""
     client.delete_logged_model(model.model_id)
+    if remote.is_remote(model.artifact_location):
+        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+        get_artifact_repository(model.artifact_location).delete_artifacts()
+        return
     folder = Path(url2pathname(urlparse(model.artifact_location).path)).parent
     if folder.name == model.model_id:
         shutil.rmtree(folder, ignore_errors=True)

@@ -9,25 +9,33 @@ import time
 from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 
-from pipeline.errors import YearlocError
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+
+from pipeline.errors import ConfigError, YearlocError
 from pipeline.studies.known import studies
 from pipeline.sweeps.record import Record, cost, read
 from pipeline.tracking import records
 from pipeline.tracking.runs import experiment_of, publish
 from stages import ROOT
 from stages.report import sweep_report
-from stages.sweep.job import SWEEPS, job
+from stages.sweep.job import CORRECTABLE, SWEEPS, job
 
 
 def main() -> None:
     """Run the jobs, wherever the launcher says, and report on all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-    usual = usual_choices(sys.argv[1:])
-    sys.argv[1:] = command_line(sys.argv[1:], usual, folder)
+    given, about = apart(sys.argv[1:])
+    try:
+        tracking = tracking_of(about)
+    except YearlocError as error:
+        sys.exit(f"sweep: {error}")
+    usual = usual_choices(given)
+    sys.argv[1:] = command_line(given, usual, folder)
     start_s = time.perf_counter()
     job()
     if found := read(folder):
-        wrong = report(folder, found, usual)
+        wrong = report(folder, found, usual, tracking)
         print(f"{cost(found)}, {time.perf_counter() - start_s:.0f} s\nsweep: table and figure in {folder}")
         sys.exit(1 if wrong or any(record.error for record in found) else 0)
 
@@ -56,14 +64,30 @@ def _for_each(word: str, swept: Set[str]) -> str:
     return f"{key}=choice({value})" if key.partition(".")[0] in swept - {key} and value and "," not in value else word
 
 
-def report(folder: Path, found: Sequence[Record], usual: Mapping[str, str]) -> bool:
+def apart(given: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The words for the jobs; and those about MLflow, which no job gets: Hydra writes down what each job was told."""
+    about = [word for word in given if word.lstrip("+").startswith(("tracking.", "tracking="))]
+    return [word for word in given if word not in about], about
+
+
+def tracking_of(words: Sequence[str]) -> DictConfig:
+    """Where MLflow is, by the words that say so."""
+    try:
+        with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+            return compose("sweep", [*words]).tracking
+    except CORRECTABLE:  # whose text may hold a password
+        raise ConfigError("tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml") from None
+
+
+def report(folder: Path, found: Sequence[Record], usual: Mapping[str, str], tracking: DictConfig) -> bool:
     """One table and one figure of all jobs, and their runs in MLflow; whether those could not be written."""
     first = found[0]
     print(sweep_report(folder, found, usual))
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     try:
         run = records.of_sweep(found, usual, figures)
-        done = publish(Path(first.database), experiment_of(first.dataset, first.simulated), [run])
+        experiment = experiment_of(first.dataset, first.simulated)
+        done = publish(tracking.database, experiment, [run], files=tracking.artifacts)
     except YearlocError as error:
         print(f"sweep: {error}", file=sys.stderr)
         return True

@@ -44,7 +44,7 @@ def job(cfg: DictConfig) -> float:
     """Run one job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
     of_hydra, start_s, used_s = HydraConfig.get(), time.perf_counter(), time.process_time()
     overrides = dict(override.split("=", 1) for override in of_hydra.overrides.task)
-    about = of_hydra.runtime.choices["dataset"], cfg.dataset.simulated, of_hydra.runtime.choices["method"], cfg.tracking.database
+    about = of_hydra.runtime.choices["dataset"], cfg.dataset.simulated, of_hydra.runtime.choices["method"]
     record = Record(int(of_hydra.job.num), overrides, *about)
     try:
         record = replace(record, **localize_for_a_year(cfg, overrides, record.dataset))

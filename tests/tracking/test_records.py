@@ -113,7 +113,7 @@ def test_each_day_is_a_child_with_its_own_numbers_and_figures(record: RunRecord)
 
 
 def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
-    given = {"dataset": "campus", "simulated": False, "method": "sci", "database": "mlflow.db"}
+    given = {"dataset": "campus", "simulated": False, "method": "sci"}
     found = [row("auc_top1", "cells", 0.5), row("recall_at_1", "cells", np.nan), row("recall_at_1", "distance", 0.25)]
     found += [row("queries", "cells", 9), row("ece", "cells", 0.125), row("auroc", "cells", 0.75) | {"kind": "cost"}]
     rows = [{"sequence": "may", "days": 7} | one for one in found]

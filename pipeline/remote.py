@@ -1,0 +1,57 @@
+"""What lies in an object store, as s3://BUCKET/KEY. Keys and address come from the environment, as every S3 program takes them.
+
+AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import ArtifactError, NotInstalledError
+
+S3 = "s3://"
+PATIENCE = {"connect_timeout": 5, "read_timeout": 10, "retries": {"total_max_attempts": 1}}  # s3fs itself tries again
+
+
+def is_remote(path: str | Path) -> bool:
+    return isinstance(path, str) and path.startswith(S3)
+
+
+def content(path: str | Path) -> bytes:
+    """A file of an artifact that is there."""
+    return bytes(_store().cat_file(path)) if is_remote(path) else Path(path).read_bytes()
+
+
+def listed(folder: str | Path, pattern: str) -> list[str] | list[Path]:
+    """Files below an artifact's folder, by a pattern as of `Path.glob`, in order."""
+    if is_remote(folder):
+        return [f"{S3}{one}" for one in sorted(_store().glob(f"{folder}/{pattern}"))]
+    return sorted(Path(folder).glob(pattern))
+
+
+def look(url: str) -> None:
+    """Return if there is such a bucket or key; raises ArtifactError if not, or if the store does not answer or refuses.
+
+    Raises NotInstalledError without the extra `s3`.
+    """
+    try:
+        from botocore.exceptions import BotoCoreError, NoCredentialsError
+    except ModuleNotFoundError as error:
+        raise NotInstalledError(f"{error.name}: not installed; `pip install 'yearloc[s3]'` (36 MB)") from None
+    try:
+        _store().info(url)
+    except FileNotFoundError as error:
+        raise ArtifactError(f"{url}: not in the object store ({error})") from None
+    except (PermissionError, NoCredentialsError) as error:
+        raise ArtifactError(
+            f"{url}: the object store refuses these keys ({error}); set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+        ) from None
+    except (OSError, ValueError, BotoCoreError) as error:
+        raise ArtifactError(f"{url}: the object store does not answer ({error}); set AWS_ENDPOINT_URL") from None
+
+
+def _store() -> Any:
+    import s3fs
+
+    store = s3fs.S3FileSystem(config_kwargs=PATIENCE, skip_instance_cache=True)
+    store.retries = 2
+    return store

@@ -1,0 +1,99 @@
+"""Where runs are published: MLflow's database, a sqlite file or a PostgreSQL server, and the place of figures and models."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filelock import FileLock
+
+from pipeline import remote
+from pipeline.errors import ArtifactError, ConfigError, NotInstalledError
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
+
+WAIT_S = 10
+"""For a server to take a connection."""
+LOCK = 0x7965_6172_6C6F_63
+"""The advisory lock of publishers: "yearloc". A database has its own, so it holds back those of the same database alone."""
+EXPECTED = "a sqlite file or postgresql://USER:PASSWORD@HOST/NAME; in a password, @ is %40 and / is %2F"
+
+
+@dataclass(frozen=True)
+class Database:
+    """One that MLflow can open."""
+
+    uri: str  # as SQLAlchemy takes it; it may hold a password, so it is neither shown nor stored
+    files: str  # URI of the folder or bucket of the files of new experiments
+    shared: bool  # a server's, which others may publish to from elsewhere
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """No other process publishes to the database meanwhile. Raises ConfigError if a server does not answer in WAIT_S."""
+        if not self.shared:
+            with FileLock(f"{self.uri.removeprefix('sqlite:///')}.lock"):
+                yield
+            return
+        from sqlalchemy import NullPool, create_engine, make_url, text
+        from sqlalchemy.exc import OperationalError
+
+        settings = {"connect_timeout": WAIT_S, "application_name": "yearloc publish"}
+        try:
+            engine = create_engine(self.uri, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=settings)
+            held = engine.connect()
+        except ImportError as error:
+            raise NotInstalledError(f"{error.name}: not installed; `pip install 'yearloc[postgres]'` (13 MB)") from None
+        except OperationalError as error:
+            reason = str(error.orig).partition("\n")[0]
+            raise ConfigError(f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}") from None
+        with held:  # the server lets the lock go with the connection, however that ends
+            held.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
+            yield
+
+
+def shown(url: "URL") -> str:
+    """An address without its password, which may stand in the query too."""
+    return url.set(query={}).render_as_string(hide_password=True)
+
+
+def database(place: str | Path, files: str = "") -> Database:
+    """The database at a path or postgresql:// address, with its files in a folder or below s3://BUCKET/.
+
+    Without a word about files they go to `mlruns` beside a sqlite file; a server needs one. Raises ConfigError for what is
+    neither, or a bucket that does not answer.
+    """
+    if "://" not in str(place):
+        path = Path(place).absolute()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return Database(f"sqlite:///{path}", _folder(files or path.parent / "mlruns"), shared=False)
+    url = _server(str(place))
+    if not files:
+        raise ConfigError(f"tracking.artifacts: {shown(url)} needs a place for files, such as s3://BUCKET/mlflow")
+    return Database(url.render_as_string(hide_password=False), _folder(files), shared=True)
+
+
+def _server(address: str) -> "URL":
+    """No part of an address that cannot be read is shown: any may be of the password."""
+    from sqlalchemy import make_url
+    from sqlalchemy.exc import ArgumentError
+
+    try:
+        url = make_url(address)
+    except (ArgumentError, ValueError):
+        raise ConfigError(f"tracking.database: expected {EXPECTED}") from None
+    if url.drivername != "postgresql" or not url.host or "@" in url.host:
+        raise ConfigError(f"tracking.database: expected {EXPECTED}")
+    return url.set(drivername="postgresql+psycopg")
+
+
+def _folder(files: str | Path) -> str:
+    if not remote.is_remote(files):
+        return Path(files).absolute().as_uri()
+    bucket = str(files).split("/")[2]
+    try:
+        remote.look(f"{remote.S3}{bucket}")
+    except ArtifactError as error:
+        raise ConfigError(f"tracking.artifacts: {error}") from None
+    return str(files).rstrip("/")
