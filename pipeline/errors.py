@@ -4,6 +4,7 @@ YearlocError
 ├── InputError      an array or number handed to the library is not what its docstring asks for
 ├── ConfigError     a value in conf/ or on the command line
 │   └── NotInstalledError   a package of an extra that is needed here
+├── ComputeError    workers that compute blocks ended, or cannot be had
 ├── LogError        a raw log: a missing file, a truncated record, stamps out of order
 └── ArtifactError   an artifact on disk is not what its reader expects
 """
@@ -41,6 +42,10 @@ class ConfigError(YearlocError):
 
 class NotInstalledError(ConfigError):
     """A package that only some work needs is not installed; the message has the command that installs it."""
+
+
+class ComputeError(YearlocError):
+    """Workers that compute blocks ended, or cannot be had."""
 
 
 class LogError(YearlocError):

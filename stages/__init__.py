@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar, cast
 
 import hydra
 from hydra.errors import InstantiationException
@@ -107,9 +107,16 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
             print(f"{name}: {line}", file=sys.stderr)
             sys.exit(1)
 
-        main: Stage = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
-        main.run = run
-        return main
+        composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
+
+        @wraps(function)
+        def main() -> None:
+            sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
+            composed()
+
+        found = cast(Stage, main)
+        found.run = run
+        return found
 
     return decorate
 
@@ -119,6 +126,12 @@ def _check(cfg: DictConfig) -> None:
     for setting, hint in NUMBERS.items():
         if (number := OmegaConf.select(cfg, setting, default=ABSENT)) is not ABSENT:
             within(setting, number, hint)
+
+
+def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
+    """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends on; a command's own wins."""
+    chosen, asks = os.environ.get("YEARLOC_COMPUTE"), "- compute:" in (ROOT / f"conf/{name}.yaml").read_text()
+    return [f"compute={chosen}"] if chosen and asks and not any(word.startswith("compute=") for word in overrides) else []
 
 
 def build(group: str, name: str, **changed: Any) -> Any:

@@ -15,9 +15,9 @@ from stages import ProgressBar, stage
 @stage("altered")
 def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
-    with store.replace(cfg.out) as folder:
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        lines = instantiate(cfg.compute).each(lambda sequence: draw(cfg, sequence, folder), sequences)
+        lines = compute.each(lambda sequence: draw(cfg, sequence, folder), sequences)
         return "; ".join(ProgressBar().track(lines, len(sequences), "alter"))
 
 

@@ -19,9 +19,9 @@ from stages import stage
 @stage("evaluate")
 def main(cfg: DictConfig) -> str:
     numbers: dict[str, Any] = {}
-    with store.replace(cfg.out) as folder:
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        for found in instantiate(cfg.compute).each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
+        for found in compute.each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
             numbers |= found
     with store.replace(cfg.metrics) as metrics:
         metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")

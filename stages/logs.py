@@ -12,8 +12,8 @@ from stages import ProgressBar, stage
 @stage("logs")
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
-    with store.replace(cfg.out) as folder:
-        done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), instantiate(cfg.compute), ProgressBar())
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
+        done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), compute, ProgressBar())
     return f"{cfg.sequence}: {done}"
 
 

@@ -14,9 +14,9 @@ from stages import ProgressBar, stage
 @stage("paths")
 def main(cfg: DictConfig) -> str:
     sequences, told = cfg.sequences.split(), []
-    with store.replace(cfg.out) as folder:
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = instantiate(cfg.compute).each(lambda sequence: follow(cfg, sequence, folder), sequences)
+        done = compute.each(lambda sequence: follow(cfg, sequence, folder), sequences)
         told = list(ProgressBar().track(done, len(sequences), "paths"))
     return "; ".join(told)
 

@@ -19,15 +19,15 @@ from stages import ProgressBar, build, stage
 @stage("poses")
 def main(cfg: DictConfig) -> str:
     labels, sequences = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS), cfg.sequences.split()
-    compute, fixer, map_path = instantiate(cfg.compute), instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr")
+    fixer, map_path = instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr")
     localizer, views = instantiate(cfg.method).localizer(store.read_model(cfg.model)), Rows.read(Path(cfg.views, map_path.name))
-    asked = (localizer, views, labels.load("places"), cfg.k, compute, ProgressBar())
-    evidence, clear_m = instantiate(cfg.held_out).evidence(fixer, map_path, *asked)
-    posing = Posing(Verdict(evidence, cfg.unseen_share), Places.read(labels), cfg.novelty, cfg.wanted_precision, clear_m)
-    lines, fixer = [f"{evidence.queries} held-out queries, clear below {1e3 * clear_m:.1f} mm"], replace(fixer, clear_m=clear_m)
-    with store.replace(cfg.out) as folder:
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
+        asked = (localizer, views, labels.load("places"), cfg.k, compute, ProgressBar())
+        evidence, clear_m = instantiate(cfg.held_out).evidence(fixer, map_path, *asked)
+        posing = Posing(Verdict(evidence, cfg.unseen_share), Places.read(labels), cfg.novelty, cfg.wanted_precision, clear_m)
+        lines = [f"{evidence.queries} held-out queries, clear below {1e3 * clear_m:.1f} mm"]
+        found = compute.each(lambda sequence: fixes(cfg, replace(fixer, clear_m=clear_m), map_path, sequence), sequences)
         for sequence, own in zip(sequences, ProgressBar().track(found, len(sequences), "register"), strict=True):
             rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
             lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))

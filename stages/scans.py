@@ -15,8 +15,9 @@ from stages import ProgressBar, stage
 def main(cfg: DictConfig) -> str:
     log = open_part(instantiate(cfg.dataset.reader), Path(cfg.root), cfg.sequence)
     intake = Intake(log, cfg.grain_m, cfg.every_m)
-    with store.write(cfg.out, schemas.SCANS, grain_m=cfg.grain_m, skipped=intake.skipped, clipped=intake.clipped) as out:
-        for points, offsets in intake.blocks(instantiate(cfg.compute), ProgressBar()):
+    told = {"grain_m": cfg.grain_m, "skipped": intake.skipped, "clipped": intake.clipped}
+    with instantiate(cfg.compute) as compute, store.write(cfg.out, schemas.SCANS, **told) as out:
+        for points, offsets in intake.blocks(compute, ProgressBar()):
             out.append("points", points)
             out.append("offsets", offsets)
         for name, column in intake.poses().items():

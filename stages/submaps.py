@@ -15,9 +15,9 @@ from stages import ProgressBar, stage
 @stage("submaps")
 def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
-    with store.replace(cfg.out) as folder:
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = instantiate(cfg.compute).each(lambda sequence: cut(cfg, sequence, folder), sequences)
+        done = compute.each(lambda sequence: cut(cfg, sequence, folder), sequences)
         lines = list(ProgressBar().track(done, len(sequences), "cut"))
     return "; ".join(lines)
 

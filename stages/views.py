@@ -14,8 +14,8 @@ from stages import ProgressBar, stage
 
 @stage("views")
 def main(cfg: DictConfig) -> str:
-    sequences, compute = cfg.sequences.split(), instantiate(cfg.compute)
-    with store.replace(cfg.out) as folder:
+    sequences = cfg.sequences.split()
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
         if opened(cfg, sequences[0]).one_scan_each:
             lines = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]

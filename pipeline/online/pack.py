@@ -75,7 +75,7 @@ class Packing:
             mapped = store.read(map_path, schemas.MAPS)
             localizer = build(recipe, site.ROOTS).localizer(learned)
             views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
-            compute = Compute("processes")
+            compute = stack.enter_context(Compute("processes"))
             evidence, clear_m = held_out.evidence(fixer, map_path, localizer, views, labels.load("places"), k, compute, progress)
             arrays = {key: mapped.load(key) for key in schemas.MAPS.columns}
         verdict = Verdict(evidence, settings["unseen_share"])

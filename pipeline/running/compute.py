@@ -3,74 +3,94 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Thread
-from typing import Any, Literal, TypeVar
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar
 
-from pipeline.errors import ConfigError
-from pipeline.running.settings import check
+from pipeline.running.clusters import connected, in_order
+from pipeline.running.settings import Positive, Whole, check
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
+Span = tuple[int, int]
+Run = Callable[[Callable[[int, int], Any], Sequence[Span]], Iterator[Any]]
+"""Yields a function of each span, in order."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Compute:
-    """How blocks of rows are computed; results and their order are the same in every mode."""
+    """How blocks of rows are computed; results and their order are the same in every mode.
 
-    scheduler: Literal["threads", "processes", "cluster"] = "threads"
-    """`cluster` takes its address from DASK_SCHEDULER_ADDRESS; its workers need this package and absolute data paths."""
-    workers: int = 0
-    """How many blocks at a time; 0 means one for each core."""
+    Within a `with` block its processes stay for all calls, and end with it; else each call has its own.
+    """
+
+    scheduler: Literal["threads", "processes", "local", "cluster", "slurm", "kubernetes"] = "threads"
+    """All but the first two are Dask's distributed (`clusters`)."""
+    workers: Whole = 0
+    """How many blocks at a time; 0 means one for each core of this machine."""
+    wait_s: Positive = 60.0
+    """How long to wait for the first worker, and for another when none is left."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Of the scheduler `cluster`, `slurm` or `kubernetes`."""
 
     def __post_init__(self) -> None:
         check(self, "compute")
+        self._run: Run | None = None
+        self._held = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._run = self._held.enter_context(self._started(self.workers or os.cpu_count() or 1))
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+        self._run = None
+        self._held.close()
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
 
-        At most two blocks a worker are in memory at a time. Raises ConfigError for an unknown scheduler.
+        At most two blocks a worker are in memory at a time. Raises ComputeError where workers end or cannot be had.
         """
-        import dask
-        from dask.system import CPU_COUNT
-
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
-        workers = self.workers or CPU_COUNT
-        with self._scheduler(workers) as get:
-            for first in range(0, len(spans), 2 * workers):
-                group = [dask.delayed(fn, pure=False)(*span) for span in spans[first : first + 2 * workers]]
-                yield from dask.compute(*group, scheduler=get, num_workers=workers)
+        if self._run:
+            yield from self._run(fn, spans)
+        elif spans:
+            with replace(self) as own:
+                yield from own.rows(fn, n, block)
 
     def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Yield fn(item) of each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     @contextmanager
-    def _scheduler(self, workers: int) -> Iterator[Callable[..., object]]:
-        """Dask's function that computes a graph; a scheduler given by name would import distributed each time."""
+    def _started(self, workers: int) -> Iterator[Run]:
+        """What computes the blocks; a scheduler that Dask is given by name would import distributed each time."""
         if self.scheduler == "threads":
             from dask.threaded import get
 
-            yield get
+            yield partial(_groups, get, workers)
         elif self.scheduler == "processes":
             from dask.multiprocessing import get, get_context, initialize_worker_process
 
             with ProcessPoolExecutor(workers, get_context(), _initialize, (initialize_worker_process,)) as pool:
-                yield partial(get, pool=pool, chunksize=1)  # Dask's own 6 would give all blocks to one process
+                yield partial(_groups, partial(get, pool=pool, chunksize=1), workers)  # Dask's own 6 would leave processes idle
         else:
-            address = os.environ.get("DASK_SCHEDULER_ADDRESS")
-            if not address:
-                raise ConfigError(
-                    "compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as tcp://host:8786"
-                )
-            from distributed import Client
+            with connected(self.scheduler, workers, self.wait_s, self.settings) as client:
+                yield partial(in_order, client, self.scheduler, workers)
 
-            with Client(address, set_as_default=False) as client:
-                yield client.get
+
+def _groups(get: Callable[..., object], workers: int, fn: Callable[[int, int], Any], spans: Sequence[Span]) -> Iterator[Any]:
+    """Blocks two a worker at a time, by Dask's function that computes a graph."""
+    import dask
+
+    for first in range(0, len(spans), 2 * workers):
+        group = [dask.delayed(fn, pure=False)(*span) for span in spans[first : first + 2 * workers]]
+        yield from dask.compute(*group, scheduler=get, num_workers=workers)
 
 
 def _initialize(dask_s: Callable[[], None]) -> None:

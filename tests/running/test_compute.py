@@ -94,24 +94,5 @@ def test_an_error_in_a_block_reaches_the_caller() -> None:
 
 
 def test_an_unknown_scheduler_is_a_config_error() -> None:
-    with pytest.raises(ConfigError, match=r"compute\.scheduler=fibres: expected threads, processes or cluster"):
+    with pytest.raises(ConfigError, match=r"compute\.scheduler=fibres: expected threads, processes, .* or kubernetes"):
         list(Compute("fibres").rows(np.arange, 3, 1))  # type: ignore[arg-type]
-
-
-def test_a_cluster_without_an_address_is_a_config_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
-    with pytest.raises(ConfigError, match="DASK_SCHEDULER_ADDRESS"):
-        list(Compute("cluster").rows(np.arange, 3, 1))
-
-
-def test_a_cluster_gives_the_same_blocks_and_is_left(
-    monkeypatch: pytest.MonkeyPatch, delivered: dict[str, list[np.ndarray]]
-) -> None:
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
-        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
-        before = set(cluster.scheduler.clients)
-        blocks = list(Compute("cluster").rows(np.arange, 23, 4))
-        assert set(cluster.scheduler.clients) == before
-    assert [block.tobytes() for block in blocks] == [block.tobytes() for block in delivered["threads"]]
