@@ -34,11 +34,12 @@ def look(url: str) -> None:
     Raises NotInstalledError without the extra `s3`.
     """
     try:
+        store = _store()
         from botocore.exceptions import BotoCoreError, NoCredentialsError
     except ModuleNotFoundError as error:
         raise NotInstalledError(f"{error.name}: not installed; `pip install 'yearloc[s3]'` (36 MB)") from None
     try:
-        _store().info(url)
+        store.info(url)
     except FileNotFoundError as error:
         raise ArtifactError(f"{url}: not in the object store ({error})") from None
     except (PermissionError, NoCredentialsError) as error:

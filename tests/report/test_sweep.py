@@ -16,7 +16,7 @@ def record(number: int, cell: str, n_way: str, auc: float, held_out: float | Non
         cells = {"auc_top1": auc - off, "recall_at_1": 0.5 + off, "auroc": np.nan, "median_error_m": 3.0, "oracle": 0.9}
         for protocol, numbers in {"cells": cells, "distance": cells | {"recall_at_1": 0.6 + off}}.items():
             rows += [row(name, protocol, value) for name, value in numbers.items()]
-    return Record(number, told, "campus", True, "sci", "", error, rows)
+    return Record(number, told, "campus", True, "sci", error, rows)
 
 
 BROKEN = record(3, "10", "7", 0.0, None, "n_way=7: must divide 120")

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
 
 from pipeline.errors import InputError
+from pipeline.store import write_model
 from pipeline.tracking import page
 from pipeline.tracking.datasets import Used
 from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, publish
@@ -283,7 +283,7 @@ def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], Run
     (tmp_path / "tiny_method.py").write_text(TINY)
 
     def make(first: int) -> RunRecord:
-        save_file({"first": np.array(first)}, tmp_path / "tiny.safetensors")
+        write_model(tmp_path / "tiny.safetensors", {"first": np.array(first)}, {})
         served = Served(tmp_path / "tiny.safetensors", "tiny_method:Tiny", {"step": 3, "budget": 0.25}, (4, 12), k=3)
         return RunRecord("tiny", {}, {}, {}, model=served)
 
