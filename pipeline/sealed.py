@@ -18,7 +18,7 @@ from pipeline.remote import content, listed
 SEAL = "seal"
 COMPRESSOR = ZstdCodec(level=0, checksum=True)
 REBUILD = "remove it and `dvc repro` it"
-ALL_CHUNKS = {"array.write_empty_chunks": True}
+ALL_CHUNKS = {"write_empty_chunks": True}
 """Chunks of zeros are written too, so that one that is not there is missing."""
 
 

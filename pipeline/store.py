@@ -86,6 +86,7 @@ class Draft:
         self._group = group
         self._schema = schema
         self._waiting: dict[str, list[NDArray[Any]]] = {}
+        self._arrays: dict[str, Any] = {}
 
     def put(self, name: str, rows: NDArray[Any]) -> None:
         """Write the column `name` whole, once; floats may be rounded to the schema's type, integers must fit."""
@@ -138,9 +139,9 @@ class Draft:
         return self._schema.columns[name]
 
     def _write(self, name: str, column: Column, rows: NDArray[Any]) -> None:
-        if name not in self._group:
+        if name not in self._arrays:
             shape = (0, *rows.shape[1:])
-            self._group.create_array(
+            self._arrays[name] = self._group.create_array(
                 name,
                 shape=shape,
                 dtype=rows.dtype,
@@ -149,13 +150,13 @@ class Draft:
                 chunk_key_encoding={"name": "default", "separator": "."},  # c.0.0: no folders, each of which DVC would visit
                 dimension_names=column.dims,
                 compressors=sealed.COMPRESSOR,
+                config=sealed.ALL_CHUNKS,
             )
         if len(rows):
-            with zarr.config.set(sealed.ALL_CHUNKS):
-                array = self._group[name]
-                start = array.shape[0]
-                array.resize((start + len(rows), *array.shape[1:]))
-                array[start:] = rows
+            array = self._arrays[name]
+            start = array.shape[0]
+            array.resize((start + len(rows), *array.shape[1:]))
+            array[start:] = rows
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """A bit that turns in an artifact or a model is found: what is read is what was written, or nothing."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from pipeline import store
 from pipeline.errors import ArtifactError
-from tests.test_store import COLUMNS, THINGS, put
+from tests.test_store import COLUMNS, THINGS, contents, put
 
 TRIES = 400
 MODEL = {"weight": np.linspace(-1, 1, 50, dtype=np.float32), "none": np.empty((0, 3)), "k": np.array(7)}
@@ -45,6 +46,14 @@ def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
     (path / "points/c.1.0").unlink()
     with pytest.raises(ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"):
         store.read(path, THINGS).load("points")
+
+
+def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:
+    zeros = {"points": np.zeros((20, 3), np.int16), "heights": np.zeros(2, np.float32)}
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda i: put(tmp_path / f"{i}.zarr", **zeros), range(40)))
+    assert len({frozenset(contents(tmp_path / f"{i}.zarr").items()) for i in range(40)}) == 1
+    assert (tmp_path / "0.zarr/heights/c.0").is_file()
 
 
 def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:

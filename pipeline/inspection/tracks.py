@@ -93,6 +93,7 @@ def tum_poses(path: Path, found: Inspection) -> None:
 def kitti_times(path: Path, found: Inspection) -> None:
     """times.txt: seconds from the start of the log, one row per scan."""
     times_s = log.table(path, 1)[:, 0]
+    log.refuse_times(path, times_s, "s", 10**9)
     found.describe("KITTI times", ("rows", f"{len(times_s):,}"), *clock(times_s))
     _warn_of_order(found, times_s)
 

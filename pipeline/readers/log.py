@@ -86,12 +86,16 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
     return rows
 
 
-def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first that does not increase."""
-    late = LATEST_NS / unit_ns
-    bad = np.flatnonzero(~(np.abs(stamps) < late))
+def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> None:
+    """Raise LogError naming the first of the stamps (n,) in `unit` of `unit_ns` ns that is no time."""
+    bad = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
     if len(bad):
         raise LogError(f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}")
+
+
+def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
+    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first that does not increase."""
+    refuse_times(path, stamps, unit, unit_ns)
     whole = np.floor(stamps)
     stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)

@@ -122,6 +122,7 @@ def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
         ("odometry_mu_100hz.csv", b"\xff\xfe"),
         ("00.txt", b"1 2 3\n"),
         ("times.txt", b"noon\n"),
+        ("times.txt", b"0.0\n0.1\n1e999\n"),
         ("calib.txt", b"P0: 1\n"),
         ("calib.txt", b"\xff\xfe:"),
         ("velodyne_hits.bin", b""),

@@ -1,0 +1,214 @@
+"""A campaign of faults against a built project: `python -m benchmarks.faults PROJECT --tries 1000 --kills 20 --seed 0`.
+
+PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`; what is damaged is a copy, and
+a stage that is killed is run again. Every case ends as one of ENDINGS; the last two must be 0. Cases go to faults.jsonl in the
+working folder, and a campaign that was cut off goes on after the last of them.
+"""
+
+import argparse
+import hashlib
+import io
+import json
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pipeline import schemas, store
+from pipeline.cli import main as yearloc
+from pipeline.errors import YearlocError
+from pipeline.formats import nclt
+from pipeline.online import site_file
+
+ENDINGS = ("same", "another input", "refused", "traceback", "silently different")
+"""`another input`: a log, which has no checksum, was read as what it now says."""
+SEALED = (".zarr", ".safetensors", ".site")
+LONGEST = 300_000  # bytes of a log that is mutated; of a longer one the beginning
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
+EVER_S = 600
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """With a bit turned, bytes overwritten, a part cut out or doubled, the end cut off, or a number made another one."""
+    if not data:
+        return b"\0"
+    at, length = rng.randrange(len(data)), rng.choice((1, 2, 4, 14, 100))
+    ways: tuple[Callable[[], bytes], ...] = (
+        lambda: data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :],
+        lambda: data[:at] + rng.randbytes(length) + data[at + length :],
+        lambda: data[:at] + data[at + length :],
+        lambda: data[:at] + data[at : at + length] + data[at:],
+        lambda: data[:at],
+        lambda: (
+            data[:at]
+            + rng.choice((b"\0" * length, b"\xff" * length, b"nan", b"-1", b"1e999", b"{}", b"\n"))
+            + data[at + length :]
+        ),
+    )
+    return rng.choice(ways)()
+
+
+def read(path: Path) -> Any:
+    """What a reader makes of a path, in a form that can be compared; raises what the reader raises."""
+    if path.suffix == ".zarr":
+        found = store.read(path, *schemas.ALL)
+        schema = next(one for one in schemas.ALL if one.kind == found.attrs["kind"])
+        return found.attrs, {name: found.load(name).tobytes() for name in schema.columns}
+    if path.suffix == ".safetensors":
+        return store.read_recipe(path), {name: array.tobytes() for name, array in store.read_model(path).items()}
+    if path.suffix == ".site":
+        parts = site_file.read(path)
+        return str(parts.about), {name: np.asarray(array).tobytes() for name, array in {**parts.model, **parts.arrays}.items()}
+    return shown(["inspect", str(path)])
+
+
+def shown(words: list[str]) -> str:
+    """What a command prints; raises YearlocError with its line where it refuses."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            yearloc(words)
+        except SystemExit as error:
+            if error.code:
+                lines = err.getvalue().strip().splitlines()
+                raise YearlocError(lines[-1] if lines else "") from None
+    return out.getvalue()
+
+
+def samples(project: Path, folder: Path, also: Sequence[Path] = ()) -> list[tuple[Path, list[Path]]]:
+    """Copies of artifacts, models, a site, logs and settings; each with the files of it that are damaged."""
+    artifacts, found = project / "artifacts", []
+    for path in [*sorted(artifacts.rglob("*.zarr")), *sorted(artifacts.rglob("*.safetensors")), *sorted(project.glob("*.site"))]:
+        copy = folder / path.relative_to(project)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        (shutil.copytree if path.is_dir() else shutil.copy)(path, copy)
+        found.append((copy, [one for one in copy.rglob("*") if one.is_file()] if copy.is_dir() else [copy]))
+    seen: Counter[str] = Counter()
+    for path in sorted(one for root in (artifacts / "logs", *also) for one in root.rglob("*") if one.is_file()):
+        seen[f"{path.parent} {path.suffix}"] += 1
+        if seen[f"{path.parent} {path.suffix}"] <= 4:
+            copy = folder / path.absolute().relative_to("/")
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(path.read_bytes()[: LONGEST // nclt.RECORD_BYTES * nclt.RECORD_BYTES])
+            found.append((copy, [copy]))
+    return found
+
+
+def mutations(project: Path, tries: int, seed: int, done: int, also: Sequence[Path] = ()) -> Iterator[dict[str, Any]]:
+    """Damage a file of a sample, read the sample, and put the file back."""
+    with TemporaryDirectory() as scratch:
+        found = samples(project, Path(scratch), also)
+        right: dict[Path, Any] = {}
+        for path, _ in found:
+            with suppress(YearlocError):  # what is refused as it is shows nothing
+                right[path] = read(path)
+        found = [one for one in found if one[0] in right]
+        for number in range(done, tries):
+            rng = random.Random(f"{seed} {number}")
+            path, files = rng.choice(found)
+            file = rng.choice(files)
+            before = file.read_bytes()
+            file.write_bytes(mutated(before, rng))
+            said = ""
+            try:
+                same = read(path) == right[path]
+                ending = "same" if same else "silently different" if path.suffix in SEALED else "another input"
+            except YearlocError as error:
+                said, ending = str(error), "refused" if "\n" not in str(error).strip() else "traceback"
+            except Exception as error:  # what no reader may let through
+                said, ending = f"{type(error).__name__}: {error}"[:300], "traceback"
+            file.write_bytes(before)
+            yield {"case": number, "file": str(file.relative_to(scratch)), "ending": ending, "said": said}
+
+
+def digest(path: Path) -> str:
+    """Of a file, or of a folder's files and their names."""
+    files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
+    return hashlib.sha256(b"".join(f"{one.relative_to(path)}".encode() + one.read_bytes() for one in files)).hexdigest()
+
+
+def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
+    """Name, command and cached outputs of every stage instance that DVC's lock files have."""
+    found = []
+    for lock in sorted([*(project / ".dvc/locks").glob("*.lock"), project / "dvc.lock"]):
+        for name, one in (yaml.safe_load(lock.read_text()) or {}).get("stages", {}).items():
+            outs = [
+                project / out["path"].removeprefix("../../")
+                for out in one.get("outs", ())
+                if out["path"].endswith((".zarr", ".safetensors")) or "." not in Path(out["path"]).name
+            ]
+            if outs and all(out.exists() for out in outs):
+                found.append((name, one["cmd"] if isinstance(one["cmd"], str) else one["cmd"][0], outs))
+    return found
+
+
+def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
+    """Stop a stage at a random moment, look at what it left, run it to its end, and compare its outputs byte by byte."""
+    stages, took = instances(project), dict[str, float]()
+    for case in range(done, number):
+        rng = random.Random(f"{seed} kill {case}")
+        name, command, outs = rng.choice(stages)
+        for out in outs:  # a link to DVC's cache is read-only; what a stage writes replaces it
+            assert out.exists()
+        right, start = [digest(out) for out in outs], time.monotonic()
+        if name not in took:
+            subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
+            took[name] = time.monotonic() - start
+        how = rng.choice(SIGNALS)
+        process = subprocess.Popen(
+            f"exec {command}", shell=True, cwd=project, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(rng.random() * took[name])
+        process.send_signal(how)
+        if how == signal.SIGSTOP:
+            time.sleep(0.2)
+            process.send_signal(signal.SIGCONT)
+        left = process.communicate(timeout=EVER_S)[1]
+        half = [digest(out) for out in outs] != right
+        subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
+        same = not half and [digest(out) for out in outs] == right
+        traced = how == signal.SIGINT and "Traceback" in left
+        ending = "silently different" if not same else "traceback" if traced else "same"
+        yield {"case": case, "file": f"{name} {how.name}", "ending": ending, "said": left[-300:] if traced else ""}
+
+
+def main() -> None:
+    """Run both, resume, and print the table."""
+    parser = argparse.ArgumentParser("python -m benchmarks.faults", description=__doc__)
+    parser.add_argument("project", type=Path)
+    parser.add_argument("--tries", type=int, default=1_000, help="mutated files")
+    parser.add_argument("--kills", type=int, default=20, help="stages that are stopped")
+    parser.add_argument("--also", type=Path, nargs="*", default=[], help="folders of recorded logs to damage copies of")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    path = Path("faults.jsonl")
+    cases = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    done = Counter(one["kind"] for one in cases)
+    with path.open("a") as file:
+        for kind, run, number in (("mutation", partial(mutations, also=given.also), given.tries), ("kill", kills, given.kills)):
+            for one in run(given.project.resolve(), number, given.seed, done[kind]):
+                cases.append({"kind": kind, **one})
+                file.write(json.dumps(cases[-1]) + "\n")
+                file.flush()
+    for kind in ("mutation", "kill"):
+        found = Counter(one["ending"] for one in cases if one["kind"] == kind)
+        print(f"{kind}: " + ", ".join(f"{found[ending]:,} {ending}" for ending in ENDINGS))
+    for one in (one for one in cases if one["ending"] in ENDINGS[-2:]):
+        print(f"  {one['file']}: {one['ending']} {one['said']}")
+    sys.exit(any(one["ending"] in ENDINGS[-2:] for one in cases))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""The campaign of faults tells damage that is found from damage that is not."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.faults import ENDINGS, mutated, mutations
+from pipeline import store
+from tests.inspection.test_artifacts import write
+
+
+def test_every_mutation_of_an_artifact_is_refused_or_harmless(tmp_path: Path) -> None:
+    write(tmp_path / "artifacts/labels/a.zarr", "labels")
+    store.write_model(tmp_path / "artifacts/train/a.safetensors", {"a": np.arange(9.0)}, {"k": 1})
+    found = list(mutations(tmp_path, tries=60, seed=0, done=0))
+    assert [one["case"] for one in found] == [*range(60)]
+    assert {one["ending"] for one in found} <= {"same", "refused"}
+    later = list(mutations(tmp_path, tries=60, seed=0, done=42))  # it goes on where it was cut off
+    assert [(one["file"], one["ending"]) for one in later] == [(one["file"], one["ending"]) for one in found[42:]]
+
+
+def test_a_log_is_read_as_what_it_now_says(tmp_path: Path) -> None:
+    (log := tmp_path / "artifacts/logs/campus/odometry.csv").parent.mkdir(parents=True)
+    log.write_text("".join(f"{i}000000,{i}.0,0,0,0,0,0\n" for i in range(50)))
+    assert {one["ending"] for one in mutations(tmp_path, tries=40, seed=0, done=0)} <= set(ENDINGS[:3])
+
+
+def test_a_mutation_changes_the_bytes_nearly_always() -> None:
+    rng, data = random.Random(0), bytes(range(200))
+    assert sum(mutated(data, rng) != data for _ in range(200)) > 190
+    assert mutated(b"", rng) == b"\0"
