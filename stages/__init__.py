@@ -21,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as RichProgress
 
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.running.building import TARGET, target_class
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
@@ -122,7 +123,9 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
 
 
 def _check(cfg: DictConfig) -> None:
-    """Raise ConfigError for a number out of its range."""
+    """Raise ConfigError for a number out of its range, or a class that is none of this project's."""
+    for target in _targets(OmegaConf.to_container(cfg)):
+        target_class(target, ("pipeline.",))
     for setting, hint in NUMBERS.items():
         if (number := OmegaConf.select(cfg, setting, default=ABSENT)) is not ABSENT:
             within(setting, number, hint)
@@ -132,6 +135,15 @@ def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
     """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends on; a command's own wins."""
     chosen, asks = os.environ.get("YEARLOC_COMPUTE"), "- compute:" in (ROOT / f"conf/{name}.yaml").read_text()
     return [f"compute={chosen}"] if chosen and asks and not any(word.startswith("compute=") for word in overrides) else []
+
+
+def _targets(node: object) -> Iterator[str]:
+    """The name of every class that a configuration would build."""
+    if isinstance(node, dict | list):
+        for child in node.values() if isinstance(node, dict) else node:
+            yield from _targets(child)
+    if isinstance(node, dict) and TARGET in node:
+        yield str(node[TARGET])
 
 
 def build(group: str, name: str, **changed: Any) -> Any:

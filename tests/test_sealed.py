@@ -1,12 +1,14 @@
 """A bit that turns in an artifact or a model is found: what is read is what was written, or nothing."""
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 
-from pipeline import store
+from pipeline import sealed, store
 from pipeline.errors import ArtifactError
 from tests.test_store import COLUMNS, THINGS, contents, put
 
@@ -46,6 +48,17 @@ def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
     (path / "points/c.1.0").unlink()
     with pytest.raises(ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"):
         store.read(path, THINGS).load("points")
+
+
+def test_an_array_that_says_it_is_huge_is_not_read(tmp_path: Path) -> None:
+    put(path := tmp_path / "a.zarr")
+    form = path / "heights/zarr.json"
+    form.write_text(json.dumps(json.loads(form.read_text()) | {"shape": [10**12]}))
+    with pytest.raises(ArtifactError, match="not as they were written"):
+        store.read(path, THINGS)
+    zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.seal(path)  # by somebody who knows how
+    with pytest.raises(ArtifactError, match="249999999999 of 250000000000 files of heights are missing"):
+        store.read(path, THINGS).load("heights")
 
 
 def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:

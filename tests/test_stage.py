@@ -10,7 +10,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.errors import InputError
+from pipeline.errors import ConfigError, InputError
 from pipeline.running.telemetry import Trace
 from pipeline.sweeps.chain import Step
 from stages import ROOT, stage, within_budget
@@ -129,3 +129,9 @@ def test_what_the_machine_refuses_is_one_line(tmp_path: Path, which: str, code: 
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     assert re.fullmatch(rf"latency: (.*: )?{said}\n", done.stderr)
+
+
+@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "pipeline.store.Path", "pipeline.cli.os.system"])
+def test_no_other_class_is_built_than_this_projects(target: str) -> None:
+    with pytest.raises(ConfigError, match=f"^_target_={target}: expected a class of pipeline$"):
+        main.run(OmegaConf.create({"out": None, "fails": False, "view": {"parts": [{"_target_": target}]}}))

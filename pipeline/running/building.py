@@ -25,7 +25,13 @@ def build(spec: Any, roots: tuple[str, ...]) -> Any:
     found = {name: build(value, roots) for name, value in spec.items()}
     if TARGET not in found:
         return found
-    module, _, name = str(found[TARGET]).rpartition(".")
+    kind = target_class(str(found[TARGET]), roots)
+    return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})
+
+
+def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
+    """The dataclass of a module below `roots` that a name stands for; raises ConfigError for anything else."""
+    module, _, name = target.rpartition(".")
     kind = None
     if module.startswith(roots) and name.isidentifier():
         try:
@@ -35,8 +41,8 @@ def build(spec: Any, roots: tuple[str, ...]) -> Any:
                 needed = f"{error.name}: not installed, and {module} needs it"
                 raise NotInstalledError(f"{needed}; `pip install 'yearloc[site]'`") from None
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
-        raise ConfigError(f"{TARGET}={spec[TARGET]}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
-    return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})
+        raise ConfigError(f"{TARGET}={target}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
+    return kind
 
 
 def plain(text: object) -> Any:

@@ -77,7 +77,7 @@ def test_a_worker_has_one_thread_for_everything_and_listens_on_this_machine_alon
 
 
 def test_a_killed_worker_costs_its_block(local: Compute, tmp_path: Path) -> None:
-    """Block 3 kills its worker the first time; nothing else runs on that worker, whose blocks before were taken already."""
+    """Block 3 kills its worker the first time; nothing else runs on that worker."""
 
     def once(start: int, stop: int) -> int:
         with open(tmp_path / str(start), "a") as file:
@@ -89,7 +89,8 @@ def test_a_killed_worker_costs_its_block(local: Compute, tmp_path: Path) -> None
 
     assert list(local.rows(once, 8, 1)) == list(range(8))
     begun = Counter({path.name: path.read_text().count("begun") for path in tmp_path.iterdir()})
-    assert begun == {str(row): 1 + (row == 3) for row in range(8)}
+    assert begun["3"] == 2
+    assert sum(begun.values()) <= 8 + 2  # and one that the worker had done and not delivered yet
 
 
 def test_a_block_that_ends_every_worker_is_one_line(local: Compute) -> None:
