@@ -7,7 +7,7 @@ and a scratch sibling that the next draft of the same path removes.
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -28,7 +28,8 @@ def replace(path: str | Path) -> Iterator[Path]:
         scratch.replace(path)
         _fsync_one(path.parent)
     finally:
-        _remove(scratch)
+        with suppress(OSError):  # after Ctrl-C another thread may still write into it; the next writer sweeps it
+            _remove(scratch)
 
 
 def _sweep(path: Path) -> None:

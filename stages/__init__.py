@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
 from pathlib import Path
+from types import TracebackType
 from typing import Annotated, Any, Protocol, TypeVar, cast
 
 import hydra
@@ -55,6 +56,15 @@ def _keep_freed_memory() -> None:
             libc.mallopt(parameter, value)
 
 
+def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Ctrl-C while a stage is being loaded is a line too."""
+    if issubclass(kind, KeyboardInterrupt):
+        print("interrupted", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _uncaught
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
 _keep_freed_memory()

@@ -1,5 +1,6 @@
 """Artifacts: whole or not at all, and bytes that follow from what was put in."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -128,6 +129,15 @@ def test_a_block_that_fails_leaves_the_old_artifact(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         interrupted(tmp_path / "a.zarr")
     assert contents(tmp_path) == before
+
+
+def test_an_interruption_is_told_where_a_thread_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path) -> None:
+        raise OSError(errno.ENOTEMPTY, "Directory not empty", str(path))
+
+    monkeypatch.setattr("shutil.rmtree", full)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(tmp_path / "a.zarr")
 
 
 def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
