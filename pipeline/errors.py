@@ -24,7 +24,7 @@ def refusal(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory: fewer workers or a smaller view need less"
     if isinstance(error, OSError) and error.errno in MACHINE:
-        return f"{error.filename or 'a file'}: {str(error.strerror).lower()}; nothing is half written, run it again after that"
+        return f"{error.filename or 'a file'}: {str(error.strerror).lower()}; mend that and run it again"
     return ""
 
 

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
 OURS = [*MODULES, *ROOT.glob("stages/**/*.py")]
 LONGEST = 220
-UNSAFE = ("import pickle", "allow_pickle=True", "torch.load")
+UNSAFE = ("import pickle", "allow_pickle=True", "torch.load", "yaml.unsafe", "yaml.full_load", "yaml.Loader", "yaml.FullLoader")
 METHODS = sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
 
 

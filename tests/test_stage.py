@@ -118,7 +118,7 @@ def large(cfg):
     ("which", "code", "said"),
     [
         ("main", 1, "cannot be written (.*)"),
-        ("write", 1, "file too large; nothing is half written, run it again after that"),
+        ("write", 1, "file too large; mend that and run it again"),
         ("stopped", 130, "interrupted"),
         ("large", 1, "not enough memory: fewer workers or a smaller view need less"),
     ],
