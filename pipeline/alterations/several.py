@@ -21,6 +21,8 @@ class Several:
     def __post_init__(self) -> None:
         check(self, "alteration")
         object.__setattr__(self, "parts", tuple(self.parts))
+        if strange := [part for part in self.parts if not hasattr(part, "cases")]:
+            raise ConfigError(f"alteration.parts: expected alterations, each with its _target_, got {strange}")
         if len({part.seed for part in self.parts}) != 1:
             raise ConfigError(f"alteration.parts: expected parts of one seed, got {[part.seed for part in self.parts]}")
         if len(set(self.cases)) < len(self.cases):

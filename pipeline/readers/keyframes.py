@@ -45,7 +45,7 @@ class KeyFrames:
     def open(self, root: Path, sequence: str) -> Log:
         folder, skipped = root / sequence, Counter[str]()
         rows = log.table(folder / FILE, COLUMNS)
-        odd = np.flatnonzero(~((rows[:, 0] >= 0) & (rows[:, 0] < MOST)) | (rows[:, 0] % 1 != 0))
+        odd = np.flatnonzero(~((rows[:, 0] >= 0) & (rows[:, 0] < MOST)) | (rows[:, 0] != np.floor(rows[:, 0])))
         if len(odd):
             raise LogError(f"{folder / FILE}: row {odd[0] + 1} names cloud {rows[odd[0], 0]:g}; expected a whole number")
         paths = [folder / f"{number:.0f}.pcd" for number in rows[:, 0]]

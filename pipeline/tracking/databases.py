@@ -31,9 +31,13 @@ class Database:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """No other process publishes to the database meanwhile. Raises ConfigError if a server does not answer in WAIT_S."""
+        """No other process publishes to the database meanwhile.
+
+        Raises ConfigError if a server does not answer in WAIT_S, or it or the object store fails before the block ends.
+        """
         if not self.shared:
-            with FileLock(f"{self.uri.removeprefix('sqlite:///')}.lock"):
+            path = self.uri.removeprefix("sqlite:///")
+            with FileLock(f"{path}.lock"), _answering(path):
                 yield
             return
         from sqlalchemy import NullPool, create_engine, make_url, text
@@ -48,9 +52,25 @@ class Database:
         except OperationalError as error:
             reason = str(error.orig).partition("\n")[0]
             raise ConfigError(f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}") from None
-        with held:  # the server lets the lock go with the connection, however that ends
+        with held, _answering(shown(make_url(self.uri))):  # the server lets the lock go with the connection, however that ends
             held.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
             yield
+
+
+@contextmanager
+def _answering(where: str) -> Iterator[None]:
+    """What a database or an object store could not do in the block is told in a line; errors of our own stay as they are."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        yield
+    except Exception as error:
+        parts = type(error).__module__.partition(".")[0]
+        unavailable = isinstance(error, MlflowException) and error.error_code == "TEMPORARILY_UNAVAILABLE"
+        if not unavailable and parts not in ("boto3", "botocore", "sqlalchemy"):
+            raise
+        reason = next((line.strip() for line in str(error).splitlines() if line.strip()), parts)
+        raise ConfigError(f"tracking.database={where}: failed under way: {reason}; publish again, and whole runs stay") from error
 
 
 def shown(url: "URL") -> str:

@@ -144,14 +144,15 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
 
-    levels = {logger: logger.level for logger in map(logging.getLogger, ("alembic", "mlflow"))}
+    quiet = {"alembic": logging.WARNING, "mlflow": logging.WARNING, "sqlalchemy.pool": logging.CRITICAL}
+    levels = {name: logging.getLogger(name).level for name in quiet}
     try:
-        for logger in levels:
-            logger.setLevel(logging.WARNING)
+        for name, level in quiet.items():
+            logging.getLogger(name).setLevel(level)
         yield mlflow.MlflowClient(tracking_uri=into.uri, registry_uri=into.uri)
     finally:
-        for logger, level in levels.items():
-            logger.setLevel(level)
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _is_of(run: "Run", record: RunRecord) -> bool:

@@ -51,6 +51,8 @@ def test_parts_that_cannot_be_told_apart_are_refused() -> None:
         Several([Demolition(), Demolition([60])])
     with pytest.raises(ConfigError, match="one seed"):
         Several([])
+    with pytest.raises(ConfigError, match=r"each with its _target_, got \[3\]"):
+        Several([Demolition(), 3])  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize("alteration", [GLANCE, Turned(), Demolition(), Construction()], ids=lambda one: type(one).__name__)

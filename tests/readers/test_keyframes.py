@@ -32,6 +32,7 @@ def test_the_body_looks_where_it_drives(tmp_path: Path) -> None:
     [
         ("1 2 3\n", "expected 33 numbers a row, found 3"),
         ("1e300 " * 33 + "\n", "row 1 names cloud 1e\\+300"),
+        ("-inf " * 33 + "\n", "row 1 names cloud -inf"),
         ("0 " * 33 + "\n", "row 1 has a quaternion"),
         ("", "no rows"),
     ],

@@ -178,6 +178,60 @@ def test_a_server_that_is_not_there_is_told_in_one_line(shared: Shared) -> None:
         Shared(f"postgresql://u:secret@127.0.0.1:{free_port()}/x", shared.files).publish()
 
 
+def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_next_time_goes_on(
+    postgres: Postgres,
+    keys: ObjectStore,
+    shared: Shared,
+    record: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    import psycopg
+
+    from pipeline.tracking import runs
+
+    own, write = Shared(postgres.database("goes"), shared.files), runs._write
+
+    def write_one_and_lose_the_server(*given: Any) -> None:
+        write(*given)
+        if given[2].name != "sci":  # a run is whole once its children are
+            return
+        with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
+            connection.execute("alter database goes allow_connections false")
+            connection.execute("select pg_terminate_backend(pid) from pg_stat_activity where datname = 'goes'")
+
+    monkeypatch.setattr(runs, "_write", write_one_and_lose_the_server)
+    with pytest.raises(ConfigError, match=r"^tracking\.database=\S+goes: failed under way: .*; publish again") as error:
+        own.publish(record(), RunRecord("second", {}, {}, {}))
+    assert "\n" not in str(error.value)
+    assert postgres.password not in str(error.value)
+    assert [entry.message for entry in caplog.records if entry.levelname in ("ERROR", "CRITICAL")] == []
+    with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
+        connection.execute("alter database goes allow_connections true")
+    monkeypatch.undo()
+    for name, value in keys.env.items():
+        monkeypatch.setenv(name, value)
+    done = own.publish(record(), RunRecord("second", {}, {}, {}))
+    assert (done.written, done.kept) == (1, 2)
+
+
+def test_a_bucket_that_goes_while_runs_are_written_is_told_in_one_line(
+    postgres: Postgres, keys: ObjectStore, shared: Shared, record: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pipeline.tracking import runs
+
+    own, write = Shared(postgres.database("without-files"), shared.files), runs._write
+
+    def write_to_nobody(*given: Any) -> None:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{free_port()}")
+        write(*given)
+
+    monkeypatch.setattr(runs, "_write", write_to_nobody)
+    with pytest.raises(ConfigError, match=r"^tracking\.database=\S+without-files: failed under way: .*") as error:
+        own.publish(record())
+    assert "\n" not in str(error.value)
+
+
 def test_a_bucket_that_is_not_there_is_told_before_anything_is_written(shared: Shared) -> None:
     with pytest.raises(ConfigError, match=r"^tracking\.artifacts: s3://nowhere: not in the object store"):
         Shared(shared.url, "s3://nowhere/mlflow").publish(experiment="never")
