@@ -12,7 +12,7 @@ export MLFLOW_DISABLE_TELEMETRY := true
 # `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
 REPRO := { yearloc repro && yearloc unchanged --remember; }
 
-.PHONY: install demo studies real year report results picture test test-servers docs dashboard benchmarks clean
+.PHONY: install demo studies real year report results picture test test-servers audit docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.
 install: .venv/ready
@@ -70,6 +70,16 @@ test: .venv/tools
 test-servers: .servers/ready
 	.servers/bin/python -m pytest tests/servers
 
+# The licences of all that .venv holds, and what is known against the pinned versions. Two GPL packages come with DVC, which runs
+# them as a program of its own; what `pip install yearloc` alone takes has none. The two of unknown licence say MIT in their files.
+LICENCES := MIT;BSD;Apache;Python Software Foundation;PSF;Mozilla;MPL;Zope;EPL;any-OSI
+audit: .venv/tools
+	test -x .audit/bin/pip-audit || $(BIN)/python -m venv .audit
+	.audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1 pip-licenses==5.5.5
+	.audit/bin/pip-licenses --python $(BIN)/python --order license --partial-match --allow-only '$(LICENCES)' \
+		--ignore-packages grandalf pygit2 huey skops
+	.audit/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip --strict
+
 # The pages of docs/ into site/; nothing is loaded from the network, neither here nor by who reads them.
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 mkdocs build --strict
@@ -114,4 +124,4 @@ benchmarks: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv .servers site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock
+	rm -rf .venv .servers .audit site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock
