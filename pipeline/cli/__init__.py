@@ -93,7 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _use(given: argparse.Namespace) -> None:
     from pipeline.running.repair import add_missing_locks
+    from pipeline.studies.expansion import expand
     from pipeline.studies.names import complete, lists_text, propose, studies_text
+    from pipeline.studies.parts import lay, parted
 
     conf = conf_folder()
     add_missing_locks(conf.parent)
@@ -113,6 +115,7 @@ def _use(given: argparse.Namespace) -> None:
     for path, text in ((conf / "studies.yaml", studies_text(studies)), (conf / "lists.yaml", lists_text(studies))):
         if not path.is_file() or path.read_text() != text:
             path.write_text(text)
+    lay(conf.parent, parted(expand(studies)))
     print(*(f"  {note}\n" for proposal in proposals.values() for note in proposal.notes), sep="", end="")
     for name, study in studies.items():
         print(f"{name}: trained on {study['train']} with the budget {study['budget']}, tested on {', '.join(study['tests'])}")

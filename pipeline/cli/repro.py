@@ -61,8 +61,11 @@ def count_instances(root: Path) -> Counter[str]:
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         return Counter()
     stages: Iterable[tuple[str, Mapping[str, Any]]] = (one for file in files for one in file["stages"].items())
-    named = {name: re.fullmatch(r"\$\{lists\.(\w+)\}", str(stage.get("foreach", ""))) for name, stage in stages}
-    return Counter({name: len(lists.get(found[1], ())) if found else 1 for name, found in named.items()})
+    instances: Counter[str] = Counter()
+    for name, stage in stages:
+        found = re.fullmatch(r"\$\{lists\.(\w+)\}", str(stage.get("foreach", "")))
+        instances[name] += len(lists.get(found[1], ())) if found else 1
+    return instances
 
 
 @dataclass

@@ -59,9 +59,9 @@ def files(front: Path) -> list[Path]:
 
 
 def definition(root: Path) -> dict[str, Any]:
-    """The stages of dvc.yaml and of each dag/STAGE/dvc.yaml, as parsed: {"stages": {name: body}}."""
-    parsed = (yaml.load(path.read_text(), Yaml) for path in files(root / "dvc.yaml"))
-    return {"stages": {name: body for one in parsed for name, body in one["stages"].items()}}
+    """The stages of dvc.yaml and of each dag/STAGE/dvc.yaml, as parsed: {"stages": {name: body}}; of parts the first."""
+    parsed = [yaml.load(path.read_text(), Yaml) for path in files(root / "dvc.yaml")]
+    return {"stages": {name: body for one in reversed(parsed) for name, body in one["stages"].items()}}
 
 
 @lru_cache(maxsize=64)

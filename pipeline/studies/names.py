@@ -10,6 +10,7 @@ from pipeline.errors import ConfigError
 from pipeline.studies.courses import LIFELONG, courses, further_days
 from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
 from pipeline.studies.expansion import QUESTIONS, TOLERANCE, expand, grids, models_of, on_bird_views
+from pipeline.studies.parts import parted
 
 STUDIES = """\
 # The studies: the one list of names. Write it by hand, or let `yearloc use campus town` write it; then `yearloc use` generates
@@ -30,7 +31,7 @@ def studies_text(studies: Mapping[str, Mapping[str, Any]]) -> str:
 def lists_text(studies: Mapping[str, Mapping[str, Any]]) -> str:
     """The content of conf/lists.yaml."""
     dataset, study = next(iter(studies.items()))
-    return LISTS + _dumped({"first": {"study": dataset, "grid": study["grids"][0]}, "lists": dict(expand(studies))})
+    return LISTS + _dumped({"first": {"study": dataset, "grid": study["grids"][0]}, "lists": parted(expand(studies))})
 
 
 def complete(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
