@@ -207,14 +207,3 @@ def answerers(study: Study) -> list[ModelName]:
 def on_bird_views(methods: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The methods of a study that look at bird-views, which are drawn at all headings."""
     return [method for method in methods if method.get("stage") == "birdviews"]
-
-
-def checked(studies: Mapping[str, Study], lists: Mapping[str, Any]) -> Mapping[str, Study]:
-    """The studies, each with its question; raises ConfigError where conf/lists.yaml is not what they come to."""
-    try:
-        follow = all(lists.get(name) == entries for name, entries in expand(studies).items())
-    except (AttributeError, KeyError, TypeError):  # a hand has left out what `yearloc use` fills in
-        follow = False
-    if not follow:
-        raise ConfigError("conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it anew")
-    return {name: {"question": QUESTIONS[0], **study} for name, study in studies.items()}

@@ -6,10 +6,23 @@ from typing import Any
 
 import yaml
 
-from pipeline.studies.expansion import checked
+from pipeline.errors import ConfigError
+from pipeline.studies.expansion import QUESTIONS, Study, expand
 
 
 def studies(conf: Path) -> Mapping[str, Any]:
     """The studies of studies.yaml in conf/; raises ConfigError where lists.yaml does not follow from them."""
     found, lists = (yaml.safe_load((conf / f"{name}.yaml").read_text())[name] for name in ("studies", "lists"))
     return checked(found, lists)
+
+
+def checked(studies: Mapping[str, Study], lists: Mapping[str, Any]) -> Mapping[str, Study]:
+    """The studies, each with its question; raises ConfigError where conf/lists.yaml is not what they come to."""
+    try:
+        drives = {key: drive for name, part in lists.items() if name.startswith("drives") for key, drive in part.items()}
+        follow = all({**lists, "drives": drives}.get(name) == entries for name, entries in expand(studies).items())
+    except (AttributeError, KeyError, TypeError):  # a hand has left out what `yearloc use` fills in
+        follow = False
+    if not follow:
+        raise ConfigError("conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it anew")
+    return {name: {"question": QUESTIONS[0], **study} for name, study in studies.items()}

@@ -6,8 +6,10 @@ import pytest
 import yaml
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import INSTEAD, LISTS, answerers, checked, expand
+from pipeline.studies.expansion import INSTEAD, LISTS, answerers, expand
+from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text
+from pipeline.studies.parts import MOST
 
 SCI, M2DP = {"name": "sci", "view": "sc", "code": "sci.py"}, {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
 DRIVE = {"world": "w", "source": "world", "heeds": "simulated", "root": "r"}
@@ -114,6 +116,16 @@ def test_the_files_hold_what_they_were_made_of() -> None:
     lists = yaml.safe_load(lists_text(studies))
     assert yaml.safe_load(studies_text(studies))["studies"] == studies == checked(studies, lists["lists"])
     assert lists["first"] == {"study": "one", "grid": "5m"}
+
+
+def test_a_study_of_many_drives_follows_from_lists_in_parts() -> None:
+    long = ONE | {"tests": [f"test{number}" for number in range(3 * MOST)]}
+    lists = yaml.safe_load(lists_text({"long": long}))["lists"]
+    assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3", "drives_4")] == [MOST, MOST, MOST, 1]
+    assert checked({"long": long}, lists) == {"long": long}
+    lists["drives_4"] = {}
+    with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
+        checked({"long": long}, lists)
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:
