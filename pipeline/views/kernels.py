@@ -121,40 +121,64 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     return table[:bins], True
 
 
+@njit(inline="always")
+def _slot(key, slots):  # type: ignore[no-untyped-def]
+    return ((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)) & np.uint64(slots - 1)
+
+
+@njit(cache=True, nogil=True)
+def _wider(keys, heads):  # type: ignore[no-untyped-def]
+    """A hash table of four times as many slots."""
+    more, first = np.empty(4 * keys.shape[0], np.int64), np.full(4 * heads.shape[0], -1, np.int32)
+    for old in range(heads.shape[0]):
+        if heads[old] >= 0:
+            slot = _slot(keys[old], more.shape[0])
+            while first[slot] >= 0:
+                slot = (slot + np.uint64(1)) & np.uint64(more.shape[0] - 1)
+            more[slot], first[slot] = keys[old], heads[old]
+    return more, first
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def voxel_means(points: NDArray[np.floating], side_m: float) -> NDArray[np.float64]:
     """Mean of the points (n, 3) in each occupied cube of `side_m`; the grid starts at the minimum corner.
 
-    Cubes come in the order of their first points; sums are float64. A hash table with open addressing and at least twice as
-    many slots as points finds them.
+    Cubes come in the order of their first points; sums are float64. A hash table with open addressing finds them. It starts small
+    and grows, since touching fresh memory for a slot a point took twice as long as all the sums.
     """
-    n = points.shape[0]
-    slots = 1
-    while slots < 2 * n:
-        slots *= 2
-    keys, heads = np.empty(slots, np.int64), np.full(slots, -1, np.int32)
+    n, found = points.shape[0], np.uint64(0)
     sums, counts = np.empty((n, 3), np.float64), np.empty(n, np.int64)
+    keys, heads = np.empty(16 * BLOCK, np.int64), np.full(16 * BLOCK, -1, np.int32)
     x0, y0, z0 = points[0, 0], points[0, 1], points[0, 2]
     for i in range(n):
         x0, y0, z0 = min(x0, points[i, 0]), min(y0, points[i, 1]), min(z0, points[i, 2])
-    found = 0
-    for i in range(n):
-        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
-        key = (np.int64((x - x0) / side_m) << 42) ^ (np.int64((y - y0) / side_m) << 21) ^ np.int64((z - z0) / side_m)
-        slot = ((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)) & np.uint64(slots - 1)
-        while heads[slot] >= 0 and keys[slot] != key:
-            slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
-        voxel = heads[slot]
-        if voxel < 0:
-            voxel, keys[slot], heads[slot] = found, key, found
-            sums[voxel, 0], sums[voxel, 1], sums[voxel, 2], counts[voxel] = 0.0, 0.0, 0.0, 0
-            found += 1
-        sums[voxel, 0] += x
-        sums[voxel, 1] += y
-        sums[voxel, 2] += z
-        counts[voxel] += 1
+    xs, ys, zs, cubes = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, np.int64)
+    for start in range(0, n, BLOCK):
+        m = min(BLOCK, n - start)
+        for i in range(m):
+            xs[i], ys[i], zs[i] = points[start + i, 0], points[start + i, 1], points[start + i, 2]
+        for i in range(m):
+            x, y, z = np.int64((xs[i] - x0) / side_m), np.int64((ys[i] - y0) / side_m), np.int64((zs[i] - z0) / side_m)
+            cubes[i] = (x << 42) ^ (y << 21) ^ z
+        if 2 * (found + np.uint64(m)) > heads.shape[0]:
+            keys, heads = _wider(keys, heads)
+        last = np.uint64(heads.shape[0] - 1)
+        for i in range(m):
+            key = cubes[i]
+            slot = _slot(key, heads.shape[0])
+            while heads[slot] >= 0 and keys[slot] != key:
+                slot = (slot + np.uint64(1)) & last
+            if heads[slot] < 0:
+                keys[slot], heads[slot] = key, np.int32(found)
+                sums[found, 0], sums[found, 1], sums[found, 2], counts[found] = 0.0, 0.0, 0.0, 0
+                found += np.uint64(1)
+            voxel = np.uint32(heads[slot])
+            sums[voxel, 0] += xs[i]
+            sums[voxel, 1] += ys[i]
+            sums[voxel, 2] += zs[i]
+            counts[voxel] += 1
     means = np.empty((found, 3), np.float64)
-    for voxel in range(found):
+    for cube in range(found):
         for axis in range(3):
-            means[voxel, axis] = sums[voxel, axis] / counts[voxel]
+            means[cube, axis] = sums[cube, axis] / counts[cube]
     return means
