@@ -1,15 +1,17 @@
 """A campaign of faults against a built project: `python -m benchmarks.faults PROJECT --tries 1000 --kills 20 --seed 0`.
 
 PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`; what is damaged is a copy, and
-a stage that is killed is run again. Every case ends as one of ENDINGS; the last two must be 0. Cases go to faults.jsonl in the
-working folder, and a campaign that was cut off goes on after the last of them.
+a stage that is killed is run again. Full disks are small ones, which only root can mount. Every case ends as one of ENDINGS; the
+last two must be 0. Cases go to faults.jsonl in the working folder; a campaign that was cut off goes on after the last of them.
 """
 
 import argparse
 import hashlib
 import io
 import json
+import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -38,6 +40,7 @@ SEALED = (".zarr", ".safetensors", ".site")
 LONGEST = 300_000  # bytes of a log that is mutated; of a longer one the beginning
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 EVER_S = 600
+OUT = re.compile(r"\bout=(\S+)")
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
@@ -184,25 +187,92 @@ def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str
         yield {"case": case, "file": f"{name} {how.name}", "ending": ending, "said": left[-300:] if traced else ""}
 
 
+def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
+    """Stop `dvc repro` while it runs some stages again, itself or all that it started, and let `yearloc repro` end it."""
+    places = {
+        name: name if lock.name == "dvc.lock" else f"dag/{lock.stem}/dvc.yaml:{name}"
+        for lock in (project / "dvc.lock", *(project / ".dvc/locks").glob("*.lock"))
+        for name in (yaml.safe_load(lock.read_text()) or {}).get("stages", {})
+    }
+    stages = {name: outs for name, _, outs in instances(project)}
+    right = {out: digest(out) for outs in stages.values() for out in outs}
+    for case in range(done, number):
+        rng = random.Random(f"{seed} chain {case}")
+        names, how, whole = rng.sample(sorted(stages), 3), rng.choice(SIGNALS[:3]), rng.random() < 0.5
+        words = ["dvc", "repro", "--force", "--single-item", *(places[name] for name in names)]
+        start = partial(subprocess.Popen, words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=project)
+        process = start(start_new_session=True)
+        second = start() if rng.random() < 0.25 else None  # refused by DVC's lock, or waits for it
+        time.sleep(rng.uniform(0.5, 20))
+        if process.poll() is None:
+            (os.killpg if whole else os.kill)(process.pid, how)
+        process.wait(timeout=EVER_S)
+        if second:
+            second.wait(timeout=EVER_S)
+        again = subprocess.run(["yearloc", "repro"], cwd=project, capture_output=True, text=True, timeout=EVER_S)
+        same = again.returncode == 0 and {out: digest(out) for out in right} == right
+        ending = "traceback" if "Traceback" in again.stderr else "same" if same else "silently different"
+        said = "" if same else (again.stderr or again.stdout)[-300:]
+        what = f"{' '.join(names)} {how.name} {'to all' if whole else 'to dvc'}{' of two' if second else ''}"
+        yield {"case": case, "file": what, "ending": ending, "said": said}
+
+
+def full_disks(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
+    """Let a stage write where less room is than it needs: it says so in a line and leaves nothing, or all of it did fit."""
+    stages = [one for one in instances(project) if OUT.search(one[1])]
+    for case in range(done, number):
+        rng = random.Random(f"{seed} full {case}")
+        name, command, outs = rng.choice(stages)
+        sizes = sum(
+            file.stat().st_size for out in outs for file in ([out] if out.is_file() else out.rglob("*")) if file.is_file()
+        )
+        room = rng.randint(4096, sizes + 4096)
+        with TemporaryDirectory() as folder:
+            subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", folder], check=True)
+            try:
+                (out,) = OUT.findall(command)
+                words = OUT.sub(f"out={folder}/{Path(out).name}", command)
+                process = subprocess.run(words, shell=True, cwd=project, capture_output=True, text=True, timeout=EVER_S)
+                left = [path for path in Path(folder).iterdir() if "scratch" not in path.name and path.suffix != ".lock"]
+                said = process.stderr.strip().splitlines()[-1:] or [""]
+                if "Traceback" in process.stderr or process.returncode not in (0, 1):
+                    ending = "traceback"
+                elif process.returncode:
+                    ending = "silently different" if left else "refused"
+                else:
+                    ending = "same" if [digest(path) for path in left] == [digest(project / out)] else "silently different"
+            finally:
+                subprocess.run(["umount", folder], check=True)
+        yield {"case": case, "file": f"{name} in {room} bytes", "ending": ending, "said": said[0][-300:]}
+
+
 def main() -> None:
-    """Run both, resume, and print the table."""
+    """Run all, resume, and print the table."""
     parser = argparse.ArgumentParser("python -m benchmarks.faults", description=__doc__)
     parser.add_argument("project", type=Path)
     parser.add_argument("--tries", type=int, default=1_000, help="mutated files")
     parser.add_argument("--kills", type=int, default=20, help="stages that are stopped")
+    parser.add_argument("--chains", type=int, default=0, help="runs of dvc repro that are stopped")
+    parser.add_argument("--full", type=int, default=0, help="stages that find the disk full")
     parser.add_argument("--also", type=Path, nargs="*", default=[], help="folders of recorded logs to damage copies of")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     path = Path("faults.jsonl")
     cases = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = Counter(one["kind"] for one in cases)
+    runs: dict[str, tuple[Callable[..., Iterator[dict[str, Any]]], int]] = {
+        "mutation": (partial(mutations, also=given.also), given.tries),
+        "kill": (kills, given.kills),
+        "kill of the chain": (chain_kills, given.chains),
+        "full disk": (full_disks, given.full),
+    }
     with path.open("a") as file:
-        for kind, run, number in (("mutation", partial(mutations, also=given.also), given.tries), ("kill", kills, given.kills)):
+        for kind, (run, number) in runs.items():
             for one in run(given.project.resolve(), number, given.seed, done[kind]):
                 cases.append({"kind": kind, **one})
                 file.write(json.dumps(cases[-1]) + "\n")
                 file.flush()
-    for kind in ("mutation", "kill"):
+    for kind in runs:
         found = Counter(one["ending"] for one in cases if one["kind"] == kind)
         print(f"{kind}: " + ", ".join(f"{found[ending]:,} {ending}" for ending in ENDINGS))
     for one in (one for one in cases if one["ending"] in ENDINGS[-2:]):
