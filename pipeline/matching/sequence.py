@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 BLOCK = 2_048  # columns at a time: the dozen rows that a window touches stay in the L2 cache
 GRAIN = 1_000  # speeds are whole thousandths, so that a position is a whole division and no float decides between two rows
 FLAT = 1e-13  # a window whose variance is this share of its mean square or less is flat: float32 cannot tell its values apart
-NAN_SAFE = {"reassoc", "contract", "arcp", "nsz"}  # fast-math, but infinity keeps its meaning
+SAME = {"contract", "nsz"}
+"""Fast-math that gives a column the same bits wherever it lies in a block: no reciprocals, which some processors only guess."""
 
 
 def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
@@ -73,7 +74,7 @@ def runner_up(costs: NDArray[np.float32], best: NDArray[np.int64], window: int) 
     return others
 
 
-@njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
     """Running sums in float64: in float32 they would be off by up to 0.07."""
     n, m = differences.shape
@@ -100,7 +101,7 @@ def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
                 )
 
 
-@njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _standardised(values, sums, squares, number, out):  # type: ignore[no-untyped-def]
     share, unbiased = 1.0 / number, 1.0 / max(number - 1, 1)
     for i in range(len(out)):
@@ -112,7 +113,7 @@ def _standardised(values, sums, squares, number, out):  # type: ignore[no-untype
         out[i] = np.float32(0) if flat else above / deviation
 
 
-@njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _search(enhanced, offsets, start, costs):  # type: ignore[no-untyped-def]
     n, windows = costs.shape
     for first in range(0, windows, BLOCK):
