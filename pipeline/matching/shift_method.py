@@ -39,7 +39,7 @@ class ShiftMethod(DescriptorMethod):
             distances, found = np.empty(len(queries)), np.empty(len(queries), np.int64)
             for i, row in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
-                rows = rows[self._candidates(keys[rows], keys[[row]])[0]]
+                rows = spectra.likely(heights_m[row], rows[self._candidates(keys[rows], keys[[row]])[0]], k=1)
                 compared, _ = spectra.compare(heights_m[row], rows)
                 distances[i], found[i] = compared.min(), rows[compared.argmin()]
             return distances, found

@@ -2,23 +2,30 @@
 
 The sums of cosines at all shifts are one circular correlation, so a database keeps the spectra of its columns, brought to
 length 1, and a query costs one pass over them and an inverse transform. They are stored in float32 and summed in float64:
-a shift at which a single column is engaged may win, and its cosine must not drown in the rounding of all the others.
+a shift at which a single column is engaged may win, and its cosine must not drown in the rounding of all the others. Where only
+the nearest of many rows are asked for, sums in float32 first tell which rows they may be.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numba import njit
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg import circulant
 
 from pipeline.errors import InputError
+from pipeline.matching import shift_kernels as kernels
 from pipeline.matching.database import QUERIES, Database
+from pipeline.matching.nearest import first_of_each
 from pipeline.matching.ranking import Model, Ranking, Rows, joined
 
 PREFIX = "spectra/"
 BLOCK = 256  # rows compared at once: their correlations stay in the core's own cache
+SLACK = np.float32(1e-3)
+"""A similarity summed in float32 is not so far off: rounding of 1e-6 of √(columns engaged in either), over what both engage."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +61,52 @@ class Spectra:
         The yaw is the best shift: after a turn to the left all is seen further to the right, in columns of lower number.
         Where no shift engages a column the distance is 1 and the yaw NaN.
         """
-        sectors = self.engaged.shape[1]
-        query = _spectra(heights_m[None])[0]
-        real_and_imaginary = np.stack([query, 1j * query], axis=1).view(np.float64)
-        turned = circulant(_engaged(heights_m[None])[0])  # column s: which columns it engages, turned by s
+        query, turned = _spectra(heights_m[None])[0], _turned(heights_m)
         similarities, best = np.empty(len(rows)), np.empty(len(rows), np.int64)
+        for part, sums in self._correlations(query, rows):
+            kernels.best(sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part], best[part])
+        return (1 - similarities).clip(0), np.where(best < 0, np.nan, best * (360 / self.engaged.shape[1]))
+
+    def likely(
+        self, heights_m: NDArray[np.float32], rows: NDArray[np.int64], k: int, groups: NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
+        """Those of the rows (m,), in their order, that may be among the k nearest of a Scan Context (ring, sector).
+
+        With groups (m,) of the rows: that may be the nearest of one of the k nearest groups.
+        """
+        if len(rows) <= BLOCK:
+            return rows
+        query, turned = _spectra(heights_m[None])[0].astype(np.complex64), _turned(heights_m)
+        similarities = np.empty(len(rows), np.float32)
+        for part, sums in self._correlations(query, rows):
+            kernels.highest(sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part])
+        nearest = similarities
+        if groups is not None:
+            order = np.argsort(-similarities, kind="stable")
+            columns = first_of_each(groups[order][None], k)[0]
+            nearest = similarities[order[columns[columns >= 0]]]
+        if len(nearest) < k:
+            return rows
+        found: NDArray[np.int64] = rows[similarities >= np.partition(nearest, -k)[-k] - 2 * SLACK]
+        return found
+
+    @cached_property
+    def _masks(self) -> NDArray[np.uint64]:
+        return kernels.packed(self.engaged > 0)
+
+    def _correlations(
+        self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
+    ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
+        """Slices of the rows (m,), and their sums of cosines (part, shift) with the query's spectrum (frequency, ring), in its
+        precision."""
+        real_and_imaginary = np.stack([query, 1j * query], axis=1).astype(query.dtype).view(query.real.dtype)
+        spectra = np.empty((min(BLOCK, len(rows)), len(query)), query.dtype)
         for i in range(0, len(rows), BLOCK):
-            part = slice(i, i + BLOCK)
-            sums = np.fft.irfft(_products(self.columns, real_and_imaginary, rows[part]), sectors)
-            _best(sums, self.engaged[rows[part]] @ turned, self.least_engaged, similarities[part], best[part])
-        return (1 - similarities).clip(0), np.where(best < 0, np.nan, best * (360 / sectors))
+            part = slice(i, min(i + BLOCK, len(rows)))
+            out = spectra[: part.stop - i]
+            kernels.products(self.columns, real_and_imaginary, rows[part], out)
+            # numpy's float64 sums have ever had the same bits; scipy is the faster one
+            yield part, (scipy.fft if out.dtype == np.complex64 else np.fft).irfft(out, self.engaged.shape[1])
 
     def images(self, views: Rows) -> NDArray[np.float32]:
         """The views (q, ring, sector); raises InputError unless they are as many rings and sectors as learned."""
@@ -79,15 +122,24 @@ class Spectra:
         """The ranking of queries (q, ring, sector), each held against its own candidates among the rows (q, m)."""
         parts = []
         for i in range(0, max(len(rows), 1), QUERIES):
-            candidates = rows[i : i + QUERIES]
-            compared = np.empty((2, *candidates.shape))
-            for j, its in enumerate(candidates):
-                compared[:, j] = self.compare(heights_m[i + j], its)
+            likely = [
+                self.likely(view, its, k, database.places[its] if distinct_places else None)
+                for view, its in zip(heights_m[i : i + QUERIES], rows[i : i + QUERIES], strict=True)
+            ]
+            candidates = np.zeros((len(likely), max(map(len, likely), default=0)), np.int64)
+            compared = np.full((2, *candidates.shape), np.inf)
+            for j, its in enumerate(likely):
+                candidates[j, : len(its)], compared[:, j, : len(its)] = its, self.compare(heights_m[i + j], its)
             order = np.argsort(compared[0], axis=1, kind="stable")
             distances, turned_deg = np.take_along_axis(compared, order[None], axis=2)
             ordered = np.take_along_axis(candidates, order, axis=1)
             parts.append(database.answer(distances.astype(np.float32), ordered, k, distinct_places, turned_deg))
         return joined(parts)
+
+
+def _turned(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Bit sets (shift, words) of the columns that a Scan Context (ring, sector) engages at every shift."""
+    return kernels.packed(circulant(_engaged(heights_m[None])[0] > 0).T)
 
 
 def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -101,48 +153,3 @@ def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))
     columns /= np.where(lengths > 0, lengths, 1)[:, None]
     return np.ascontiguousarray(np.fft.rfft(columns, axis=2).transpose(0, 2, 1))
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _products(columns, query, rows):  # type: ignore[no-untyped-def]
-    """Spectra (m, frequency) of the correlations of these rows with the query (frequency, real and imaginary part, 2 rings).
-
-    Four rows at a time, for one reading of the query serves them all; the last ones may be computed more than once.
-    """
-    frequencies, _, numbers = query.shape
-    last = len(rows) - 1
-    spectra = np.empty((len(rows), frequencies), np.complex128)
-    for i in range(0, len(rows), 4):
-        j, k, m = min(i + 1, last), min(i + 2, last), min(i + 3, last)
-        a, b, c, d = columns[rows[i]], columns[rows[j]], columns[rows[k]], columns[rows[m]]
-        for f in range(frequencies):
-            a_re = a_im = b_re = b_im = c_re = c_im = d_re = d_im = 0.0
-            for number in range(numbers):
-                re, im = query[f, 0, number], query[f, 1, number]
-                a_re += a[f, number] * re
-                a_im += a[f, number] * im
-                b_re += b[f, number] * re
-                b_im += b[f, number] * im
-                c_re += c[f, number] * re
-                c_im += c[f, number] * im
-                d_re += d[f, number] * re
-                d_im += d[f, number] * im
-            spectra[i, f] = complex(a_re, a_im)
-            spectra[j, f] = complex(b_re, b_im)
-            spectra[k, f] = complex(c_re, c_im)
-            spectra[m, f] = complex(d_re, d_im)
-    return spectra
-
-
-@njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def _best(sums, counts, least, similarities, shifts):  # type: ignore[no-untyped-def]
-    """Write the highest mean (m,) of sums and counts (m, shift), and its shift; 0 at shift −1 where nothing is counted.
-
-    Shifts of fewer counts than a share of the most are passed over.
-    """
-    for i in range(len(sums)):
-        best, where, enough = -np.inf, -1, least * counts[i].max()
-        for shift in range(sums.shape[1]):
-            if counts[i, shift] > 0 and counts[i, shift] >= enough and sums[i, shift] / counts[i, shift] > best:
-                best, where = sums[i, shift] / counts[i, shift], shift
-        similarities[i], shifts[i] = best if where >= 0 else 0.0, where

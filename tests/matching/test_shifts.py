@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.matching.database import Database
 from pipeline.matching.ranking import Rows
+from pipeline.matching.shift_kernels import packed
 from pipeline.matching.shifts import Spectra
 from pipeline.readers.kitti import read_velodyne
 from pipeline.views.scan_context import ScanContext
@@ -109,6 +111,53 @@ def test_rows_are_compared_in_the_order_asked_however_many():
     for rows in ([], [5], [599, 3, 3, 300, 8], np.arange(599, -1, -1)):
         some, _ = spectra.compare(made[0], np.array(rows, np.int64))
         assert some.tolist() == everything[np.array(rows, np.int64)].tolist()
+
+
+@pytest.mark.parametrize("least", [0.0, 0.9], ids=["any overlap", "nearly all of the overlap"])
+@pytest.mark.parametrize("engaged", [1.0, 0.7, 0.06], ids=["full", "sparse", "few columns"])
+def test_the_likely_rows_hold_the_nearest_ones_and_are_few(engaged: float, least: float):
+    made = images(10, 0.3, engaged, (2_000, 6, 72))
+    made[1000:1020] = made[5]  # as near as each other
+    spectra, everything, groups = Spectra.learned(made, least), np.arange(2_000), np.arange(2_000) // 7
+    for query in (np.roll(made[5], 11, axis=1), made[3] + made[4], EMPTY[:1].repeat(6, 0).repeat(18, 1)):
+        distances, _ = spectra.compare(query, everything)
+        order = np.argsort(distances, kind="stable")
+        likely = spectra.likely(query, everything, 25)
+        assert set(order[:25]) <= set(likely)
+        assert np.all(np.diff(likely) > 0)  # in their order, by which equals are ranked
+        firsts = order[np.sort(np.unique(groups[order], return_index=True)[1])][:25]
+        assert set(firsts) <= set(spectra.likely(query, everything, 25, groups))
+        if engaged == 1.0 and query.any():
+            assert len(likely) < 100
+
+
+def test_all_rows_are_likely_where_fewer_groups_than_asked_for_are_known():
+    made = images(11, 0.3, 0.7, (600, 4, 12))
+    assert len(Spectra.learned(made).likely(made[0], np.arange(600), 3, np.arange(600) % 2)) == 600
+
+
+@pytest.mark.parametrize("distinct", [False, True])
+def test_a_ranking_is_that_of_all_rows(distinct: bool):
+    made = images(12, 0.3, 0.7, (700, 5, 24))
+    spectra, places = Spectra.learned(made[:-3]), np.arange(697) // 3
+    database = Database(places, np.stack([places, places], 1).astype(float), np.zeros(697))
+    rows = np.broadcast_to(np.arange(697), (3, 697))
+    ranking = spectra.rank(database, made[-3:], rows, 9, distinct)
+    for i, query in enumerate(made[-3:]):
+        distances, turned_deg = spectra.compare(query, np.arange(697))
+        order = np.argsort(distances, kind="stable")
+        wanted = order[np.sort(np.unique(places[order], return_index=True)[1])][:9] if distinct else order[:9]
+        assert ranking.places[i].tolist() == places[wanted].tolist()
+        assert ranking.costs[i].tolist() == distances[wanted].astype(np.float32).tolist()
+        np.testing.assert_allclose(ranking.heading_deg[i] % 360, turned_deg[wanted] % 360)
+
+
+@pytest.mark.parametrize("sectors", [3, 64, 65, 120, 200])
+def test_bit_sets_hold_every_column(sectors: int):
+    engaged = np.random.default_rng(0).random((5, sectors)) < 0.5
+    words = packed(engaged)
+    assert words.shape == (5, -(-sectors // 64))
+    assert [sum(int(word).bit_count() for word in row) for row in words] == engaged.sum(axis=1).tolist()
 
 
 def test_what_a_model_holds_of_it_comes_back_and_takes_twenty_kilobytes_a_scan():
