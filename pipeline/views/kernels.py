@@ -65,7 +65,8 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     counts = np.zeros(bins + 1, np.uint32)
     ids = np.empty(BLOCK, np.uint32)
     xs, ys, zs = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    near = np.empty(BLOCK, np.uint8)
+    near = np.zeros(BLOCK, np.uint8)
+    unsure = near.view(np.uint64)  # eight points at a glance
     per_radian, per_metre = np.float32(sectors / (2 * math.pi)), np.float32(rings / max_range_m)
     sector_edge, ring_edge = HALF - SECTOR_ERROR * np.float32(sectors), HALF - RING_ERROR * np.float32(rings)
     last_sector, last_ring, columns = np.int32(sectors - 1), np.int32(rings - 1), np.int32(sectors)
@@ -92,16 +93,14 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
                 (abs(turn - HALF) <= sector_edge) & (abs(far - HALF) <= ring_edge) & (abs(zs[i]) < HUGE) & (x * x + y * y < HUGE)
             )
             near[i] = np.uint8(not sure)
-        borders = np.int32(0)
-        for i in range(m):
-            borders += np.int32(near[i])
-        if borders > 0:
-            for i in range(m):
-                if near[i]:
-                    x, y, z = np.float64(block[3 * i]), np.float64(block[3 * i + 1]), np.float64(block[3 * i + 2])
-                    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
-                        return table[:bins], False
-                    ids[i] = _exact_bin(x, y, rings, sectors, max_range_m, clamp)
+        for eight in range((m + 7) // 8):
+            if unsure[eight]:
+                for i in range(8 * eight, min(8 * eight + 8, m)):
+                    if near[i]:
+                        x, y, z = np.float64(block[3 * i]), np.float64(block[3 * i + 1]), np.float64(block[3 * i + 2])
+                        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+                            return table[:bins], False
+                        ids[i] = _exact_bin(x, y, rings, sectors, max_range_m, clamp)
         if least > 1:
             for i in range(m):
                 counts[ids[i]] += uint32(1)
