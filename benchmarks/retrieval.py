@@ -13,11 +13,11 @@ ROWS, RINGS, SECTORS, QUERIES = 5_000, 40, 120, 64
 CANDIDATES, WIDTH, K = 50, 256, 25
 
 
-def scan_contexts(number: int) -> NDArray[np.float32]:
-    """Heights as sparse as a 3-D scanner's: a run of sectors sees nothing, far rings see little."""
+def scan_contexts(number: int, blind: int = 60) -> NDArray[np.float32]:
+    """Heights as sparse as a 3-D scanner's: a run of up to `blind` sectors sees nothing, far rings see little."""
     rng = np.random.default_rng(0)
     seen = rng.random((number, RINGS, SECTORS)) < np.linspace(0.3, 0.02, RINGS)[:, None]
-    away = (np.arange(SECTORS) - rng.integers(0, SECTORS, (number, 1))) % SECTORS < rng.integers(0, 60, (number, 1))
+    away = (np.arange(SECTORS) - rng.integers(0, SECTORS, (number, 1))) % SECTORS < rng.integers(0, max(blind, 1), (number, 1))
     heights: NDArray[np.float32] = rng.gamma(2.0, 2.0, seen.shape).astype(np.float32) * (seen & ~away[:, None])
     return heights
 

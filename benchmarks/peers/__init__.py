@@ -1,0 +1,94 @@
+"""Peers' own programs against ours, each in a process of its own: `python -m benchmarks --peers DIR`.
+
+Nothing is built here: DIR holds what benchmarks/PEERS.md says how to build, and what is not there is not raced. In one process a
+peer pays for the memory that another left behind. All take CPU time of one thread and print a median in milliseconds, and where a
+map is grown its megabytes.
+"""
+
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.peers import given
+
+ROUNDS = 5
+OURS = sys.executable, "-m", "benchmarks.peers"
+Commands = Mapping[str, Sequence[str | Path]]
+
+
+def run(folder: Path) -> Iterator[str]:
+    """The table of each race."""
+    with TemporaryDirectory() as scratch:
+        yield from drawing(folder, Path(scratch))
+        yield from searching(folder, Path(scratch))
+
+
+def drawing(folder: Path, scratch: Path) -> Iterator[str]:
+    """Scan Context, 40 × 120 bins within 80 m, of whole scans without a voxel filter."""
+    name, scans = given.clouds(scratch / "points")
+    words = scratch / "points", str(scans)
+    yield table(
+        f"Scan Context of {name}",
+        {
+            "yearloc": (*OURS, "draw", *words, scratch / "ours"),
+            "its authors' C++, -O3": (folder / "scan_context", "draw", *words, scratch / "theirs"),
+            "its authors' C++, -O3 -march=native": (folder / "scan_context_native", "draw", *words, scratch / "native"),
+        },
+    )
+    if (scratch / "theirs").exists():
+        ours = np.fromfile(scratch / "ours", "<f4").reshape(scans, 40, 120)
+        theirs = np.fromfile(scratch / "theirs", "<f4").reshape(scans, 120, 40).transpose(0, 2, 1)
+        same = np.isclose(ours[:, :-1], theirs[:, :-1], atol=1e-6)  # what lies beyond the last ring they drop
+        yield f"  {same.mean():.2%} of the bins equal; a border belongs to the outer bin here, to the inner one there"
+
+
+def searching(folder: Path, scratch: Path) -> Iterator[str]:
+    """The nearest of 5,000 Scan Contexts."""
+    rows, queries = given.images(scratch / "images")
+    words = scratch / "images", str(rows), str(queries)
+    yield table(
+        f"Nearest of {rows:,} Scan Contexts",
+        {
+            "yearloc, 50 by ring key, all shifts": (*OURS, "search", *words, scratch / "ours50", "50"),
+            "yearloc, all of them, all shifts": (*OURS, "search", *words, scratch / "ours", "0"),
+            "its authors' C++, 50, all shifts": (folder / "scan_context_50", "search", *words, scratch / "theirs50"),
+            "its authors' C++, 50, a tenth of the shifts": (
+                folder / "scan_context_50_fast",
+                "search",
+                *words,
+                scratch / "fast50",
+            ),
+            "its authors' C++, 10, a tenth of the shifts": (folder / "scan_context", "search", *words, scratch / "theirs"),
+        },
+    )
+    told = {"ours50": "our 50", "theirs50": "their 50", "fast50": "their 50 at a tenth of the shifts", "theirs": "their 10"}
+    truth = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
+    found = [(name, scratch / name) for name in told if (scratch / name).exists()]
+    right = {name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum()) for name, path in found}
+    yield "  the nearest of all is found " + ", ".join(f"{n} times of {queries} by {told[name]}" for name, n in right.items())
+
+
+def table(name: str, commands: Commands) -> str:
+    """Medians over rounds in turn, of those whose program is there, and the ratio of each to the first."""
+    there = {each: words for each, words in commands.items() if Path(words[0]).exists()}
+    took: dict[str, list[tuple[float, ...]]] = {each: [] for each in there}
+    load = os.getloadavg()[0]
+    for _ in range(ROUNDS):
+        for each, words in there.items():
+            done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, text=True, check=True)
+            took[each].append(tuple(float(word) for word in done.stdout.split()))
+    lines = [f"{name} (medians of {ROUNDS} processes, load {load:.1f})"]
+    first = statistics.median(one[0] for one in next(iter(took.values())))
+    for each, rounds in took.items():
+        times = [one[0] for one in rounds]
+        median = statistics.median(times)
+        memory = f", {rounds[-1][1]:.1f} MB" if len(rounds[-1]) > 1 else ""
+        lines.append(f"  {each:<46}{median:9.3f} ms {median / first:8.2f} ×   {min(times):.3f}…{max(times):.3f}{memory}")
+    missing = [str(Path(words[0]).name) for each, words in commands.items() if each not in there]
+    return "\n".join(lines + ([f"  not there: {', '.join(missing)}"] if missing else []))

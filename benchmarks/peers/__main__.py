@@ -1,0 +1,58 @@
+"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw POINTS SCANS OUT`, `search …`."""
+
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from pipeline.matching.nearest import nearest
+from pipeline.matching.shift_method import ring_keys
+from pipeline.matching.shifts import Spectra
+from pipeline.views.scan_context import ScanContext
+
+RINGS, SECTORS, ROUNDS = 40, 120, 6
+
+
+def median_ms(call: Callable[[int], object], inputs: int) -> float:
+    """CPU time of a call, which gets the number of its input; the first inputs are taken twice."""
+    call(0)
+    took = []
+    for number in range(ROUNDS * inputs):
+        start = time.process_time_ns()
+        call(number % inputs)
+        took.append((time.process_time_ns() - start) / 1e6)
+    return statistics.median(took)
+
+
+def draw(points: str, scans: str, out: str) -> float:
+    """Images of scans."""
+    clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3)
+    view = ScanContext(voxel_m=0.0, min_points=1)
+    np.stack([view(cloud) for cloud in clouds]).tofile(out)
+    return median_ms(lambda i: view(clouds[i]), len(clouds))
+
+
+def search(images: str, rows: str, queries: str, out: str, candidates: str) -> float:
+    """The nearest of all rows, or of as many candidates by ring key, to each query."""
+    heights = np.fromfile(images, "<f4").reshape(-1, RINGS, SECTORS)
+    known, asked, k = heights[: int(rows)], heights[int(rows) :], int(candidates)
+    spectra, keys, everything = Spectra.learned(known), ring_keys(known), np.arange(len(known))
+
+    def find(i: int) -> tuple[int, float]:
+        among = nearest(keys, ring_keys(asked[i, None]), k)[1][0] if k else spectra.likely(asked[i], everything, 1)
+        distances, _ = spectra.compare(asked[i], among)
+        return among[distances.argmin()], distances.min()
+
+    np.array([find(i) for i in range(int(queries))], "<f4").tofile(out)
+    return median_ms(find, int(queries))
+
+
+def main(words: Sequence[str]) -> None:
+    kind, *given = words
+    print(f"{ {'draw': draw, 'search': search}[kind](*given):.6f}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,33 @@
+"""What all take: the same bytes for peers and for us."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import retrieval, scan_context
+from pipeline.readers.kitti import Kitti
+
+SCANS, ROWS, QUERIES = 16, 5_000, 24
+
+
+def clouds(path: Path) -> tuple[str, int]:
+    """Write float32 points (scan, point, 3), ground at z = 0, of KITTI where `YEARLOC_KITTI` names its root; what they are."""
+    name, scans = "simulated scans", scan_context.scans(SCANS)
+    if "YEARLOC_KITTI" in os.environ:
+        log = Kitti().open(Path(os.environ["YEARLOC_KITTI"]), "00")
+        name, scans = "KITTI 00", [np.asarray(log.points(row), np.float32) for row in range(SCANS)]
+    points = min(map(len, scans))
+    np.stack([scan[:points] for scan in scans]).astype("<f4").tofile(path)
+    return f"{name}, {points:,} points", len(scans)
+
+
+def images(path: Path) -> tuple[int, int]:
+    """Write float32 Scan Contexts (row, ring, sector) that see all around, as KITTI's do; the queries, last, are rows turned and
+    changed."""
+    rows, rng = retrieval.scan_contexts(ROWS, blind=0), np.random.default_rng(1)
+    chosen = rng.choice(ROWS, QUERIES, replace=False)
+    turned = np.stack([np.roll(rows[row], rng.integers(0, rows.shape[2]), axis=1) for row in chosen])
+    changed = np.where(rng.random(turned.shape) < 0.4, retrieval.scan_contexts(ROWS + QUERIES, blind=0)[ROWS:], turned)
+    np.concatenate([rows, changed]).astype("<f4").tofile(path)
+    return ROWS, QUERIES

@@ -1,0 +1,1 @@
+#pragma once  // included by the peer, not used by what is timed

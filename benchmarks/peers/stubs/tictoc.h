@@ -1,0 +1,4 @@
+#pragma once
+struct TicToc {
+    void toc(const char *) {}
+};
