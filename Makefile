@@ -39,8 +39,8 @@ real: .venv/ready
 	@yearloc unchanged || $(REPRO)
 	@yearloc results
 
-# The simulated campus at the papers' scale, trained in full: nights on 2 cores (YEAR_BUDGET=night trains a twentieth). It may be
-# stopped at any time and goes on where it was, within a training too.
+# The simulated campus at the papers' scale, trained in full: nights on 2 cores (YEAR_BUDGET=night trains a twentieth, evening a
+# hundredth). It may be stopped at any time and goes on where it was, within a training too.
 year: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=year question=robustness budget=$(or $(YEAR_BUDGET),full) altered= cells= \
