@@ -6,6 +6,7 @@ races where pyoctomap can be imported: no dependency of this project.
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.race import Race, race
 from benchmarks.scan_context import scans
-from pipeline.mapping.octree import Octree
+from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 from pipeline.views.birdview import BirdView
 
@@ -57,9 +58,8 @@ def octomap(octree: Octree, discretize: bool, recorded: Drive) -> Callable[[int]
     return insert
 
 
-def ours(octree: Octree, recorded: Drive) -> Callable[[int], object]:
-    """All scans into the map that there is: it decays, its window follows, and its memory never grows."""
-    grown = octree.grow()
+def _into(grown: OctreeMap, recorded: Drive) -> Callable[[int], object]:
+    """All scans into the map that there is: it decays, and its window follows."""
 
     def insert(_: int) -> None:
         for points, pose in recorded:
@@ -68,25 +68,33 @@ def ours(octree: Octree, recorded: Drive) -> Callable[[int], object]:
     return insert
 
 
+LARGE = Octree(edge_m=102.4, depth=9)
+"""±51.2 m in leaves of 0.2 m."""
+
+
 def run() -> list[Race]:
     """One thread; scans in the order of the drive."""
     name, recorded = drive()
-    return [*(_insertion(name, recorded, depth) for depth in (7, 8)), _sweeps(recorded), _drawing(recorded)]
+    spaces = Octree(), Octree(depth=8), LARGE, replace(LARGE, max_range_m=30.0)
+    return [*(_insertion(name, recorded, octree) for octree in spaces), _sweeps(recorded), _drawing(recorded)]
 
 
-def _insertion(name: str, recorded: Drive, depth: int) -> Race:
-    octree, short = Octree(depth=depth), recorded[:SCANS]
+def _insertion(name: str, recorded: Drive, octree: Octree) -> Race:
+    """All candidates cut rays at the same range, `reach_m`; ours end at the root cube too, which the peers do not have."""
+    short = recorded[:SCANS]
+    grown = octree.grow()
     candidates = {
-        "yearloc, a ray a cell": ours(octree, short),
-        "yearloc, all rays": ours(Octree(depth=depth, rays="all"), short),
+        "yearloc, a ray a cell": _into(grown, short),
+        "yearloc, all rays": _into(replace(octree, rays="all").grow(), short),
     }
     note = "OctoMap not raced: pyoctomap is not installed"
     if find_spec("pyoctomap"):
-        note = _agree(Octree(depth=depth, motion="none"), recorded)
+        note = _agree(replace(octree, motion="none"), recorded) if octree.depth < 9 else "states not compared"
         candidates["OctoMap, discretised: a ray a cell"] = octomap(octree, True, short)
         candidates["OctoMap, all rays"] = octomap(octree, False, short)
-    title = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, 50 m around the robot, {name} ({note})"
-    return race(title, candidates, rounds=3)
+    size = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, {octree.edge_m:g} m around the robot"
+    raced = race(f"{size}, rays of at most {octree.reach_m:.1f} m for all, {name} ({note})", candidates, rounds=3)
+    return replace(raced, name=f"{raced.name}; our map has {grown.bricks.nbytes / 1e6:.1f} MB")
 
 
 def _agree(octree: Octree, recorded: Drive) -> str:
@@ -98,11 +106,12 @@ def _agree(octree: Octree, recorded: Drive) -> str:
     sensor = pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m)
     world = np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3])
     tree.insertPointCloud(world, sensor, max_range=octree.reach_m, discretize=True)
-    cells = np.argwhere(grown.log_odds != 0)[::7]
+    log_odds = grown.log_odds
+    cells = np.argwhere(log_odds != 0)[::7]
     middles = grown.corner_m + (cells + 0.5) * grown.leaf_m
     nodes = [tree.search(middle.tolist()) for middle in middles]
     same = [
-        node is not None and (node.getLogOdds() > 0) == (grown.log_odds[tuple(cell)] > 0)
+        node is not None and (node.getLogOdds() > 0) == (log_odds[tuple(cell)] > 0)
         for node, cell in zip(nodes, cells, strict=True)
     ]
     if np.mean(same) < 0.999:
@@ -113,10 +122,14 @@ def _agree(octree: Octree, recorded: Drive) -> str:
 def _sweeps(recorded: Drive) -> Race:
     octree = Octree()
     grown, sweeps = octree.grow(), [(points[::220], pose) for points, pose in recorded]
-    copy, leaves = np.empty_like(grown.log_odds), grown.log_odds
+    leaves = grown.log_odds
+    copy = np.empty_like(leaves)
     return race(
         "a sweep of some 540 points into the same map",
-        {"yearloc": lambda i: grown.insert(*sweeps[i % 16]), "memcpy of the leaves": lambda _: np.copyto(copy, leaves)},
+        {
+            "yearloc": lambda i: grown.insert(*sweeps[i % 16]),
+            "memcpy of a dense cube of leaves": lambda _: np.copyto(copy, leaves),
+        },
         rounds=100,
     )
 

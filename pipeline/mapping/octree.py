@@ -1,8 +1,8 @@
 """The dynamic octree: an occupancy map that moves with the robot and decays with its motion.
 
 Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous Robots 2013); METHODS 4. The
-leaves of the root cube are one dense array, so its memory never grows. OctoMap's inner nodes, the highest of their children, are
-not kept: nothing reads them.
+leaves of the root cube are kept in bricks, allocated when a ray touches them and freed when all is unknown again. OctoMap's inner
+nodes, the highest of their children, are not kept: nothing reads them.
 """
 
 import math
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping import octree_kernels as kernels
+from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
 from pipeline.running.settings import NotNegative, Positive, check
 
 LEAST = 1e-3
@@ -89,15 +90,14 @@ class Octree:
 class OctreeMap:
     """One sequence's map, its axes those of the odometry; cells lie at whole multiples of `leaf_m` there."""
 
-    log_odds: NDArray[np.float32]
-    """(side, side, side) of the leaves, x-major; 0 is unknown."""
+    bricks: Bricks
+    """The known leaves."""
+    lowest: NDArray[np.int64]
+    """The lowest leaf (3,) of the root cube, counted from odometry's origin."""
 
     def __init__(self, octree: Octree) -> None:
-        self.octree, side = octree, octree.side
-        self.log_odds = np.zeros((side, side, side), np.float32)
-        self._marks, self._beyond = kernels.walled(side), np.empty(0, np.int64)
-        self._known = np.array([[side] * 3, [-1] * 3], np.int64)
-        self._lowest = np.zeros(3, np.int64)
+        self.octree, self.lowest = octree, np.zeros(3, np.int64)
+        self.bricks, self._seen = empty(octree.side), np.empty(0, np.int64)
         self._odom_T_vehicle: NDArray[np.float64] | None = None
         L = [np.float32(log_odds(p)) for p in (octree.hit, octree.miss, octree.lowest, octree.highest)]
         self._numbers = L[0], L[1], L[2], L[3]
@@ -110,7 +110,12 @@ class OctreeMap:
     @property
     def corner_m(self) -> NDArray[np.float64]:
         """The lowest corner (3,) of the root cube, in odometry's frame."""
-        return np.asarray(self._lowest * self.leaf_m, np.float64)
+        return np.asarray(self.lowest * self.leaf_m, np.float64)
+
+    @property
+    def log_odds(self) -> NDArray[np.float32]:
+        """A copy (side, side, side) of all leaves, x-major; 0 is unknown."""
+        return dense(self.bricks, self.lowest, self.octree.side)
 
     def insert(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> None:
         """Take in a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
@@ -126,22 +131,33 @@ class OctreeMap:
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise InputError("a scan's pose is not (4, 4) finite numbers: the octree needs odometry at every scan")
         lowest = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
-        leaves_T_vehicle = pose / self.leaf_m
+        try:
+            self._cast(points, pose, lowest)
+        except BaseException:
+            self.bricks.marks[:] = 0
+            raise
+        if (gone := self._gone(lowest)).any():
+            forget(self.bricks, gone)
+        kept = self._kept(pose)
+        kernels.sweep(self.bricks, np.float32(kept), np.float32(LEAST if kept < 1 else 0), *self._numbers)
+        self.lowest, self._odom_T_vehicle = lowest, pose
+
+    def _cast(self, points: NDArray[np.float64], odom_T_vehicle: NDArray[np.float64], lowest: NDArray[np.int64]) -> None:
+        """Mark what the rays of a scan (n, 3) cross and hit in the root cube at `lowest` (3,)."""
+        octree = self.octree
+        leaves_T_vehicle = odom_T_vehicle / self.leaf_m
         leaves_T_vehicle[:3, 3] -= lowest
-        origin = leaves_T_vehicle[:3, :3] @ (0.0, 0.0, self.octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
-        reach, every_ray, box = self.octree.reach_m / self.leaf_m, self.octree.rays == "all", np.empty((2, 3), np.int64)
-        slots = kernels.room(len(points))
-        self._beyond = self._beyond if len(self._beyond) >= slots else np.empty(slots, np.int64)
-        if not kernels.cast(points, leaves_T_vehicle, origin, reach, every_ray, self._marks, self._beyond[:slots], box):
-            self._marks = kernels.walled(self.octree.side)
-            raise InputError("a point is NaN, infinite or hundreds of kilometres away: drop such points first")
-        kept, shift = self._kept(pose), lowest - self._lowest
-        moved = self._moved(shift)
-        known = np.stack([np.minimum(moved[0], box[0]), np.maximum(moved[1], box[1])])
-        swept = np.stack([np.minimum(known[0], self._known[0]), np.maximum(known[1], self._known[1])])
-        least = np.float32(LEAST if kept < 1 else 0)
-        kernels.sweep(self.log_odds, self._marks, swept, shift, np.float32(kept), least, *self._numbers)
-        self._known, self._lowest, self._odom_T_vehicle = known, lowest, pose
+        origin = leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
+        rays = octree.side, octree.reach_m / self.leaf_m, octree.rays == "all"
+        slots, most, done = kernels.room(len(points)), bricks_of_a_ray(self.bricks), 0
+        self._seen = self._seen if len(self._seen) >= slots else np.empty(slots, np.int64)
+        seen = self._seen[:slots]
+        seen[:] = kernels.VACANT
+        while done < len(points):
+            self.bricks = with_room(self.bricks, most)
+            done = int(kernels.cast(points, done, leaves_T_vehicle, origin, lowest, *rays, self.bricks, most, seen))
+            if done < 0:
+                raise InputError("a point is NaN, infinite or hundreds of kilometres away: drop such points first")
 
     def _kept(self, odom_T_vehicle: NDArray[np.float64]) -> float:
         """The share of all log-odds that is left on the way from the last scan."""
@@ -152,11 +168,11 @@ class OctreeMap:
         moved_m = float(np.linalg.norm(now[:3, 3] - before[:3, 3]))
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
-    def _moved(self, shift: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The box of the known leaves, lowest and highest leaf (2, 3), once the root cube has moved on by `shift` leaves."""
-        side = self.octree.side
-        low, high = np.maximum(self._known[0] - shift, 0), np.minimum(self._known[1] - shift, side - 1)
-        return np.stack([low, high]) if (low <= high).all() else np.array([[side] * 3, [-1] * 3], np.int64)
+    def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which coordinates (3, torus) of leaves on the torus the root cube leaves when it moves to `lowest` (3,)."""
+        torus = 1 << self.bricks.levels
+        before = self.lowest[:, None] + (np.arange(torus) - self.lowest[:, None]) % torus
+        return (before < lowest[:, None]) | (before >= lowest[:, None] + self.octree.side)
 
 
 def log_odds(probability: float) -> float:

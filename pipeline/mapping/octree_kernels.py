@@ -1,7 +1,8 @@
 """The hot loops of the dynamic octree: rays that mark what a scan crossed and hit, and one sweep that updates the leaves.
 
-Rays walk a dense window of bytes as in Amanatides and Woo (1987), with selects in place of branches. Around the window stands a
-wall one leaf thick that ends every ray which leaves it. Lengths are in leaves, from the window's lowest corner.
+Rays walk the bricks as in Amanatides and Woo (1987), with selects in place of branches. Lengths are in leaves, from the window's
+lowest corner. On each axis a leaf's key holds its coordinate as a binary number with gaps, which a subtraction crosses and an AND
+clears: a step along an axis costs no more than in a dense array, and wraps around the torus.
 """
 
 import math
@@ -10,20 +11,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FREE, HIT, SEEN, WALL = np.uint8(1), np.uint8(2), np.uint8(4), np.uint8(8)
-"""Bits of a leaf's byte in `marks`: crossed by a ray, holds a point, end of an earlier ray, outside the window."""
-WHOLE, ENDLESS = 2.0**40, 2.0**60
-"""Positions along a ray are integers, three times as fast as floats: its end, and a number beyond every border."""
+from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
+
+FREE, HIT = np.uint8(1), np.uint8(2)
+"""Bits of a leaf's mark: crossed by a ray, holds a point."""
+WHOLE, ENDLESS, NEVER = 2.0**40, 2.0**60, np.int64(1) << 62
+"""Positions along a ray are integers, three times as fast as floats: its end, and numbers beyond every border."""
 ZERO, NOTHING, VACANT = np.int64(0), np.float32(0), np.int64(-1)
 REACH = np.int64(1) << 20
-"""Leaves on an axis, either way, that the hash key of a cell outside the window has bits for."""
-
-
-def walled(side: int) -> NDArray[np.uint8]:
-    """Empty marks (side + 2, side + 2, side + 2) of a window, in its wall."""
-    marks = np.full((side + 2,) * 3, WALL, np.uint8)
-    marks[1:-1, 1:-1, 1:-1] = 0
-    return marks
+"""Leaves on an axis, either way, that the hash key of a cell has bits for."""
+IN_BRICK, BRICK_BITS = np.int64(LEAVES - 1), np.int64(LEAVES.bit_length() - 1)
 
 
 def room(points: int) -> int:
@@ -34,85 +31,100 @@ def room(points: int) -> int:
 @njit(cache=True, nogil=True, error_model="numpy")
 def cast(
     points: NDArray[np.float64],
+    done: int,
     leaves_T_points: NDArray[np.float64],
     origin: NDArray[np.float64],
+    lowest: NDArray[np.int64],
+    side: int,
     reach: float,
     every_ray: bool,
-    marks: NDArray[np.uint8],
-    beyond: NDArray[np.int64],
-    box: NDArray[np.int64],
-) -> bool:
-    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; False if one is not finite or out of REACH.
+    bricks: Bricks,
+    most: int,
+    seen: NDArray[np.int64],
+) -> int:
+    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; the first `done` points are already.
 
     A ray longer than `reach` is cut there and hits nothing. Unless `every_ray`, there is one for each cell that holds points, to
-    its middle. `box` (2, 3) becomes the lowest and highest leaf that may be marked.
+    its middle. The window's lowest leaf is `lowest` (3,) in odometry. `seen` is a hash table of the cells that hold points and no
+    hit, VACANT before the first call. Returns how many points are done: n; fewer where there is not room for `most` bricks more,
+    which one ray may need; or −1 where one is not finite or out of REACH.
     """
-    w = marks.shape[0]
-    flat, side = marks.reshape(-1), w - 2
-    slots = beyond.shape[0]
-    if not every_ray:
-        beyond[:] = VACANT
+    table, marks, levels, slots = bricks.table, bricks.marks, bricks.levels, seen.shape[0]
     ox, oy, oz = origin[0], origin[1], origin[2]
     cx, cy, cz = math.floor(ox), math.floor(oy), math.floor(oz)
-    lowest_x, lowest_y, lowest_z, highest_x, highest_y, highest_z = cx, cy, cz, cx, cy, cz
-    first = np.uint64(((cx + 1) * w + cy + 1) * w + cz + 1)
+    first_x, first_y, first_z = _parts(cx, cy, cz, lowest, levels)
+    all_x, all_y, all_z = part_of_key(-1, 0, levels), part_of_key(-1, 1, levels), part_of_key(-1, 2, levels)
+    one_x, one_y, one_z = part_of_key(1, 0, levels), part_of_key(1, 1, levels), part_of_key(1, 2, levels)
     T = leaves_T_points
-    for i in range(points.shape[0]):
+    for i in range(done, points.shape[0]):
+        if bricks.used[0] + most > bricks.places.shape[0]:
+            return i
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
         z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
         if not (abs(x) < REACH and abs(y) < REACH and abs(z) < REACH):
-            return False
+            return -1
         ix, iy, iz = math.floor(x), math.floor(y), math.floor(z)
         inside = min(ix, iy, iz) >= 0 and max(ix, iy, iz) < side
-        end = np.uint64(((ix + 1) * w + iy + 1) * w + iz + 1) if inside else np.uint64(0)
+        end_x, end_y, end_z = _parts(ix, iy, iz, lowest, levels)
+        key = end_x | end_y | end_z
+        begin = table[np.uint64(key >> BRICK_BITS)]
         if not every_ray:
-            if inside:
-                if flat[end] & SEEN:
-                    continue
-                flat[end] |= SEEN
-            else:
-                key = ((ix + REACH) << 42) | ((iy + REACH) << 21) | (iz + REACH)
-                slot = ((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & np.uint64(slots - 1)
-                while beyond[slot] != VACANT and beyond[slot] != key:
-                    slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
-                if beyond[slot] == key:
-                    continue
-                beyond[slot] = key
+            if inside and begin >= 0 and marks[np.uint64(begin | (key & IN_BRICK))] & HIT:
+                continue
             x, y, z = ix + 0.5, iy + 0.5, iz + 0.5
-        lowest_x, highest_x = min(lowest_x, ix), max(highest_x, ix)
-        lowest_y, highest_y = min(lowest_y, iy), max(highest_y, iy)
-        lowest_z, highest_z = min(lowest_z, iz), max(highest_z, iz)
         dx, dy, dz = x - ox, y - oy, z - oz
         length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if inside and length <= reach:
+            if begin < 0:
+                begin = allocate(bricks, key >> BRICK_BITS)
+            marks[np.uint64(begin | (key & IN_BRICK))] |= HIT
+        elif not every_ray:
+            cell = ((ix + REACH) << 42) | ((iy + REACH) << 21) | (iz + REACH)
+            slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & np.uint64(slots - 1)
+            while seen[slot] != VACANT and seen[slot] != cell:
+                slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
+            if seen[slot] == cell:
+                continue
+            seen[slot] = cell
         if length > reach:
             share = reach / length
             dx, dy, dz = dx * share, dy * share, dz * share
             ix, iy, iz = math.floor(ox + dx), math.floor(oy + dy), math.floor(oz + dz)
-        elif inside:
-            flat[end] |= HIT
-        step_x, step_y = np.uint64(w * w if dx > 0 else -w * w), np.uint64(w if dy > 0 else -w)
-        step_z = np.uint64(1 if dz > 0 else -1)
+        step_x, step_y, step_z = all_x if dx > 0 else one_x, all_y if dy > 0 else one_y, all_z if dz > 0 else one_z
         every_x, every_y, every_z = _spacing(dx), _spacing(dy), _spacing(dz)
         next_x, next_y, next_z = _border(ox, cx, dx, every_x), _border(oy, cy, dy, every_y), _border(oz, cz, dz, every_z)
-        k = first
-        for _ in range(abs(ix - cx) + abs(iy - cy) + abs(iz - cz)):
-            mark = flat[k]
-            if mark & WALL:
-                break
-            flat[k] = mark | FREE
-            low_y = next_y <= next_x
-            low_xy = next_y if low_y else next_x
-            low_z = next_z <= low_xy
-            step = step_y if low_y else step_x
-            k += step_z if low_z else step
-            next_z += every_z if low_z else ZERO
-            next_y += every_y if low_y & (not low_z) else ZERO
-            next_x += ZERO if low_y | low_z else every_x
-    box[0, 0], box[0, 1], box[0, 2] = max(lowest_x, 0), max(lowest_y, 0), max(lowest_z, 0)
-    box[1, 0], box[1, 1], box[1, 2] = min(highest_x, side - 1), min(highest_y, side - 1), min(highest_z, side - 1)
-    return True
+        steps = abs(ix - cx) + abs(iy - cy) + abs(iz - cz)
+        if min(ix, iy, iz) < 1 or max(ix, iy, iz) > side - 2:
+            exit_x, exit_y = _exit(cx, ix, dx, next_x, every_x, side), _exit(cy, iy, dy, next_y, every_y, side)
+            exit_z = _exit(cz, iz, dz, next_z, every_z, side)
+            stop = min(exit_x, exit_y, exit_z)
+            along_zy = _steps(next_z, every_z, stop + 1) + _steps(next_y, every_y, stop + (exit_z > stop))
+            steps = min(steps, along_zy + _steps(next_x, every_x, stop + (min(exit_y, exit_z) > stop)))
+        x, y, z = first_x, first_y, first_z
+        for _ in range(steps):
+            key = x | y | z
+            begin = table[np.uint64(key >> BRICK_BITS)]
+            if begin < 0:
+                begin = allocate(bricks, key >> BRICK_BITS)
+            marks[np.uint64(begin | (key & IN_BRICK))] |= FREE
+            if next_z <= min(next_x, next_y):
+                z = (z - step_z) & all_z
+                next_z += every_z
+            elif next_y <= next_x:
+                y = (y - step_y) & all_y
+                next_y += every_y
+            else:
+                x = (x - step_x) & all_x
+                next_x += every_x
+    return len(points)
+
+
+@njit(inline="always", error_model="numpy")
+def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
+    """The three parts of the key of a leaf of the window."""
+    return part_of_key(x + lowest[0], 0, levels), part_of_key(y + lowest[1], 1, levels), part_of_key(z + lowest[2], 2, levels)
 
 
 @njit(inline="always", error_model="numpy")
@@ -127,12 +139,23 @@ def _border(start, cell, along, every):  # type: ignore[no-untyped-def]
     return np.int64(((cell + 1 - start) if along > 0 else (start - cell)) * every)
 
 
+@njit(inline="always", error_model="numpy")
+def _exit(cell, end, along, first, every, side):  # type: ignore[no-untyped-def]
+    """Share of a ray to the window's own border, or NEVER; the ray goes from `cell` to `end`, the first border is at `first`."""
+    if along > 0:
+        return first + (side - 1 - cell) * every if end >= side - 1 else NEVER
+    return first + cell * every if end <= 0 else NEVER
+
+
+@njit(inline="always", error_model="numpy")
+def _steps(first, every, stop):  # type: ignore[no-untyped-def]
+    """Borders of an axis before `stop`."""
+    return max((stop - first + every - 1) // every, ZERO)
+
+
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def sweep(
-    log_odds: NDArray[np.float32],
-    marks: NDArray[np.uint8],
-    box: NDArray[np.int64],
-    shift: NDArray[np.int64],
+    bricks: Bricks,
     kept: np.float32,
     least: np.float32,
     hit: np.float32,
@@ -140,30 +163,19 @@ def sweep(
     lowest: np.float32,
     highest: np.float32,
 ) -> None:
-    """Move, decay, update and clamp the leaves of `box` (2, 3: lowest, highest) in place, and clear their marks (METHODS 4.4).
+    """Decay, update and clamp all leaves in place, clear their marks and free what is unknown (METHODS 4.4).
 
-    A leaf takes the value `shift` (3,) leaves further on, unknown from beyond the window; times `kept`; 0 where less than `least`
-    is left; plus `hit` or `miss`. Leaves outside the box must be unknown before and after.
+    A leaf takes its value times `kept`; 0 where less than `least` is left; plus `hit` or `miss`.
     """
-    side = log_odds.shape[0]
-    leaves, flat = log_odds.reshape(-1), marks.reshape(-1)
-    row = np.zeros(3 * side, np.float32)
-    bottom, height = side + box[0, 2], np.uint64(box[1, 2] + 1 - box[0, 2])
-    ahead = bottom + min(max(shift[2], -side), side)
-    for count_x in range(box[1, 0] - box[0, 0] + 1):
-        x = box[0, 0] + count_x if shift[0] >= 0 else box[1, 0] - count_x
-        for count_y in range(box[1, 1] - box[0, 1] + 1):
-            y = box[0, 1] + count_y if shift[1] >= 0 else box[1, 1] - count_y
-            old_x, old_y = x + shift[0], y + shift[1]
-            old = np.uint64((old_x * side + old_y) * side + box[0, 2])
-            here = min(old_x, old_y) >= 0 and max(old_x, old_y) < side
-            for z in range(height):
-                row[np.uint64(bottom) + z] = leaves[old + z] if here else NOTHING
-            new = np.uint64((x * side + y) * side + box[0, 2])
-            mark = np.uint64(((x + 1) * (side + 2) + y + 1) * (side + 2) + box[0, 2] + 1)
-            for z in range(height):
-                value, seen = row[np.uint64(ahead) + z] * kept, np.int32(flat[mark + z])
-                value = value if abs(value) >= least else NOTHING
-                value += hit if seen & np.int32(HIT) else (miss if seen & np.int32(FREE) else NOTHING)
-                leaves[new + z] = min(max(value, lowest), highest)
-                flat[mark + z] = np.uint8(0)
+    for brick in range(bricks.used[0] - 1, -1, -1):
+        first, known = brick * LEAVES, np.int32(0)
+        log_odds, marks = bricks.log_odds[first : first + LEAVES], bricks.marks[first : first + LEAVES]
+        for leaf in range(LEAVES):
+            value, mark = log_odds[leaf] * kept, np.int32(marks[leaf])
+            value = value if abs(value) >= least else NOTHING
+            value += hit if mark >= np.int32(HIT) else (miss if mark else NOTHING)
+            value = min(max(value, lowest), highest)
+            known |= np.int32(value != NOTHING)
+            log_odds[leaf], marks[leaf] = value, np.uint8(0)
+        if not known:
+            free(bricks, brick)

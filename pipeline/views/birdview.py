@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
+from pipeline.mapping.bricks import BRICK, LEAVES, Bricks, corner
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 from pipeline.running.settings import Count, NotNegative, Seed, Side, check
@@ -108,7 +109,9 @@ class BirdView:
         leaf_m, up = grown.leaf_m, self.up(odom_T_vehicle)
         ground = (odom_T_vehicle[:3, 3] - grown.corner_m) / leaf_m
         band = self.low_m / leaf_m, self.high_m / leaf_m
-        columns: NDArray[np.uint8] = _columns_above(grown.log_odds, ground, up, *band, log_odds(self.occupied))
+        columns: NDArray[np.uint8] = _columns_above(
+            grown.bricks, grown.lowest, self.octree.side, ground, up, *band, log_odds(self.occupied)
+        )
         return columns
 
     def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,23 +136,35 @@ def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _columns_above(
-    log_odds: NDArray[np.float32], ground: NDArray[np.float64], up: NDArray[np.float64], low: float, high: float, threshold: float
+    bricks: Bricks,
+    lowest: NDArray[np.int64],
+    side: int,
+    ground: NDArray[np.float64],
+    up: NDArray[np.float64],
+    low: float,
+    high: float,
+    threshold: float,
 ) -> NDArray[np.uint8]:
-    """Whether any leaf of a column whose middle is from `low` to below `high` above the ground exceeds a threshold.
+    """Whether any leaf of a column (side, side) whose middle is from `low` to below `high` above the ground exceeds a threshold.
 
-    Lengths are in leaves. The ground is the plane through `ground` (3,) with the upward normal `up` (3,).
+    Lengths are in leaves. The ground is the plane through `ground` (3,) with the upward normal `up` (3,), from the root cube's
+    corner, which is the leaf `lowest` (3,) of odometry.
     """
-    side = log_odds.shape[0]
-    found = np.zeros((side, side), np.uint8)
-    for x in range(side):
-        for y in range(side):
-            level = ground[2] - 0.5 - ((x + 0.5 - ground[0]) * up[0] + (y + 0.5 - ground[1]) * up[1]) / up[2]
-            start = min(max(math.ceil(level + low / up[2]), 0), side)
-            stop = min(max(math.ceil(level + high / up[2]), 0), side)
-            any_above = False
-            for z in range(start, stop):
-                any_above |= log_odds[x, y, z] > threshold
-            found[x, y] = np.uint8(any_above)
+    found, last = np.zeros((side, side), np.uint8), (1 << bricks.levels) - 1
+    for brick in range(bricks.used[0]):
+        corner_x, corner_y, corner_z = corner(bricks, brick)
+        for column in range(BRICK * BRICK):
+            leaves = bricks.log_odds[brick * LEAVES + column * BRICK :][:BRICK]
+            highest = leaves[0]
+            for z in range(1, BRICK):
+                highest = max(highest, leaves[z])
+            if highest > threshold:
+                x, y = (corner_x + column // BRICK - lowest[0]) & last, (corner_y + column % BRICK - lowest[1]) & last
+                level = ground[2] - 0.5 - ((x + 0.5 - ground[0]) * up[0] + (y + 0.5 - ground[1]) * up[1]) / up[2]
+                start, stop = math.ceil(level + low / up[2]), math.ceil(level + high / up[2])
+                for z in range(BRICK):
+                    if leaves[z] > threshold and start <= (corner_z + z - lowest[2]) & last < stop:
+                        found[x, y] = 1
     return found
 
 

@@ -215,15 +215,13 @@ def test_leaves_that_leave_the_window_are_forgotten_and_the_rest_stay() -> None:
     assert not made.log_odds.any()
 
 
-def test_memory_does_not_grow_and_the_same_scans_make_the_same_map() -> None:
+def test_the_same_scans_make_the_same_map() -> None:
     rng = np.random.default_rng(2)
     scans = [(rng.normal(0, 5, (300, 3)), at(0.4 * i, 0.1 * i, 0.0, 0.05 * i)) for i in range(8)]
     maps = [Octree(depth=6).grow() for _ in range(2)]
-    leaves = [made.log_odds for made in maps]
     for made in maps:
         for points, pose in scans:
             made.insert(points, pose)
-    assert all(made.log_odds is array for made, array in zip(maps, leaves, strict=True))
     assert maps[0].log_odds.tobytes() == maps[1].log_odds.tobytes()
 
 

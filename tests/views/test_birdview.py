@@ -1,7 +1,9 @@
 """Bird-views: where things appear, at which headings, and what is left out."""
 
+import hashlib
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -194,6 +196,29 @@ def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
         cells = np.floor((np.array([[6.2, 0.2], [12.2, 2.7]]) - grown.corner_m[:2]) / grown.leaf_m).astype(int)
         told.append(view.columns(grown, at)[tuple(cells.T)].tolist())
     assert told == 6 * [[1, 1]] + [[0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("octree", "sha256"),
+    [
+        ({}, "d0a5b14056f4c29f7bba535cf132fb0129a42a9b01b6f255ff0eeeeaa509ac9a"),
+        ({"rays": "all", "motion": "per_metre"}, "ce6551c3a82d1b17b2d2f76fa794b0c58ff05cca4695a674b438b12f014ec112"),
+        (
+            {"edge_m": 102.4, "depth": 8, "max_range_m": 30.0, "motion": "none"},
+            "6885c1c28cc65d5433e4e3301bc95de85e314ee374d89cc9e7d9170b40567c57",
+        ),
+    ],
+)
+def test_bird_views_of_a_made_up_drive_have_the_bytes_that_a_dense_map_gave(octree: dict[str, Any], sha256: str) -> None:
+    """Recorded from the map that was one dense array, before its leaves were kept in bricks."""
+    view, rng, digest = BirdView(Octree(**octree)), np.random.default_rng(6), hashlib.sha256()
+    grown, posts = view.octree.grow(), rng.uniform(-60, 60, (300, 2))
+    for number in range(20):
+        here = pose(-20.0 + 1.3 * number, 9.0 - 0.9 * number, 0.15 * number, 0.02 * number, 0.03 * math.sin(number))
+        points = np.concatenate([post(*xy) for xy in posts + rng.normal(0, 0.05, posts.shape)])
+        grown.insert((points - here[:3, 3]) @ here[:3, :3], here)
+        digest.update(view.draw(grown, here, number).tobytes())
+    assert digest.hexdigest() == sha256
 
 
 def test_points_alone_make_a_view() -> None:

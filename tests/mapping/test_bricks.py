@@ -1,0 +1,156 @@
+"""The bricks of the dynamic octree: the bits of one dense array, in memory that follows what is known."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pipeline import frames
+from pipeline.errors import InputError
+from pipeline.mapping.bricks import BRICK, LEAVES, NONE, Bricks
+from pipeline.mapping.octree import Octree, OctreeMap
+from tests.mapping.dense_octree import DenseOctree
+
+NEAR = {"edge_m": 16.0, "depth": 5, "sensor_height_m": 1.0}
+"""Leaves of 0.5 m, 32 along an edge: four bricks of 4 m."""
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0, *turned: float) -> np.ndarray:
+    return frames.pose(np.array([[x, y, z]]), np.array([turned or (0.0, 0.0, 0.0)]))[0]
+
+
+def same(made: OctreeMap, oracle: DenseOctree) -> None:
+    np.testing.assert_array_equal(made.lowest, oracle.lowest)
+    np.testing.assert_array_equal(made.log_odds, oracle.log_odds)
+
+
+def sound(bricks: Bricks) -> None:
+    """Table and places say the same, and nothing is left where no brick is in use."""
+    used = int(bricks.used[0])
+    assert len(np.unique(bricks.places[:used])) == used
+    np.testing.assert_array_equal(bricks.table[bricks.places[:used]], np.arange(used) * LEAVES)
+    assert (bricks.table != NONE).sum() == used
+    assert not bricks.marks.any()
+    assert not bricks.log_odds[used * LEAVES :].any()
+    assert bricks.log_odds[: used * LEAVES].reshape(used, LEAVES).any(axis=1).all()
+
+
+@pytest.mark.parametrize("rays", ["end_voxel", "all"])
+@pytest.mark.parametrize("step_m", [0.3, 2.7, 9.0])
+def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_array(rays: str, step_m: float) -> None:
+    # From −40 m to beyond the origin, turning and pitching; points far beyond the window, and rays that are cut.
+    octree = Octree(**NEAR, rays=rays, max_range_m=11.0)
+    made, oracle, rng = octree.grow(), DenseOctree(octree), np.random.default_rng(0)
+    for scan in range(16):
+        points = rng.normal(0, 1, (40, 3)) * (9, 9, 3)
+        pose = at(-40 + step_m * scan, 3 - step_m * scan / 2, math.sin(scan), 0.1, 0.2 * math.cos(scan), 0.4 * scan)
+        for each in (made, oracle):
+            each.insert(points, pose)
+        same(made, oracle)
+        sound(made.bricks)
+
+
+@pytest.mark.parametrize("depth", [2, 3, 4])
+def test_rays_that_meet_borders_at_once_stop_at_the_window_as_in_a_dense_array(depth: int) -> None:
+    # Sensor and points on corners, edges and middles of leaves: diagonals that leave the window through its edges and corners.
+    octree = Octree(edge_m=2.0**depth, depth=depth, rays="all", sensor_height_m=0.0)
+    made, oracle, rng = octree.grow(), DenseOctree(octree), np.random.default_rng(1)
+    for scan in range(12):
+        points, pose = rng.integers(-2 * octree.side, 2 * octree.side + 1, (60, 3)) / 2, at(scan / 2 - 3, -scan / 2, 0.5)
+        for each in (made, oracle):
+            each.insert(points, pose)
+        same(made, oracle)
+
+
+def test_leaves_outside_the_cube_are_dropped_though_their_brick_stays() -> None:
+    made = Octree(**NEAR, motion="none").grow()
+    made.insert(np.array([[-7.9, 0.2, 1.2], [-7.4, 0.2, 1.2]]), at(0.1))  # the two lowest leaves along x
+    place = made.bricks.places[: made.bricks.used[0]].tolist()
+    assert np.argwhere(made.log_odds > 0)[:, 0].tolist() == [0, 1]
+    made.insert(np.empty((0, 3)), at(0.6))  # a leaf on
+    assert np.argwhere(made.log_odds > 0)[:, 0].tolist() == [0]
+    assert made.bricks.places[: made.bricks.used[0]].tolist() == place
+    made.insert(np.empty((0, 3)), at(0.1))
+    assert np.argwhere(made.log_odds > 0)[:, 0].tolist() == [1]
+
+
+def test_bricks_are_allocated_along_rays_alone() -> None:
+    made = Octree(**NEAR, motion="none").grow()
+    assert made.bricks.used[0] == 0
+    made.insert(np.array([[7.2, 0.2, 1.2]]), at(0.1))  # along x from 0.1 m to 7.3 m: bricks of 4 m
+    assert made.bricks.used[0] == 2
+    made.insert(np.array([[20.0, 0.2, 1.2], [0.2, 0.2, 0.9]]), at(0.1))  # no further than the window
+    assert made.bricks.used[0] == 2
+
+
+def test_points_beyond_the_reach_touch_no_brick() -> None:
+    made = Octree(**NEAR, max_range_m=3.0).grow()
+    made.insert(np.array([[7.2, 0.2, 1.2], [7.2, 0.3, 1.2]]), at(0.1))
+    assert made.bricks.used[0] == 1
+    assert not (made.log_odds > 0).any()
+
+
+def test_bricks_that_fade_or_leave_are_used_again() -> None:
+    made, points = Octree(**NEAR).grow(), np.random.default_rng(2).normal(0, 4, (200, 3))
+    made.insert(points, at(0.0))
+    before = made.bricks.nbytes
+    for away in (at(0.0, 0.0, 0.0, 0.0, 0.0, 3.0), at(100.0)):  # exp(−18) of all is left; nothing is
+        made.insert(np.empty((0, 3)), away)
+        assert made.bricks.used[0] == 0
+        sound(made.bricks)
+        made.insert(points, away)
+        assert 8 < made.bricks.used[0] <= 64
+        assert made.bricks.nbytes <= 1.1 * before
+
+
+def test_memory_follows_what_is_known() -> None:
+    made, rng = Octree(edge_m=64.0, depth=7).grow(), np.random.default_rng(3)
+    ring = np.stack([np.cos(angle := rng.uniform(-math.pi, math.pi, 2000)), np.sin(angle), rng.uniform(-0.1, 0.1, 2000)], axis=1)
+    sizes = []
+    for scan in range(120):
+        made.insert(ring * rng.uniform(5, 12), at(-300.0 + 5 * scan, 2.0 * scan))
+        sizes.append(made.bricks.nbytes)
+        sound(made.bricks)
+    assert max(sizes[60:]) <= 1.2 * max(sizes[:60])
+    assert max(sizes) < 0.1 * made.log_odds.nbytes
+    wide = np.concatenate([ring * r for r in range(5, 32)])
+    made.insert(wide, at(300.0))
+    assert made.bricks.nbytes > 2 * max(sizes)
+    for scan in range(3):
+        made.insert(ring * 5, at(1000.0 + 100 * scan))
+    assert made.bricks.nbytes <= max(sizes)
+
+
+def test_scans_that_outgrow_the_pools_lose_no_ray() -> None:
+    # One scan that needs many bricks, against the same points one after another at rest: the same leaves are known.
+    octree, points = Octree(edge_m=64.0, depth=7, motion="none"), np.random.default_rng(4).normal(0, 12, (1500, 3))
+    whole, parts = octree.grow(), octree.grow()
+    whole.insert(points, at(0.0))
+    for part in np.array_split(points, 50):
+        parts.insert(part, at(0.0))
+    np.testing.assert_array_equal(whole.log_odds != 0, parts.log_odds != 0)
+    assert whole.bricks.used[0] > 4 * BRICK**2
+
+
+def test_a_scan_that_fails_half_way_leaves_no_marks(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, other = (Octree(**NEAR).grow() for _ in range(2))
+    points = np.random.default_rng(5).normal(0, 4, (50, 3))
+    wrong = np.concatenate([points * 2, [[np.nan, 0, 0]]])
+    for each in (made, other):
+        each.insert(points, at(0.0))
+    with pytest.raises(InputError, match="NaN"):
+        made.insert(wrong, at(3.0))
+
+    def full(bricks: Bricks, more: int) -> Any:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr("pipeline.mapping.octree.with_room", full)
+        with pytest.raises(MemoryError):
+            made.insert(points, at(3.0))
+    np.testing.assert_array_equal(made.log_odds, other.log_odds)
+    for each in (made, other):
+        each.insert(points, at(1.0))
+    np.testing.assert_array_equal(made.log_odds, other.log_odds)
+    sound(made.bricks)
