@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 BITS = 3
 BRICK, LEAVES = 1 << BITS, 1 << 3 * BITS
-"""Leaves along an edge of a brick, and in one. Bricks of 16³ were slower and larger on KITTI's scans."""
+"""Leaves along an edge of a brick, and in one. Bricks of 16³ were no faster on KITTI's scans."""
 NONE = np.int32(-1)
 SPARE, IDLE = 1.5, 4.0
 """Capacity of new pools over what is needed, and where it has become too large."""
