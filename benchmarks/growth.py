@@ -40,20 +40,20 @@ def record(folder: Path, sequences: int) -> None:
             seen = walls[rng.choice(len(walls), POINTS)] + rng.normal(0, 0.05, (POINTS, 3)) - (x_m, y_m, 0)
             np.save(drive / f"scans/{scan}.npy", seen.astype(np.float32))
             poses.append(f"{scan} {x_m} {y_m} 0 0 0 0 1")
-        (drive / "poses.txt").write_text("\n".join(poses))
+        (drive / "poses.txt").write_text("\n".join(poses), encoding="utf-8")
 
 
 def build(project: Path) -> tuple[Trace, float]:
     """What `dvc repro` used with all that it started, and the CPU seconds of its own process alone."""
     own_s = 0.0
-    with chdir(project), Telemetry("growth", every_s=0.2), (project / "repro.log").open("w") as log:
+    with chdir(project), Telemetry("growth", every_s=0.2), (project / "repro.log").open("w", encoding="utf-8") as log:
         dvc = psutil.Popen([Path(sys.executable).with_name("dvc"), "repro"], stdout=log, stderr=log, env=Clone(project, "{}").env)
         while dvc.poll() is None:
             times = dvc.cpu_times() if dvc.is_running() and dvc.status() != psutil.STATUS_ZOMBIE else None
             own_s = times.user + times.system if times else own_s
             time.sleep(0.2)
     if dvc.returncode:
-        said = (project / "repro.log").read_text().splitlines()[-10:]
+        said = (project / "repro.log").read_text(encoding="utf-8").splitlines()[-10:]
         sys.exit("\n".join([*said, f"dvc repro ended with {dvc.returncode}"]))
     with chdir(project):
         trace = Trace.read("growth")
@@ -104,12 +104,16 @@ def measure(sequences: int, folder: Path) -> dict[str, float]:
     record(logs, sequences)
     clone.run("yearloc", "use", "folder", f"root={logs}", *SETTINGS)
     first, own_s = build(project)
-    traces = [Trace(**json.loads(path.read_text())) for path in (project / FOLDER).rglob("*.json") if path.name != "growth.json"]
+    traces = [
+        Trace(**json.loads(path.read_text(encoding="utf-8")))
+        for path in (project / FOLDER).rglob("*.json")
+        if path.name != "growth.json"
+    ]
     again, _ = build(project)
     page_s, page_bytes = page(project)
     files = [path for name in ("artifacts", ".dvc/cache", "mlruns") for path in (project / name).rglob("*") if path.is_file()]
     return {
-        "instances": (project / "repro.log").read_text().count("Stage '"),
+        "instances": (project / "repro.log").read_text(encoding="utf-8").count("Stage '"),
         "repro, wall s": first.wall_s,
         "repro, CPU s": first.cpu_s,
         "of it DVC's own process, CPU s": own_s,

@@ -65,7 +65,9 @@ def run() -> list[Race]:
                 for name, settings in CANDIDATES.items():
                     env = {key: value for key, value in os.environ.items() if not key.startswith(("OMP_", "GOMP_"))}
                     command = [sys.executable, "-m", "benchmarks.waiting", "step"]
-                    done = subprocess.run(command, env={**env, **settings}, capture_output=True, text=True, check=True)
+                    done = subprocess.run(
+                        command, env={**env, **settings}, capture_output=True, text=True, encoding="utf-8", check=True
+                    )
                     took[name].append(float(done.stdout))
         medians = {name: statistics.median(times) for name, times in took.items()}
         races.append(

@@ -5,7 +5,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
 from hashlib import sha256
@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Annotated, Any, Protocol, TypeVar, cast
 
 import hydra
-from hydra.errors import InstantiationException
+from hydra.errors import HydraException, InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -26,6 +26,7 @@ from pipeline.running.building import TARGET, target_class
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
+from pipeline.running.texts import check_files, print_anywhere, read_yaml
 
 Item = TypeVar("Item")
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
@@ -66,8 +67,10 @@ def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackT
 
 sys.excepthook = _uncaught
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
+os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors reach `reported`
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
 _keep_freed_memory()
+print_anywhere()
 for talkative in ("aiobotocore", "botocore", "faiss"):  # where keys were found; which instructions it was built for
     logging.getLogger(talkative).setLevel(logging.WARNING)
 
@@ -97,39 +100,53 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
 
         @wraps(function)
         def checked(cfg: DictConfig) -> None:
-            try:
+            with reported(name):
                 if missing := [str(key) for key, value in cfg.items() if value is None and key not in OPTIONAL]:
                     raise ConfigError(f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs")
                 print(f"{name}: {run(cfg)}", flush=True)
-            except YearlocError as error:
-                line = str(error)
-            except (OSError, MemoryError) as error:
-                if not (line := refusal(error)):
-                    raise
-            except KeyboardInterrupt:
-                print(f"{name}: interrupted", file=sys.stderr)
-                sys.exit(130)
-            except InstantiationException as error:  # Hydra's wrapping of what a constructor raised
-                if not isinstance(error.__cause__, YearlocError | TypeError):
-                    raise
-                line = str(error.__cause__)
-            else:
-                return
-            print(f"{name}: {line}", file=sys.stderr)
-            sys.exit(1)
 
         composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
 
         @wraps(function)
         def main() -> None:
-            sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
-            composed()
+            with reported(name):
+                sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
+                composed()
 
         found = cast(Stage, main)
         found.run = run
         return found
 
     return decorate
+
+
+@contextmanager
+def reported(name: str) -> Iterator[None]:
+    """An error that somebody can put right becomes one line and exit code 1; any other keeps its traceback."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except Exception as error:
+        if not (line := _line(error)):
+            raise
+        print(f"{name}: {line}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _line(error: Exception) -> str:
+    """What somebody can put right, be it a file of conf/ that cannot be read; nothing for a bug."""
+    cause, built = error.__cause__, isinstance(error, InstantiationException)
+    if built and isinstance(cause, YearlocError | TypeError):  # Hydra wraps what a constructor raised
+        return str(cause)
+    if line := str(error) if isinstance(error, YearlocError) else refusal(error):
+        return line
+    try:
+        check_files(ROOT / "conf")
+    except ConfigError as broken:
+        return str(broken)
+    return " ".join(f"{error} {cause or ''}".split()) if isinstance(error, HydraException) and not built else ""
 
 
 def _check(cfg: DictConfig) -> None:
@@ -143,7 +160,8 @@ def _check(cfg: DictConfig) -> None:
 
 def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
     """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends on; a command's own wins."""
-    chosen, asks = os.environ.get("YEARLOC_COMPUTE"), "- compute:" in (ROOT / f"conf/{name}.yaml").read_text()
+    chosen, defaults = os.environ.get("YEARLOC_COMPUTE"), read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
+    asks = any("compute" in one for one in defaults)
     return [f"compute={chosen}"] if chosen and asks and not any(word.startswith("compute=") for word in overrides) else []
 
 

@@ -24,7 +24,7 @@ def main(cfg: DictConfig) -> str:
         for found in compute.each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
             numbers |= found
     with store.replace(cfg.metrics) as metrics:
-        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return "; ".join(f"{name}: " + ", ".join(f"by {by} {line(own[by])}" for by in PROTOCOLS) for name, own in numbers.items())
 
 

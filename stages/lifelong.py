@@ -29,15 +29,15 @@ def main(cfg: DictConfig) -> str:
     with TemporaryDirectory() as scratch:
         found = course.steps(cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress)
         record = Record.of(found, asked, progress.tell)
-    attrs = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*asked], **record.attrs}
-    attrs |= {"correct_m": float(cfg.tolerance.distance.correct_m)}
+    own = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*asked]}
+    attrs = {**own, **record.attrs, "correct_m": float(cfg.tolerance.distance.correct_m)}
     with store.write(cfg.out, LIFELONG, **attrs) as out:
         for name, column in record.columns.items():
             out.put(name, column)
     model = model_named(studies(ROOT / "conf")[cfg.study], cfg.name)
     place = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells, **model.columns}
     with store.replace(cfg.timing) as path:
-        path.write_text(json.dumps({"place": place, **attrs, "cpu_s": [step.cpu_s for step in record.steps]}) + "\n")
+        path.write_bytes(json.dumps({"place": place, **attrs, "cpu_s": [one.cpu_s for one in record.steps]}).encode() + b"\n")
     return record.line()
 
 

@@ -27,7 +27,7 @@ def main(cfg: DictConfig) -> str:
                 judged = [judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr") for model in models]
                 numbers[f"{method['name']} {sequence}"] = [one.numbers() for one in judged]
     with store.replace(cfg.metrics) as metrics:
-        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 

@@ -11,6 +11,7 @@ from pipeline import cli
 from pipeline.cli import main
 from pipeline.evaluation.rows import COLUMNS, row, table
 from tests.readers.logs import carmen_log
+from tests.running.test_texts import BROKEN, broken
 
 ROOT = Path(__file__).parents[1]
 SAD = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
@@ -252,6 +253,32 @@ def test_a_broken_list_of_studies_is_written_anew(project, capsys):
         assert "yearloc use campus" in refused(capsys, "use")
         main(["use", "campus"])
         assert list(studies(project)) == ["campus"]
+
+
+@pytest.mark.parametrize("how", BROKEN)
+@pytest.mark.parametrize(
+    ("file", "commands"),
+    [
+        (
+            "studies",
+            ("use", "results", "results --full", "repro", "unchanged", "repair", "picture a/b/c -o a.gif", "pack a/b/c -o a"),
+        ),
+        ("lists", ("repro", "repair")),
+        ("method/sci", ("methods", "use campus", "repair")),
+        ("dataset/campus", ("use campus", "repair")),
+        ("fetch/nclt", ("fetch nclt 2012-01-15",)),
+    ],
+)
+def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, commands, how):
+    path = project / f"conf/{file}.yaml"
+    broken(path, how)
+    for command in commands:
+        missing = how == "missing" and file not in ("studies", "lists")  # then it is none of those that there are
+        if not missing:
+            assert str(path.relative_to(project)) in refused(capsys, *command.split()), command
+    if file in ("studies", "lists"):
+        main(["use", "campus", "world=tiny"])  # as the line says
+        main(["repair"])
 
 
 def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):

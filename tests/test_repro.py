@@ -26,7 +26,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in STAGES.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(f"stages:\n  {text}\n")
-    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf/dataset").mkdir(parents=True)
     (tmp_path / "conf/studies.yaml").write_text("studies: {}\n")
     (tmp_path / "conf/lists.yaml").write_text("lists:\n  models: {a: 1, b: 1}\n  report: {all: 1}\n")
     (tmp_path / "bin").mkdir()

@@ -82,6 +82,19 @@ def test_nothing_is_pickled_and_torch_loads_nothing_unsafe():
     assert not [(path, word) for path, text in texts.items() for word in UNSAFE if word in text]
 
 
+def test_text_is_read_and_written_with_its_encoding():
+    """Never as the locale says. Of `open` ruff's PLW1514 sees the same; of paths in variables it does not."""
+    found = []
+    for path in (*OURS, *ROOT.glob("benchmarks/**/*.py")):
+        for call in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)):
+            given = {word.arg: ast.unparse(word.value) for word in call.keywords}
+            name = call.func.attr if isinstance(call.func, ast.Attribute) else ""
+            mode = ast.unparse(call.args[0]) if name == "open" and call.args else ""
+            text = name in ("read_text", "write_text") or given.get("text") == "True" or mode in ("'r'", "'w'", "'a'")
+            found += [f"{path}:{call.lineno}"] if text and "encoding" not in given else []
+    assert not found
+
+
 @pytest.mark.parametrize("path", sorted(ROOT.glob("stages/[a-z]*.py")), ids=lambda path: path.stem)
 def test_a_stage_is_glue(path):
     """It holds at most 45 lines, its functions 25, and its conf has its name."""

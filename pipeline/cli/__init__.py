@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-import yaml
-
 from pipeline.cli import grow, picture, repro, results, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.running.texts import WRITTEN, check_files, print_anywhere, read_yaml, terminal_width
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -37,6 +36,7 @@ This command chooses what the chain runs on, and looks at what it made.
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
+    print_anywhere()
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
@@ -103,7 +103,8 @@ def _use(given: argparse.Namespace) -> None:
     options = dict(word.split("=", 1) for word in given.words if "=" in word)
     if options and not datasets:
         raise ConfigError(f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`")
-    present = read_studies() if given.add or given.keep or not datasets else {}
+    kept = (given.add or given.keep) and (conf / WRITTEN[0]).exists()
+    present = read_studies() if kept or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
     same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
@@ -113,8 +114,8 @@ def _use(given: argparse.Namespace) -> None:
         for name in sorted(read_studies().keys() - studies.keys()):
             print(f"  {name} is no longer among the studies; --add keeps what is there")
     for path, text in ((conf / "studies.yaml", studies_text(studies)), (conf / "lists.yaml", lists_text(studies))):
-        if not path.is_file() or path.read_text() != text:
-            path.write_text(text)
+        if not path.is_file() or path.read_bytes() != text.encode():
+            path.write_text(text, encoding="utf-8")
     lay(conf.parent, parted(expand(studies)))
     print(*(f"  {note}\n" for proposal in proposals.values() for note in proposal.notes), sep="", end="")
     for name, study in studies.items():
@@ -131,7 +132,7 @@ def _fetch(given: argparse.Namespace) -> None:
     if unknown := sorted(set(options) - {"root", "base"}):
         raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
     root = Path(options.pop("root", f"data/{given.dataset}")).expanduser()
-    publisher = Publisher.of({**yaml.safe_load(path.read_text()), **options})
+    publisher = Publisher.of({**read_yaml(path), **options})
     if not (sequences or publisher.sequences):
         raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
     for line in publisher.fetch(root, sequences or publisher.sequences, Bytes()):
@@ -149,20 +150,22 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.path.suffix == ".site":
         from pipeline.online.description import describe
 
-        print(describe(given.path).text())
+        print(describe(given.path).text(terminal_width()))
         return
-    print(inspect(given.path, given.format).text())
+    print(inspect(given.path, given.format).text(terminal_width()))
     if given.save:
         from pipeline.inspection.bags import proposal
 
-        given.save.write_text(proposal([given.path]))
+        given.save.write_text(proposal([given.path]), encoding="utf-8")
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 
 def _methods(given: argparse.Namespace) -> None:
-    from pipeline.studies.catalogue import entries, table
+    from pipeline.studies.catalogue import entries, listing, table
 
-    print(table(entries(conf_folder())), end="")
+    found = entries(conf_folder())
+    whole, width = table(found), terminal_width()
+    print(whole if max(map(len, whole.splitlines())) <= width else listing(found, width), end="")
 
 
 def _repair(given: argparse.Namespace) -> None:
@@ -170,11 +173,13 @@ def _repair(given: argparse.Namespace) -> None:
 
     for lock in repair(Path()):
         print(f"{lock}: was torn by a kill, removed; what is finished comes back from DVC's cache")
+    check_files(conf_folder())
 
 
 def _unchanged(given: argparse.Namespace) -> None:
     from pipeline.running.unchanged import remember, unchanged
 
+    read_studies()
     if given.remember:
         remember(Path())
     elif unchanged(Path()):

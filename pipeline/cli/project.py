@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pipeline.errors import ConfigError
+from pipeline.running.texts import read_yaml
 
 
 def conf_folder() -> Path:
@@ -17,14 +16,9 @@ def conf_folder() -> Path:
 
 
 def read_studies() -> dict[str, dict[str, Any]]:
-    """The studies as conf/studies.yaml has them; none where there is no such file."""
+    """The studies as conf/studies.yaml has them."""
     path = conf_folder() / "studies.yaml"
-    if not path.is_file():
-        return {}
-    try:
-        studies = yaml.safe_load(path.read_text())["studies"]
-        if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
-            return studies
-    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
-        pass
+    studies = read_yaml(path).get("studies")
+    if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
+        return studies
     raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")

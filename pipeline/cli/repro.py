@@ -16,7 +16,9 @@ from typing import Any
 
 import yaml
 
+from pipeline.cli.project import conf_folder
 from pipeline.errors import NotInstalledError
+from pipeline.running.texts import WRITTEN, check_files, read_yaml
 
 STAGE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'(?:| didn't change.*| is cached.*)[:,]?"
@@ -36,12 +38,15 @@ def repro(given: argparse.Namespace) -> None:
     """Run `dvc repro` and show its lines, each stage's with its number; its exit code is ours."""
     from pipeline.running.repair import add_missing_locks
 
+    for name in WRITTEN:
+        read_yaml(conf_folder() / name)
     add_missing_locks(Path())
     counting = Counting(count_instances(Path()))
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else lines come when a buffer is full
     if not which("dvc"):
         raise NotInstalledError("dvc: not found; `source .venv/bin/activate` first, or `pip install 'yearloc[chain]'`")
-    with subprocess.Popen(["dvc", "repro"], stdout=subprocess.PIPE, text=True, env=environment) as dvc:
+    how: dict[str, Any] = {"stdout": subprocess.PIPE, "encoding": "utf-8", "errors": "replace", "env": environment}
+    with subprocess.Popen(["dvc", "repro"], **how) as dvc:
         try:
             for line in dvc.stdout or ():
                 if line.strip() and not ASIDE.match(line):
@@ -50,14 +55,15 @@ def repro(given: argparse.Namespace) -> None:
             dvc.wait()
             raise
     if dvc.returncode:
+        check_files(conf_folder())  # of which DVC says less
         sys.exit(dvc.returncode)
 
 
 def count_instances(root: Path) -> Counter[str]:
     """How many instances each stage of the project at `root` has; none where its lists are not written yet."""
     try:
-        lists = yaml.safe_load((root / "conf/lists.yaml").read_text())["lists"]
-        files = [yaml.safe_load(path.read_text()) for path in (root / "dvc.yaml", *root.glob("dag/*/dvc.yaml"))]
+        lists = yaml.safe_load((root / "conf/lists.yaml").read_text(encoding="utf-8"))["lists"]
+        files = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in (root / "dvc.yaml", *root.glob("dag/*/dvc.yaml"))]
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         return Counter()
     stages: Iterable[tuple[str, Mapping[str, Any]]] = (one for file in files for one in file["stages"].items())

@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.cli.project import read_studies
 from pipeline.errors import ArtifactError, ConfigError
+from pipeline.running.texts import folded, terminal_width
 
 
 def add_command(commands: Any) -> None:
@@ -43,13 +44,13 @@ def results(given: argparse.Namespace) -> None:
     if given.csv:
         return print(table.to_csv(index=False), end="")
     if given.json:
-        return print(table.to_json(orient="records", force_ascii=False))
-    return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format))
+        return print(table.to_json(orient="records"))
+    return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()))
 
 
 def _full(places: list[tuple[str, str]]) -> None:
     for text in (Path("artifacts/report", *place, "results.txt") for place in places):
         if not text.is_file():
             raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
-        print(text.read_text())
+        print(folded(text.read_text(encoding="utf-8"), terminal_width()))
     print("a page to read: artifacts/report/page.html; dashboard: make dashboard")

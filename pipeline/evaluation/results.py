@@ -142,7 +142,8 @@ def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
         courses = sorted((artifacts / "lifelong" / study).glob("*/*/*.json"))  # beside the artifacts, not in them
-        frames += [table(row for course in courses for row in cost_rows(json.loads(course.read_text())))] if courses else []
+        told = [json.loads(course.read_text(encoding="utf-8")) for course in courses]
+        frames += [table(row for one in told for row in cost_rows(one))] if told else []
         frames += [_parsed(one) for one in (path, *sorted((artifacts / "latency" / study).glob("*.csv")))]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 

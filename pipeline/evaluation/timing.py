@@ -150,7 +150,7 @@ def machine(busy: float) -> dict[str, Any]:
 def processor() -> str:
     """The processor's name, as far as the system tells it."""
     listed = Path("/proc/cpuinfo")
-    lines = listed.read_text().splitlines() if listed.is_file() else []
+    lines = listed.read_text(encoding="utf-8").splitlines() if listed.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
 

@@ -117,7 +117,7 @@ class Publisher:
             with FileLock(store / ".lock", timeout=0):
                 yield from self._fetch(root, store, list(dict.fromkeys(sequences)), watch)
                 if self.licence:
-                    (root / "LICENCE.txt").write_text(f"{self.licence}\nFrom {self.base}\n")
+                    (root / "LICENCE.txt").write_text(f"{self.licence}\nFrom {self.base}\n", encoding="utf-8")
                     yield self.licence
         except Timeout:
             raise LogError(f"{store}: another fetch is at work there; wait for it") from None
@@ -142,7 +142,7 @@ class Publisher:
                 nbytes, digest = nbytes + path.stat().st_size, self._verified(path, archive)
                 folder.mkdir(exist_ok=True)
                 files += unpack(path, folder, archive.holds) if archive.packed else 1
-                record(path).write_text(f"{digest}  {archive.name}\n")
+                record(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
                 path.unlink() if archive.packed else path.replace(folder / archive.holds)
             digest = self._together(store, folder, group, archives) if group.together else digest
             yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
@@ -181,7 +181,7 @@ class Publisher:
         """The sha256 of the file, compared with that of the publisher, or of an earlier fetch; raises LogError if they differ."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        recorded = record(path).read_text().split()[:1] if record(path).is_file() else []
+        recorded = record(path).read_text(encoding="utf-8").split()[:1] if record(path).is_file() else []
         expected, source = (recorded or [digest])[0], str(record(path))
         if archive.path in self.sha256:
             expected, source = self.sha256[archive.path], "fetch.sha256"

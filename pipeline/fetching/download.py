@@ -49,7 +49,7 @@ class Part:
         """The part of the file `path` that an earlier try has left."""
         part = path.with_name(path.name + ".part")
         try:
-            said = json.loads(part.with_name(part.name + ".json").read_text())
+            said = json.loads(part.with_name(part.name + ".json").read_text(encoding="utf-8"))
             return Part(part, str(said["validator"]), int(said["total"]))
         except (OSError, ValueError, TypeError, KeyError):
             return Part(part)
@@ -62,7 +62,7 @@ class Part:
     def begin(self) -> None:
         """Record the version of the file before its first byte is written."""
         self.drop()
-        self._note.write_text(json.dumps({"validator": self.validator, "total": self.total}))
+        self._note.write_text(json.dumps({"validator": self.validator, "total": self.total}), encoding="utf-8")
 
     def drop(self) -> None:
         self.path.unlink(missing_ok=True)

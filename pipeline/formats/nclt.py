@@ -30,7 +30,7 @@ def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[n
     `utimes` is (n,), `ned_xyzrph` (n, 6).
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as file:
+    with path.open("w", encoding="utf-8") as file:
         for utime, row in zip(utimes.tolist(), ned_xyzrph.tolist(), strict=True):
             file.write(f"{utime}, " + ", ".join(f"{value:.9g}" for value in row) + "\n")
 

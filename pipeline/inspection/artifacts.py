@@ -56,7 +56,7 @@ def model(path: Path, found: Inspection) -> None:
 
 def _schema(path: Path) -> Schema:
     try:
-        attrs = json.loads((path / "zarr.json").read_text()).get("attributes", {})
+        attrs = json.loads((path / "zarr.json").read_text(encoding="utf-8")).get("attributes", {})
     except FileNotFoundError:
         raise ArtifactError(f"{path}: no zarr.json in it, so no artifact; `dvc repro` builds one") from None
     except (ValueError, AttributeError):

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 SMALL_M = 60.0
 """A drive within so many metres is one of a building or a yard."""
 WIDTH = 118
-"""Characters per line; the last cell of a row wraps below itself."""
+"""Characters of the longest line; the last cell of a row wraps below itself."""
+BESIDE = 20
+"""Where fewer characters are left beside the other cells, the last one begins below them."""
 
 
 @dataclass(frozen=True)
@@ -22,16 +24,17 @@ class Section:
     title: str
     rows: tuple[tuple[str, ...], ...]
 
-    def lines(self) -> list[str]:
+    def lines(self, width: int = WIDTH) -> list[str]:
         """The title and the rows, two spaces in."""
         columns = max((len(row) for row in self.rows), default=0)
         widths = [max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0) for i in range(columns)]
         lines = [self.title] if self.title else []
         for row in self.rows:
             head = "  " + "".join(cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False))
-            indent = " " * len(head)
-            cell = textwrap.wrap(row[-1], max(WIDTH - len(head), 30), break_on_hyphens=False, break_long_words=False) or [""]
-            lines += [(head + cell[0]).rstrip(), *(indent + more for more in cell[1:])]
+            if len(head) > width - BESIDE:
+                lines += _wrapped(" ".join(row[:-1]), "  ", width)
+                head = "    "
+            lines += _wrapped(row[-1], head, width)
         return lines
 
 
@@ -71,17 +74,23 @@ class Inspection:
         if when:
             self.warnings += (text,)
 
-    def text(self) -> str:
-        """The text for a terminal, without a final newline."""
+    def text(self, width: int = WIDTH) -> str:
+        """The text for a terminal so wide, or wider, without a final newline."""
+        width = min(width, WIDTH)
         lines = [self.headline]
         for section in self.sections:
-            lines += ["", *section.lines()]
+            lines += ["", *section.lines(width)]
         count = len(self.warnings)
         lines += ["", "no warnings" if not count else "1 warning" if count == 1 else f"{count} warnings"]
         for warning in self.warnings:
-            wrapped = textwrap.wrap(warning, WIDTH - 4, break_on_hyphens=False, break_long_words=False)
-            lines += [("    " if number else "  ! ") + line for number, line in enumerate(wrapped)]
+            lines += _wrapped(warning, "  ! ", width)
         return "\n".join(lines)
+
+
+def _wrapped(text: str, head: str, width: int) -> list[str]:
+    """The text beside `head`, its further lines below its first; words longer than a line stay whole."""
+    wrapper = textwrap.TextWrapper(width, head, " " * len(head), break_on_hyphens=False, break_long_words=False)
+    return wrapper.wrap(text) or [head.rstrip()]
 
 
 def nbytes(count: int) -> str:

@@ -69,7 +69,7 @@ def kitti_poses(path: Path, found: Inspection) -> None:
 
 def is_tum(path: Path) -> bool:
     """Whether the first row that is not a comment has the eight words of a TUM trajectory."""
-    with path.open(errors="replace") as file:
+    with path.open(encoding="utf-8", errors="replace") as file:
         rows = (line.split("#")[0].replace(",", " ").split() for line in file)
         return len(next((words for words in rows if words), [])) == 8
 
@@ -101,7 +101,7 @@ def kitti_times(path: Path, found: Inspection) -> None:
 def kitti_calib(path: Path, found: Inspection) -> None:
     """calib.txt: camera projections P0–P3 and Tr = cam0 <- velodyne."""
     try:
-        lines = [line.partition(":") for line in path.read_text().splitlines() if ":" in line]
+        lines = [line.partition(":") for line in path.read_text(encoding="utf-8").splitlines() if ":" in line]
         entries = {name: np.array([float(number) for number in numbers.split()]) for name, _, numbers in lines}
     except (UnicodeDecodeError, ValueError):
         raise LogError(f"{path}: expected rows 'NAME: 12 numbers', as in KITTI's calib.txt") from None

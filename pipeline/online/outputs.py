@@ -84,7 +84,8 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
         def write(scan: Scan, fix: Fix) -> None:
             nonlocal inner
             if inner is None:  # not before there is something to write: a file of before outlives a call that is refused
-                inner = _text(kind, sys.stdout if path is None else stack.enter_context(path.open("w", newline="")))
+                opened = path and stack.enter_context(path.open("w", newline="", encoding="utf-8"))
+                inner = _text(kind, opened or sys.stdout)
             inner(scan, fix)
 
         yield write

@@ -27,8 +27,8 @@ from pipeline.running.building import build, plain
 from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
+from pipeline.running.texts import read_yaml
 from pipeline.store import Artifact
-from pipeline.studies.discovery import parsed
 from pipeline.studies.expansion import models_of
 
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
@@ -58,10 +58,10 @@ class Packing:
         submaps = self._read("submaps", schemas.SUBMAPS, dataset, f"{train}.zarr")
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(f"{name}: its submaps gather several scans or sweeps; a site localises single scans")
-        view = parsed(self.conf / "view" / f"{method['view']}.yaml")
+        view = read_yaml(self.conf / "view" / f"{method['view']}.yaml")
         trained = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
         recipe = {key: plain(value) for key, value in store.read_recipe(trained).items()}
-        learned, settings = store.read_model(trained), parsed(self.conf / "poses.yaml")
+        learned, settings = store.read_model(trained), read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
@@ -70,7 +70,7 @@ class Packing:
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
-                own = {key: value for key, value in parsed(self.conf / "map.yaml").items() if key.endswith("_m")}
+                own = {key: value for key, value in read_yaml(self.conf / "map.yaml").items() if key.endswith("_m")}
                 write_map(map_path, scans, submaps, **own)
             mapped = store.read(map_path, schemas.MAPS)
             localizer = build(recipe, site.ROOTS).localizer(learned)
@@ -81,7 +81,7 @@ class Packing:
         verdict = Verdict(evidence, settings["unseen_share"])
         novelty = 1 - verdict.chance(evidence.features)
         chances = verdict.chances
-        described = parsed(self.conf / "dataset" / f"{dataset}.yaml")
+        described = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
         reader = described["reader"]
         about = {
             "name": name,

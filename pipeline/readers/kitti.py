@@ -97,7 +97,7 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
 def _transform_row(path: Path) -> NDArray[np.float64]:
     """The `Tr:` row of calib.txt as 4×4."""
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except (FileNotFoundError, UnicodeDecodeError):
         raise LogError(f"{path}: no readable calibration there") from None
     row = next((line.partition(":")[2].split() for line in lines if line.startswith("Tr:")), [])

@@ -73,7 +73,7 @@ def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
     """The numbers of a text file (rows, columns); raises LogError naming the wrong row."""
     try:
-        with path.open() as file, warnings.catch_warnings(action="ignore"):  # numpy warns of an empty file
+        with path.open(encoding="utf-8") as file, warnings.catch_warnings(action="ignore"):  # numpy warns of an empty file
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None

@@ -42,7 +42,7 @@ class Recorded:
             data = b"".join(np.ascontiguousarray(part).data for part in (log.world_T_scan[row], log.odom_T_scan[row], points))
             rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
-        (folder / "inventory.csv").write_text("".join(rows))
+        (folder / "inventory.csv").write_text("".join(rows), encoding="utf-8")
         left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
 

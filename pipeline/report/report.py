@@ -37,14 +37,14 @@ def write(
             study, own = Study(artifacts, name, words, grid, table[table["study"] == name]), folder / name / grid
             own.mkdir(parents=True)
             found = list(_sections(study, own, bands, view))
-            (own / "report.md").write_text(template("report.md.j2", study=study, sections=found, folder=own))
+            (own / "report.md").write_text(template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8")
             files = [
                 {"file": one.path.name} | {name: one.values.get(name, "") for name in ("model", "sequence")}
                 for section in found
                 for one in section.illustrations
             ]
-            (own / "results.txt").write_text(terminal.text(study, len(list(own.glob("*.svg")))) + "\n")
-            (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n")
+            (own / "results.txt").write_text(terminal.text(study, len(list(own.glob("*.svg")))) + "\n", encoding="utf-8")
+            (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n", encoding="utf-8")
             entries.append(page.Entry(study, found, Front(study) if asks_about_the_year(words) else None))
     if not entries:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")

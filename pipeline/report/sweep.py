@@ -34,13 +34,15 @@ def write(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> 
     fixed = "".join(f", {name}={value}" for name, value in jobs[0].values.items() if name not in swept)
     head = f"{where}: {len(jobs)} job{'s' * (len(jobs) != 1)}{fixed}"
     text = "\n\n".join([head, listed.text().rstrip(), *map(sentence, found)]) + "\n"
-    (folder / "sweep.txt").write_text(text)
+    (folder / "sweep.txt").write_text(text, encoding="utf-8")
     drawn = []
     if any(job.numbers for job in jobs):
         drawn.append(Illustration("sweep", save(response(jobs, swept), folder / "sweep.svg", first.simulated)))
     about = {"where": where, "simulated": first.simulated}
     section = Section(anchor(first.dataset, "sweep"), "sweep", values=about, findings=found, illustrations=drawn, tables=[listed])
-    (folder / "sweep.md").write_text(template("section.md.j2", section=section, simulated=first.simulated, folder=folder))
+    (folder / "sweep.md").write_text(
+        template("section.md.j2", section=section, simulated=first.simulated, folder=folder), encoding="utf-8"
+    )
     return text
 
 

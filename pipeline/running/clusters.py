@@ -161,7 +161,8 @@ def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager
     own = {"cores": 1, "processes": 1, "python": sys.executable, "worker_extra_args": ["--no-dashboard"], "security": True}
     where = {"scheduler_options": NO_DASHBOARD, "log_directory": folder, "shared_temp_directory": folder, "silence_logs": SILENT}
     cluster: Any = SLURMCluster(**own, **where, **settings)
-    tested = subprocess.run(["sbatch", "--test-only"], input=cluster.job_script(), capture_output=True, text=True)
+    ask = {"input": cluster.job_script(), "capture_output": True, "encoding": "utf-8", "errors": "replace"}
+    tested: Any = subprocess.run(["sbatch", "--test-only"], **ask)
     if tested.returncode:
         cluster.close()
         raise ConfigError(f"compute=slurm: no job like these is taken: {' '.join(tested.stderr.split())}")

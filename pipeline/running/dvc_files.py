@@ -9,10 +9,10 @@ from typing import Any, Self
 
 import yaml
 
-_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C ten times as fast, where it was built
+from pipeline.running.texts import LOADER
 
 
-class Yaml(_Base):  # type: ignore[misc]
+class Yaml(LOADER):  # type: ignore[misc]
     """Reads numbers as DVC writes them: 2e-05 is one in YAML 1.2, which PyYAML takes for a word."""
 
 
@@ -60,7 +60,7 @@ def files(front: Path) -> list[Path]:
 
 def definition(root: Path) -> dict[str, Any]:
     """The stages of dvc.yaml and of each dag/STAGE/dvc.yaml, as parsed: {"stages": {name: body}}; of parts the first."""
-    parsed = [yaml.load(path.read_text(), Yaml) for path in files(root / "dvc.yaml")]
+    parsed = [yaml.load(path.read_text(encoding="utf-8"), Yaml) for path in files(root / "dvc.yaml")]
     return {"stages": {name: body for one in reversed(parsed) for name, body in one["stages"].items()}}
 
 
@@ -68,7 +68,7 @@ def definition(root: Path) -> dict[str, Any]:
 def _stages(path: Path, written_ns: int) -> dict[str, Any]:
     """The entries of one lock file as it was written at that time; none of one that a kill has torn."""
     try:
-        found = yaml.load(path.read_text(), Yaml)
+        found = yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (UnicodeDecodeError, yaml.YAMLError):
         return {}
     stages = found.get("stages") if isinstance(found, dict) else None

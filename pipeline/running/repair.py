@@ -22,7 +22,7 @@ def repair(root: Path) -> list[Path]:
     """
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
     for lock in torn:
-        lock.resolve().write_text(EMPTY)
+        lock.resolve().write_text(EMPTY, encoding="utf-8")
     add_missing_locks(root)
     table = root / ".dvc/tmp/rwlock"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
@@ -36,7 +36,7 @@ def add_missing_locks(root: Path) -> None:
         if link.is_symlink() and not link.exists():
             path = link.resolve()
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(EMPTY)
+            path.write_text(EMPTY, encoding="utf-8")
 
 
 def _yaml(text: str) -> Any:
@@ -45,7 +45,7 @@ def _yaml(text: str) -> Any:
 
 def _parsed(path: Path, parse: Callable[[str], Any]) -> Any:
     try:
-        return parse(path.read_text())
+        return parse(path.read_text(encoding="utf-8"))
     except (ValueError, yaml.YAMLError):
         return None
 

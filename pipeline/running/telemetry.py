@@ -52,7 +52,7 @@ class Trace:
     def read(cls, artifact: str | Path) -> Self | None:
         """None where there is no trace, or one that another version wrote."""
         try:
-            return cls(**json.loads(beside(artifact).read_text()))
+            return cls(**json.loads(beside(artifact).read_text(encoding="utf-8")))
         except (OSError, TypeError, ValueError):
             return None
 
@@ -61,7 +61,7 @@ class Trace:
         path = beside(artifact)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
-        scratch.write_text(json.dumps(asdict(self)))
+        scratch.write_text(json.dumps(asdict(self)), encoding="utf-8")
         scratch.replace(path)
 
     def series(self) -> dict[str, list[tuple[int, float]]]:

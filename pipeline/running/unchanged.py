@@ -51,11 +51,11 @@ def _files(path: Path) -> Iterator[str]:
 
 def _state(root: Path) -> dict[str, str]:
     try:
-        return dict(json.loads((root / STATE).read_text()))
+        return dict(json.loads((root / STATE).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         return {}
 
 
 def _write(root: Path, state: dict[str, str]) -> None:
     (root / STATE).parent.mkdir(parents=True, exist_ok=True)
-    (root / STATE).write_text(json.dumps(state))  # half of it, after a kill, is no state
+    (root / STATE).write_text(json.dumps(state), encoding="utf-8")  # half of it, after a kill, is no state

@@ -2,14 +2,14 @@
 
 import ast
 import re
+import textwrap
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from pipeline.errors import ConfigError
+from pipeline.running.texts import read_yaml
 
 PROJECT = Path(__file__).parents[2]
 BRACKET = r" \(([^()]*)\)"
@@ -29,9 +29,9 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
     """Every method of conf/method, by name; raises ConfigError for one whose module is not there or tells nothing."""
     found = []
     for path in sorted((conf / "method").glob("*.yaml")):
-        settings = yaml.safe_load(path.read_text())
-        what, source = _described(str(settings["_target_"]))
-        found.append(Entry(path.stem, what, settings["view"], source))
+        settings = read_yaml(path)
+        what, source = _described(str(settings.get("_target_")))
+        found.append(Entry(path.stem, what, str(settings.get("view")), source))
     return found
 
 
@@ -49,12 +49,20 @@ def table(found: Iterable[Entry]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
 
 
+def listing(found: Iterable[Entry], width: int) -> str:
+    """The same for a terminal of fewer columns than the table's: a paragraph a method."""
+    told = (f"{one.name}: {one.what}; looks at {one.view}; {one.source or 'no source'}" for one in found)
+    return "".join(f"{textwrap.fill(one, max(width, 20), subsequent_indent='  ')}\n" for one in told)
+
+
 def _described(target: str) -> tuple[str, str]:
     """What a method is, and its source."""
     path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
-    told = " ".join((ast.get_docstring(ast.parse(path.read_text())) or "").partition("\n\n")[0].split()).rstrip(".")
+    told = " ".join((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n\n")[0].split()).rstrip(
+        "."
+    )
     if not told:
         raise ConfigError(f"{path}: expected a docstring whose first paragraph says what the method is")
     cited = [one.strip() for bracket in re.findall(BRACKET, told) for one in bracket.split(";")]

@@ -4,15 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pipeline.errors import ConfigError
+from pipeline.running.texts import read_yaml
 from pipeline.studies.expansion import QUESTIONS, Study, expand
 
 
 def studies(conf: Path) -> Mapping[str, Any]:
     """The studies of studies.yaml in conf/; raises ConfigError where lists.yaml does not follow from them."""
-    found, lists = (yaml.safe_load((conf / f"{name}.yaml").read_text())[name] for name in ("studies", "lists"))
+    found, lists = (read_yaml(conf / f"{name}.yaml").get(name, {}) for name in ("studies", "lists"))
     return checked(found, lists)
 
 

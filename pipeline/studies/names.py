@@ -7,8 +7,9 @@ from typing import Any
 import yaml
 
 from pipeline.errors import ConfigError
+from pipeline.running.texts import read_yaml
 from pipeline.studies.courses import LIFELONG, courses, further_days
-from pipeline.studies.discovery import Proposal, parsed, recorded, simulated
+from pipeline.studies.discovery import Proposal, recorded, simulated
 from pipeline.studies.expansion import QUESTIONS, TOLERANCE, expand, grids, models_of, on_bird_views
 from pipeline.studies.parts import parted
 
@@ -79,7 +80,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
 
     Raises ConfigError for an unknown data set or option, and where what is on disk does not make a study.
     """
-    dataset = parsed(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
+    dataset = read_yaml(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
     allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "paths", "scale"}
     allowed |= {"learned"} if options.get("question") == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
@@ -92,15 +93,14 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     if question == "viewpoints":
         study = {**study, "parts": False}
     asked_of_all = conf / "question" / f"{question}.yaml"
-    study = {**study, **(parsed(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
+    study = {**study, **(read_yaml(asked_of_all) if asked_of_all.is_file() else {}), **study.get(question, {})}
     found = simulated(conf, name, study, options) if dataset["simulated"] else recorded(name, dataset["reader"], study, options)
     places = found.study
     preset = options.get("world", "demo")
     stress = dict(study.get("stress", {}).get(preset, {})) if dataset["simulated"] else {}
     registered = study.get("poses", {}).get(preset, ()) if dataset["simulated"] else study.get("poses", ())
-    scale = (
-        parsed(_file(conf, "scale", options["scale"], f"scale={options['scale']}: expected one of")) if "scale" in options else {}
-    )
+    of_scale = f"scale={options.get('scale')}: expected one of"
+    scale = read_yaml(_file(conf, "scale", options["scale"], of_scale)) if "scale" in options else {}
     submap, own_grids = scale.get("submap", {}).get(study["submap"], study["submap"]), scale.get("grids", study["grids"])
     wanted = options["methods"].split(",") if "methods" in options else study["methods"]
     instead, drawn = study.get("views", {}), scale.get("views", {})
@@ -132,7 +132,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         days = further_days(study, options, preset if dataset["simulated"] else "", places["tests"])
         places = {**places, **days}
         for one in methods:
-            one["courses"] = courses(study, parsed(conf / "method" / f"{one['name']}.yaml"), "updates" in days)
+            one["courses"] = courses(study, read_yaml(conf / "method" / f"{one['name']}.yaml"), "updates" in days)
     return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
 
 
@@ -170,8 +170,8 @@ def entry(
     """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how often it is trained, its
     variants, and those of the `usual` settings that it has."""
     path = conf / "view" / f"{view}.yaml"
-    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in parsed(path) else {}
-    settings = parsed(conf / "method" / f"{method}.yaml")
+    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in read_yaml(path) else {}
+    settings = read_yaml(conf / "method" / f"{method}.yaml")
     trained = {"seeds": seeds} if seeds > 1 and "seed" in settings else {}
     module = settings["_target_"].split(".")[:-1]
     code = "/".join(module[:3]) + (".py" if len(module) == 3 else "")  # a folder where its networks live beside it
@@ -189,4 +189,4 @@ def entry(
 
 def _view(conf: Path, method: str) -> str:
     """What a method looks at."""
-    return str(parsed(_file(conf, "method", method, f"methods={method}: expected some of"))["view"])
+    return str(read_yaml(_file(conf, "method", method, f"methods={method}: expected some of"))["view"])

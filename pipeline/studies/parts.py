@@ -35,12 +35,12 @@ def lay(root: Path, lists: Mapping[str, Mapping[str, Any]]) -> None:
         if len(wanted) == 1 and not spare:
             continue
         recorded = {name: entry for folder in {*wanted, *spare} for name, entry in _stages(folder / "dvc.lock").items()}
-        text = (root / f"dag/{stage}/dvc.yaml").read_text()
+        text = (root / f"dag/{stage}/dvc.yaml").read_text(encoding="utf-8")
         for part, folder in enumerate(wanted, start=1):
             if part > 1:
                 folder.mkdir(exist_ok=True)
                 own = text.replace(f"${{lists.{LIST}}}", f"${{lists.{LIST}{_ending(part, '_')}}}")
-                (folder / "dvc.yaml").write_text(HEAD.format(stage=stage) + own)
+                (folder / "dvc.yaml").write_text(HEAD.format(stage=stage) + own, encoding="utf-8")
             if not (folder / "dvc.lock").is_symlink():
                 (folder / "dvc.lock").unlink(missing_ok=True)
                 (folder / "dvc.lock").symlink_to(f"../../.dvc/locks/{folder.name}.lock")
@@ -49,7 +49,7 @@ def lay(root: Path, lists: Mapping[str, Mapping[str, Any]]) -> None:
             own_stages = {name: recorded[name] for key in names if (name := f"{stage}@{key}") in recorded}
             if own_stages != _stages(folder / "dvc.lock"):
                 content = {"schema": "2.0", **({"stages": own_stages} if own_stages else {})}
-                (folder / "dvc.lock").resolve().write_text(yaml.safe_dump(content, sort_keys=False))
+                (folder / "dvc.lock").resolve().write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
         for folder in spare:
             (folder / "dvc.lock").resolve().unlink(missing_ok=True)
             shutil.rmtree(folder)
@@ -61,6 +61,6 @@ def _ending(part: int, joint: str) -> str:
 
 def _stages(lock: Path) -> dict[str, Any]:
     try:
-        return dict(yaml.load(lock.read_text(), Yaml).get("stages") or {})
+        return dict(yaml.load(lock.read_text(encoding="utf-8"), Yaml).get("stages") or {})
     except (OSError, ValueError, yaml.YAMLError, AttributeError):  # none there yet, or one that a kill tore
         return {}

@@ -51,7 +51,7 @@ class UpToDate:
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
         """What a file says under these keys, such as `studies.town`, where they are there; all of it without any."""
-        found: dict[str, Any] = yaml.load((self._root / file).read_text(), Yaml)
+        found: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
         named: dict[str, Any] = {}
         for key in keys:
             with suppress(KeyError, TypeError):

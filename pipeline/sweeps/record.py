@@ -42,12 +42,12 @@ class Record:
     def write(self, folder: Path) -> None:
         """Whole or not at all."""
         with store.replace(folder / f"{self.number}.json") as scratch:
-            scratch.write_text(json.dumps(asdict(self), indent=1))
+            scratch.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
 
 
 def read(folder: Path) -> list[Record]:
     """The records of a sweep's folder, by job number."""
-    records = [Record(**json.loads(path.read_text())) for path in folder.glob("*.json")]
+    records = [Record(**json.loads(path.read_text(encoding="utf-8"))) for path in folder.glob("*.json")]
     return sorted(records, key=lambda record: record.number)
 
 

@@ -107,7 +107,10 @@ class Source:
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures that belong to a model, those of all models included; or to it on one test sequence."""
-        listed, owners = json.loads((self.figures / "figures.json").read_text()), {model} if sequence else {model, ""}
+        listed, owners = (
+            json.loads((self.figures / "figures.json").read_text(encoding="utf-8")),
+            {model} if sequence else {model, ""},
+        )
         wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners]
         return [self.figures / file for file in dict.fromkeys(wanted)]
 

@@ -13,11 +13,12 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
 from pipeline.errors import ConfigError, YearlocError
+from pipeline.running.texts import check_files
 from pipeline.studies.known import studies
 from pipeline.sweeps.record import Record, cost, read
 from pipeline.tracking import records
 from pipeline.tracking.runs import experiment_of, publish
-from stages import ROOT
+from stages import ROOT, reported
 from stages.report import sweep_report
 from stages.sweep.job import CORRECTABLE, SWEEPS, job
 
@@ -26,14 +27,12 @@ def main() -> None:
     """Run the jobs, wherever the launcher says, and report on all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
     given, about = apart(sys.argv[1:])
-    try:
-        tracking = tracking_of(about)
-    except YearlocError as error:
-        sys.exit(f"sweep: {error}")
-    usual = usual_choices(given)
-    sys.argv[1:] = command_line(given, usual, folder)
     start_s = time.perf_counter()
-    job()
+    with reported("sweep"):
+        check_files(ROOT / "conf")  # else each job fails for itself
+        tracking, usual = tracking_of(about), usual_choices(given)
+        sys.argv[1:] = command_line(given, usual, folder)
+        job()
     if found := read(folder):
         wrong = report(folder, found, usual, tracking)
         print(f"{cost(found)}, {time.perf_counter() - start_s:.0f} s\nsweep: table and figure in {folder}")
@@ -75,7 +74,10 @@ def tracking_of(words: Sequence[str]) -> DictConfig:
     try:
         with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
             return compose("sweep", [*words]).tracking
-    except CORRECTABLE:  # whose text may hold a password
+    except CORRECTABLE:
+        if not words:
+            raise
+        # else its text may hold a password
         raise ConfigError("tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml") from None
 
 

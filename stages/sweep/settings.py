@@ -23,7 +23,7 @@ CHAIN = ("logs", "scans", "submaps", "views", "birdviews", "labels", "train", "l
 
 def own_fields() -> dict[str, dict[str, Any]]:
     """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
-    files = {stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text()) for stage in CHAIN}
+    files = {stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text(encoding="utf-8")) for stage in CHAIN}
     inherited = ("defaults", "hydra")
     own = {name: {k: v for k, v in file.items() if k not in inherited and v is not None} for name, file in files.items()}
     return {name: fields for name, fields in own.items() if fields}

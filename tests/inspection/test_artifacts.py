@@ -195,3 +195,8 @@ def test_what_is_missing_or_unknown_is_one_line(tmp_path: Path, name: str, kind:
         (tmp_path / there).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)
+
+
+def test_in_40_columns_lines_wrap_between_words(tmp_path):
+    text = inspect(write(tmp_path / "a.zarr", "evaluations")).text(40)
+    assert [line for line in text.splitlines()[1:] if len(line) > 40 and " " in line.strip()] == []

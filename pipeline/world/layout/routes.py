@@ -72,7 +72,7 @@ def read_route(path: Path) -> Floats:
     first line of names is skipped. Raises ConfigError for any other file.
     """
     try:
-        lines = [line.split("#")[0].replace(",", " ").split() for line in path.read_text().splitlines()]
+        lines = [line.split("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"route_file={path}: cannot be read as text: {error}") from None
     rows = [line for line in lines if line]
