@@ -146,7 +146,7 @@ def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
     """Name, command and cached outputs of every stage instance that DVC's lock files have."""
     found = []
     for lock in sorted([*(project / ".dvc/locks").glob("*.lock"), project / "dvc.lock"]):
-        for name, one in (yaml.safe_load(lock.read_text()) or {}).get("stages", {}).items():
+        for name, one in (yaml.safe_load(lock.read_text(encoding="utf-8")) or {}).get("stages", {}).items():
             outs = [
                 project / out["path"].removeprefix("../../")
                 for out in one.get("outs", ())
@@ -155,6 +155,18 @@ def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
             if outs and all(out.exists() for out in outs):
                 found.append((name, one["cmd"] if isinstance(one["cmd"], str) else one["cmd"][0], outs))
     return found
+
+
+def stopped(command: str, project: Path, how: signal.Signals, after_s: float) -> str:
+    """What a command says on standard error that is sent a signal after so long; SIGSTOP lets it go on a little later."""
+    pipes: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(f"exec {command}", shell=True, cwd=project, **pipes)
+    time.sleep(after_s)
+    process.send_signal(how)
+    if how == signal.SIGSTOP:
+        time.sleep(0.2)
+        process.send_signal(signal.SIGCONT)
+    return str(process.communicate(timeout=EVER_S)[1], errors="replace")
 
 
 def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
@@ -170,15 +182,7 @@ def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str
             subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
             took[name] = time.monotonic() - start
         how = rng.choice(SIGNALS)
-        process = subprocess.Popen(
-            f"exec {command}", shell=True, cwd=project, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
-        time.sleep(rng.random() * took[name])
-        process.send_signal(how)
-        if how == signal.SIGSTOP:
-            time.sleep(0.2)
-            process.send_signal(signal.SIGCONT)
-        left = process.communicate(timeout=EVER_S)[1]
+        left = stopped(command, project, how, rng.random() * took[name])
         half = [digest(out) for out in outs] != right
         subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
         same = not half and [digest(out) for out in outs] == right
@@ -192,7 +196,7 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
     places = {
         name: name if lock.name == "dvc.lock" else f"dag/{lock.stem}/dvc.yaml:{name}"
         for lock in (project / "dvc.lock", *(project / ".dvc/locks").glob("*.lock"))
-        for name in (yaml.safe_load(lock.read_text()) or {}).get("stages", {})
+        for name in (yaml.safe_load(lock.read_text(encoding="utf-8")) or {}).get("stages", {})
     }
     stages = {name: outs for name, _, outs in instances(project)}
     right = {out: digest(out) for outs in stages.values() for out in outs}
@@ -209,7 +213,9 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
         process.wait(timeout=EVER_S)
         if second:
             second.wait(timeout=EVER_S)
-        again = subprocess.run(["yearloc", "repro"], cwd=project, capture_output=True, text=True, timeout=EVER_S)
+        again = subprocess.run(
+            ["yearloc", "repro"], cwd=project, capture_output=True, text=True, encoding="utf-8", timeout=EVER_S
+        )
         same = again.returncode == 0 and {out: digest(out) for out in right} == right
         ending = "traceback" if "Traceback" in again.stderr else "same" if same else "silently different"
         said = "" if same else (again.stderr or again.stdout)[-300:]
@@ -232,7 +238,9 @@ def full_disks(project: Path, number: int, seed: int, done: int) -> Iterator[dic
             try:
                 (out,) = OUT.findall(command)
                 words = OUT.sub(f"out={folder}/{Path(out).name}", command)
-                process = subprocess.run(words, shell=True, cwd=project, capture_output=True, text=True, timeout=EVER_S)
+                process = subprocess.run(
+                    words, shell=True, cwd=project, capture_output=True, text=True, encoding="utf-8", timeout=EVER_S
+                )
                 left = [path for path in Path(folder).iterdir() if "scratch" not in path.name and path.suffix != ".lock"]
                 said = process.stderr.strip().splitlines()[-1:] or [""]
                 if "Traceback" in process.stderr or process.returncode not in (0, 1):
@@ -248,26 +256,34 @@ def full_disks(project: Path, number: int, seed: int, done: int) -> Iterator[dic
 
 def main() -> None:
     """Run all, resume, and print the table."""
+    from benchmarks import fault_commands, fault_words  # which take what stands above
+
     parser = argparse.ArgumentParser("python -m benchmarks.faults", description=__doc__)
     parser.add_argument("project", type=Path)
     parser.add_argument("--tries", type=int, default=1_000, help="mutated files")
     parser.add_argument("--kills", type=int, default=20, help="stages that are stopped")
     parser.add_argument("--chains", type=int, default=0, help="runs of dvc repro that are stopped")
     parser.add_argument("--full", type=int, default=0, help="stages that find the disk full")
+    parser.add_argument("--commands", type=int, default=0, help="commands that are stopped: publish, pack, a sweep, fetch")
+    parser.add_argument("--words", type=int, default=0, help="commands with changed words")
     parser.add_argument("--also", type=Path, nargs="*", default=[], help="folders of recorded logs to damage copies of")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     path = Path("faults.jsonl")
-    cases = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    cases = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
     done = Counter(one["kind"] for one in cases)
     runs: dict[str, tuple[Callable[..., Iterator[dict[str, Any]]], int]] = {
         "mutation": (partial(mutations, also=given.also), given.tries),
         "kill": (kills, given.kills),
         "kill of the chain": (chain_kills, given.chains),
         "full disk": (full_disks, given.full),
+        "kill of a command": (fault_commands.cases, given.commands),
+        "words": (fault_words.cases, given.words),
     }
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         for kind, (run, number) in runs.items():
+            if done[kind] >= number:
+                continue
             for one in run(given.project.resolve(), number, given.seed, done[kind]):
                 cases.append({"kind": kind, **one})
                 file.write(json.dumps(cases[-1]) + "\n")

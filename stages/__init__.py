@@ -26,7 +26,7 @@ from pipeline.running.building import TARGET, target_class
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
-from pipeline.running.texts import check_files, print_anywhere, read_yaml
+from pipeline.running.texts import check_files, one_line, print_anywhere, read_yaml
 
 Item = TypeVar("Item")
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
@@ -131,7 +131,7 @@ def reported(name: str) -> Iterator[None]:
     except Exception as error:
         if not (line := _line(error)):
             raise
-        print(f"{name}: {line}", file=sys.stderr)
+        print(f"{name}: {one_line(line)}", file=sys.stderr)
         sys.exit(1)
 
 

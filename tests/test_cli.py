@@ -210,6 +210,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus tiny", "no data set tiny"),
         ("use root=/data", "of which data set?"),
         ("use campus tests=2011-01-01", "conf/world/campus_demo.yaml drives 2012-01-15"),
+        ("use campus world=a\x1b[31mb\x07c", "world=a?[31mb?c: expected one of tiny"),
         ("use campus budget=rich", "budget=rich: expected one of demo, evening, full, night, tiny"),
         ("inspect nothing.bin", "nothing.bin"),
         ("results", "dvc repro"),

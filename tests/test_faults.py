@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import fault_words
 from benchmarks.faults import ENDINGS, mutated, mutations
 from pipeline import store
+from tests.clone import ROOT
 from tests.inspection.test_artifacts import write
 
 
@@ -30,3 +32,12 @@ def test_a_mutation_changes_the_bytes_nearly_always() -> None:
     rng, data = random.Random(0), bytes(range(200))
     assert sum(mutated(data, rng) != data for _ in range(200)) > 190
     assert mutated(b"", rng) == b"\0"
+
+
+def test_words_that_nobody_should_say_are_refused_or_harmless() -> None:
+    """And the copy of the settings is what changes, not the project's own."""
+    before = {path: path.read_bytes() for path in sorted((ROOT / "conf").rglob("*.yaml"))}
+    found = list(fault_words.cases(ROOT, number=24, seed=1, done=0))
+    assert [one for one in found if one["ending"] not in ENDINGS[:3]] == []
+    assert len({one["file"].split()[0] for one in found}) > 8
+    assert before == {path: path.read_bytes() for path in sorted((ROOT / "conf").rglob("*.yaml"))}

@@ -13,7 +13,7 @@ from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, YearlocError, refusal
-from pipeline.running.texts import WRITTEN, check_files, print_anywhere, read_yaml, terminal_width
+from pipeline.running.texts import WRITTEN, check_files, one_line, print_anywhere, read_yaml, terminal_width
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         COMMANDS[given.command](given)
     except YearlocError as error:
-        print(f"yearloc {given.command}: {error}", file=sys.stderr)
+        print(f"yearloc {given.command}: {one_line(error)}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
         print(f"yearloc {given.command}: interrupted", file=sys.stderr)
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (OSError, MemoryError) as error:
         if not (line := refusal(error)):
             raise
-        print(f"yearloc {given.command}: {line}", file=sys.stderr)
+        print(f"yearloc {given.command}: {one_line(line)}", file=sys.stderr)
         sys.exit(1)
 
 

@@ -23,6 +23,11 @@ def print_anywhere() -> None:
         sys.stdout.reconfigure(errors="replace")
 
 
+def one_line(said: object) -> str:
+    """What an error says, with a ? for line breaks and whatever else a terminal would obey: words may come from anywhere."""
+    return "".join(one if one.isprintable() else "?" for one in str(said))
+
+
 def terminal_width() -> int:
     """In columns, or what COLUMNS says; where there is no terminal, any line fits."""
     return get_terminal_size((10_000, 1)).columns

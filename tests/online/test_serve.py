@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import requests
 
@@ -18,6 +19,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES
 from pipeline.online.serve import check_reach
+from tests.listening import addresses
 from tests.online.made import packed, scan
 from tests.readers.damage import one_line
 
@@ -29,6 +31,7 @@ class Server:
     """A server of the three places, in a process of its own."""
 
     address: str
+    process: psutil.Process
 
     def ask(self, body: bytes, kind: str = FLOATS, token: str = TOKEN, **params: object) -> requests.Response:
         headers = {"Content-Type": kind, "Authorization": f"Bearer {token}"}
@@ -45,7 +48,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         port = free.getsockname()[1]
     words = [sys.executable, "-m", "pipeline.cli", "serve", str(packed(tmp_path_factory.mktemp("site"))), "--port", str(port)]
     process = subprocess.Popen(words, env={**os.environ, "YEARLOC_TOKEN": TOKEN}, stderr=subprocess.DEVNULL)
-    found = Server(f"http://127.0.0.1:{port}")
+    found = Server(f"http://127.0.0.1:{port}", psutil.Process(process.pid))
     for _ in range(150):
         try:
             if found.get("/healthz").ok:
@@ -100,6 +103,10 @@ def test_what_is_no_scan_is_refused_in_a_line(
     answer = server.ask(body, kind, **params)
     assert answer.status_code == status
     assert says in answer.json()["error"]
+
+
+def test_it_is_reached_from_this_machine_alone_unless_told_otherwise(server: Server) -> None:
+    assert addresses(server.process) == {"127.0.0.1"}
 
 
 def test_without_its_token_nobody_is_answered(server: Server) -> None:

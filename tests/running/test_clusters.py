@@ -23,6 +23,7 @@ from pipeline.running import clusters
 from pipeline.running.clusters import pods
 from pipeline.running.compute import Compute
 from stages import _elsewhere
+from tests.listening import addresses
 
 ROOT = Path(__file__).parents[2]
 SLURM_CONF = os.environ.get("SLURM_CONF")
@@ -69,11 +70,7 @@ def test_at_most_two_blocks_a_worker_are_begun_before_the_first_is_taken(local: 
 def test_a_worker_has_one_thread_for_everything_and_listens_on_this_machine_alone(local: Compute) -> None:
     asked = local.rows(lambda start, stop: (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]), 4, 1)
     assert set(asked) == {("1", "1")}
-    own = psutil.Process()
-    open_to = {one.laddr.ip for one in own.net_connections("inet") if one.status == psutil.CONN_LISTEN}
-    for child in own.children(recursive=True):
-        open_to |= {one.laddr.ip for one in child.net_connections("inet") if one.status == psutil.CONN_LISTEN}
-    assert open_to == {"127.0.0.1"}
+    assert addresses(psutil.Process()) == {"127.0.0.1"}
 
 
 def test_a_killed_worker_costs_its_block(local: Compute, tmp_path: Path) -> None:
