@@ -20,10 +20,9 @@ from typing import Any
 from benchmarks.faults import EVER_S, SIGNALS, digest, stopped
 
 YEARLOC = f"{sys.executable} -m pipeline.cli"
-PORT = 8799
-MADE = f"""\
-base: http://127.0.0.1:{PORT}/
-archives: [{{path: made.tar.gz, holds: made}}]
+MADE = """\
+base: http://127.0.0.1:PORT/
+archives: [{path: made.tar.gz, holds: made}]
 sequence: made
 sequences: [made]
 """
@@ -125,8 +124,8 @@ def _served(project: Path) -> Iterator[None]:
                     time.sleep(0.02)
 
     file = project / "conf/fetch/made.yaml"
-    file.write_text(MADE, encoding="utf-8")
-    with ThreadingHTTPServer(("127.0.0.1", PORT), Handler) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        file.write_text(MADE.replace("PORT", str(server.server_port)), encoding="utf-8")
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield

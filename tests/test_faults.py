@@ -1,11 +1,13 @@
 """The campaign of faults tells damage that is found from damage that is not."""
 
 import random
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from benchmarks import fault_words
+from benchmarks import fault_commands, fault_words
 from benchmarks.faults import ENDINGS, mutated, mutations
 from pipeline import store
 from tests.clone import ROOT
@@ -41,3 +43,13 @@ def test_words_that_nobody_should_say_are_refused_or_harmless() -> None:
     assert [one for one in found if one["ending"] not in ENDINGS[:3]] == []
     assert len({one["file"].split()[0] for one in found}) > 8
     assert before == {path: path.read_bytes() for path in sorted((ROOT / "conf").rglob("*.yaml"))}
+
+
+def test_a_fetch_that_is_stopped_ends_as_an_undisturbed_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setattr(fault_commands, "COMMANDS", {"fetch": fault_commands.COMMANDS["fetch"]})
+    found = list(fault_commands.cases(tmp_path, number=3, seed=0, done=0))
+    assert [(one["case"], one["ending"]) for one in found] == [(0, "same"), (1, "same"), (2, "same")]
+    assert len(list((tmp_path / "fetched/made/made").iterdir())) == 200
+    assert not (tmp_path / "conf/fetch/made.yaml").exists()
