@@ -131,8 +131,7 @@ def reported(name: str) -> Iterator[None]:
     except Exception as error:
         if not (line := _line(error)):
             raise
-        print(f"{name}: {one_line(line)}", file=sys.stderr)
-        sys.exit(1)
+        sys.exit(f"{name}: {one_line(line)}")
 
 
 def _line(error: Exception) -> str:
@@ -146,7 +145,8 @@ def _line(error: Exception) -> str:
         check_files(ROOT / "conf")
     except ConfigError as broken:
         return str(broken)
-    return " ".join(f"{error} {cause or ''}".split()) if isinstance(error, HydraException) and not built else ""
+    said = f"{str(error).partition('Config search path')[0]} {cause or ''}"
+    return " ".join(said.split()) if isinstance(error, HydraException) and not built else ""
 
 
 def _check(cfg: DictConfig) -> None:
