@@ -27,6 +27,7 @@ def run(folder: Path) -> Iterator[str]:
     with TemporaryDirectory() as scratch:
         yield from drawing(folder, Path(scratch))
         yield from searching(folder, Path(scratch))
+        yield from mapping(folder, Path(scratch))
 
 
 def drawing(folder: Path, scratch: Path) -> Iterator[str]:
@@ -72,6 +73,17 @@ def searching(folder: Path, scratch: Path) -> Iterator[str]:
     found = [(name, scratch / name) for name in told if (scratch / name).exists()]
     right = {name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum()) for name, path in found}
     yield "  the nearest of all is found " + ", ".join(f"{n} times of {queries} by {told[name]}" for name, n in right.items())
+
+
+def mapping(folder: Path, scratch: Path) -> Iterator[str]:
+    """Scans into an occupancy map, a ray a cell, without decay. All cut rays at the same range; ours end at the cube too."""
+    name, scans = given.drive(scratch / "points", scratch / "origins")
+    for leaf_m, depth, range_m in ((50 / 128, 7, 25.0), (0.2, 9, 30.0), (0.2, 9, 51.2)):
+        words = scratch / "points", str(scans), scratch / "origins", str(leaf_m), str(range_m)
+        yield table(
+            f"Octree of {leaf_m:.2f} m, ±{leaf_m * 2**depth / 2:.1f} m, rays of {range_m} m, {name}",
+            {"yearloc": (*OURS, "octree", *words, str(depth)), "Bonxai's C++, -O3": (folder / "bonxai", *words)},
+        )
 
 
 def table(name: str, commands: Commands) -> str:

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import retrieval, scan_context
+from benchmarks import octree, retrieval, scan_context
 from pipeline.readers.kitti import Kitti
 
 SCANS, ROWS, QUERIES = 16, 5_000, 24
+SENSOR_M = 1.73  # above the vehicle's origin
 
 
 def clouds(path: Path) -> tuple[str, int]:
@@ -31,3 +32,14 @@ def images(path: Path) -> tuple[int, int]:
     changed = np.where(rng.random(turned.shape) < 0.4, retrieval.scan_contexts(ROWS + QUERIES, blind=0)[ROWS:], turned)
     np.concatenate([rows, changed]).astype("<f4").tofile(path)
     return ROWS, QUERIES
+
+
+def drive(path: Path, origins: Path) -> tuple[str, int]:
+    """Write float32 points (scan, point, 3) of a drive and where its sensor was (scan, 3), in the world; what they are."""
+    name, scans = octree.drive()
+    points = min(len(cloud) for cloud, _ in scans[: octree.SCANS])
+    world = [cloud[:points] @ pose[:3, :3].T + pose[:3, 3] for cloud, pose in scans[: octree.SCANS]]
+    sensors = [pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, SENSOR_M) for _, pose in scans[: octree.SCANS]]
+    np.stack(world).astype("<f4").tofile(path)
+    np.stack(sensors).astype("<f4").tofile(origins)
+    return f"{name}, {points:,} points", len(world)
