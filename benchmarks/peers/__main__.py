@@ -27,15 +27,15 @@ def median_ms(call: Callable[[int], object], inputs: int) -> float:
     return statistics.median(took)
 
 
-def draw(points: str, scans: str, out: str) -> float:
+def draw(points: str, scans: str, out: str) -> tuple[float, ...]:
     """Images of scans."""
     clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3)
     view = ScanContext(voxel_m=0.0, min_points=1)
     np.stack([view(cloud) for cloud in clouds]).tofile(out)
-    return median_ms(lambda i: view(clouds[i]), len(clouds))
+    return (median_ms(lambda i: view(clouds[i]), len(clouds)),)
 
 
-def search(images: str, rows: str, queries: str, out: str, candidates: str) -> float:
+def search(images: str, rows: str, queries: str, out: str, candidates: str) -> tuple[float, ...]:
     """The nearest of all rows, or of as many candidates by ring key, to each query."""
     heights = np.fromfile(images, "<f4").reshape(-1, RINGS, SECTORS)
     known, asked, k = heights[: int(rows)], heights[int(rows) :], int(candidates)
@@ -47,10 +47,10 @@ def search(images: str, rows: str, queries: str, out: str, candidates: str) -> f
         return among[distances.argmin()], distances.min()
 
     np.array([find(i) for i in range(int(queries))], "<f4").tofile(out)
-    return median_ms(find, int(queries))
+    return (median_ms(find, int(queries)),)
 
 
-def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, depth: str) -> tuple[float, float]:
+def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, depth: str) -> tuple[float, ...]:
     """All scans into one map, again and again as the peers do: its time a scan, and its megabytes."""
     sensors = np.fromfile(origins, "<f4").reshape(-1, 1, 3).astype(np.float64)
     clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3) - sensors
@@ -69,8 +69,8 @@ def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, dep
 
 def main(words: Sequence[str]) -> None:
     kind, *given = words
-    commands: dict[str, Callable[..., object]] = {"draw": draw, "search": search, "octree": octree}
-    print(*np.atleast_1d(commands[kind](*given)))
+    commands: dict[str, Callable[..., tuple[float, ...]]] = {"draw": draw, "search": search, "octree": octree}
+    print(*commands[kind](*given))
 
 
 if __name__ == "__main__":
