@@ -179,12 +179,12 @@ def _repair(given: argparse.Namespace) -> None:
 def _unchanged(given: argparse.Namespace) -> None:
     from pipeline.running.unchanged import remember, unchanged
 
-    read_studies()
     if given.remember:
         remember(Path())
     elif unchanged(Path()):
         print("nothing has changed since the last `dvc repro`")
     else:
+        read_studies()  # which says what is wrong where it cannot be read
         sys.exit(1)
 
 
