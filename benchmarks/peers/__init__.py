@@ -93,7 +93,7 @@ def table(name: str, commands: Commands) -> str:
     load = os.getloadavg()[0]
     for _ in range(ROUNDS):
         for each, words in there.items():
-            done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, text=True, check=True)
+            done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, text=True, encoding="utf-8", check=True)
             took[each].append(tuple(float(word) for word in done.stdout.split()))
     lines = [f"{name} (medians of {ROUNDS} processes, load {load:.1f})"]
     first = statistics.median(one[0] for one in next(iter(took.values())))
