@@ -176,4 +176,4 @@ def test_every_method_learns_and_localises(name):
     assert ranking.novelty.shape == (30, len(ranking.kinds))
     assert np.isfinite(ranking.novelty).all()
     assert len(Rejection().thresholds(model, ranking.kinds)) == len(ranking.kinds)
-    assert (ranking.places[:, 0] == places).mean() > 0.8
+    assert (ranking.places[:, 0] == places).mean() > (0.8 if "epochs" in conf else 0.9)
