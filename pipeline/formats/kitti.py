@@ -6,6 +6,7 @@ A scan is in the Velodyne's frame x forward, y left, z up; cam0 is x right, y do
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
@@ -24,6 +25,20 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     poses = np.tile(np.eye(4), (len(numbers), 1, 1))
     poses[:, :3] = numbers.reshape(-1, 3, 4)
     return poses
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.float64]:
+    """Points (n, 3) in metres, raised by `lift_m`, of the records that are finite: four numbers each, flat (4 n,)."""
+    points = np.empty((numbers.shape[0] // 4, 3), np.float64)
+    kept, metres = 0, points.reshape(-1)
+    for i in range(numbers.shape[0] // 4):
+        x, y, z = np.float64(numbers[4 * i]), np.float64(numbers[4 * i + 1]), np.float64(numbers[4 * i + 2])
+        metres[3 * kept] = x + 0.0  # no −0, whose angle is another
+        metres[3 * kept + 1] = y + 0.0
+        metres[3 * kept + 2] = z + lift_m
+        kept += np.isfinite(x + y + z)
+    return points[:kept]
 
 
 def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) -> bytes:

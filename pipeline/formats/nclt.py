@@ -45,17 +45,15 @@ def encode(points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: N
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def decode(words: NDArray[np.uint16]) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, z up, of hits that are four 16-bit words each, flat (4 n,)."""
+def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64]:
+    """Points (n, 3) in metres, z up and raised by `lift_m`, of hits that are four 16-bit words each, flat (4 n,).
+
+    The compiler vectorises the loop over flat arrays: 20 times as fast.
+    """
     points = np.empty((words.shape[0] // 4, 3), np.float64)
-    metres(words, points.reshape(-1))
-    return points
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def metres(words: NDArray[np.uint16], points: NDArray[np.float64]) -> None:
-    """Like `decode`, written into `points`, flat (3 n,). The compiler vectorises the loop over flat arrays: 20 times as fast."""
+    metres = points.reshape(-1)
     for i in range(words.shape[0] // 4):
-        points[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
-        points[3 * i + 1] = -(np.int32(words[4 * i + 1]) * 0.005 - 100.0)
-        points[3 * i + 2] = -(np.int32(words[4 * i + 2]) * 0.005 - 100.0)
+        metres[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
+        metres[3 * i + 1] = 100.0 - np.int32(words[4 * i + 1]) * 0.005
+        metres[3 * i + 2] = 100.0 - np.int32(words[4 * i + 2]) * 0.005 + lift_m
+    return points

@@ -59,8 +59,8 @@ def _nclt_scan(path: Path, found: Inspection) -> None:
 
 def _kitti_scan(path: Path, found: Inspection) -> None:
     """velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
-    points = read_velodyne(path)
     height_m, size = Kitti().lidar_height_m, path.stat().st_size
+    points = read_velodyne(path, height_m)
     lost = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
     found.describe(
@@ -72,7 +72,7 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
     found.warn(lost, f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
     outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
     found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
-    diagnose(points + np.array([0.0, 0.0, height_m]), mounted_m=height_m).add_to(found)
+    diagnose(points, mounted_m=height_m).add_to(found)
 
 
 def _own_scan(path: Path, found: Inspection) -> None:

@@ -57,9 +57,8 @@ def scan_folder(path: Path, as_format: str | None, found: Inspection) -> None:
         seconds = log.table(times, 1)[:, 0]
         rows += rate(found, seconds[numbers[numbers < len(seconds)]])
     found.describe(title, *rows)
-    lift = np.array([0.0, 0.0, Kitti().lidar_height_m])
-    frame = f"raised by lidar_height_m = {lift[2]} m, z up"
-    survey(found, len(whole), lambda row: read_velodyne(whole[row]) + lift, frame)
+    height_m = Kitti().lidar_height_m
+    survey(found, len(whole), lambda row: read_velodyne(whole[row], height_m), f"raised by lidar_height_m = {height_m} m, z up")
 
 
 def _own_scans(path: Path, found: Inspection) -> None:

@@ -51,10 +51,10 @@ class Kitti:
         first = path_m <= self.split * path_m[-1]
         rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
-        odom_T_scan, lift = np.full_like(world_T_scan, np.nan), np.array([0.0, 0.0, self.lidar_height_m])
+        odom_T_scan = np.full_like(world_T_scan, np.nan)
 
-        def points(row: int) -> NDArray[np.floating]:
-            return np.asarray(read_velodyne(folder / f"{rows[row]:06d}.bin") + lift)
+        def points(row: int) -> NDArray[np.float64]:
+            return read_velodyne(folder / f"{rows[row]:06d}.bin", self.lidar_height_m)
 
         return Log(stamps_ns[rows], world_T_scan, odom_T_scan, points, +skipped, notes)
 
@@ -69,17 +69,12 @@ class Kitti:
         return {name: [file for file in files if not (root / file).is_file()] for name, files in needed.items()}
 
 
-def read_velodyne(path: str | Path) -> NDArray[np.float32]:
-    """Points (n, 3) in metres of one scan in the Velodyne frame: x forward, y left, z up, origin in the sensor.
+def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one scan, raised by `lift_m`: x forward, y left, z up, origin in the sensor if not raised.
 
     Points that are not finite are dropped. Raises LogError for a missing file or one that ends within a record.
     """
-    data = log.read_bytes(Path(path), kitti.RECORD_BYTES, "points")
-    points: NDArray[np.float32] = np.frombuffer(data, "<f4").reshape(-1, 4)[:, :3].copy()
-    with np.errstate(invalid="ignore"):  # numpy warns of a signalling NaN
-        if np.isfinite(points.sum(dtype=np.float64)):  # soonest asked: a sum is not finite if one of its numbers is not
-            return points
-    return points[np.isfinite(points).all(axis=1)]
+    return np.asarray(kitti.decode(np.frombuffer(log.read_bytes(Path(path), kitti.RECORD_BYTES, "points"), "<f4"), lift_m))
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:

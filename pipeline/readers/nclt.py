@@ -48,11 +48,11 @@ class Nclt:
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         rows, world_T_scan, odom_T_scan = log.posed(utimes * 1000, read_poses(truth_path, self.max_gap_s), odometry, skipped)
-        utimes, lift = utimes[rows], np.array([0.0, 0.0, self.lift_m])
+        utimes = utimes[rows]
         notes = () if odometry_path is not None else ("no odometry_mu_100hz.csv",)
 
         def points(row: int) -> NDArray[np.float64]:
-            return np.asarray(read_velodyne_sync(folder / f"{utimes[row]}.bin") + lift)
+            return read_velodyne_sync(folder / f"{utimes[row]}.bin", self.lift_m)
 
         return Log(utimes * 1000, world_T_scan, odom_T_scan, points, +skipped, notes)
 
@@ -61,12 +61,12 @@ class Nclt:
         return {name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"] for name in names}
 
 
-def read_velodyne_sync(path: str | Path) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one motion-compensated scan in the body frame: x forward, y left, z up.
+def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one motion-compensated scan in the body frame, raised by `lift_m`: x forward, y left, z up.
 
     Raises LogError for a missing file or one that ends within a record.
     """
-    return np.asarray(nclt.decode(np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2")))
+    return np.asarray(nclt.decode(np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2"), lift_m))
 
 
 def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:

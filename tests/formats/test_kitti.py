@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.formats.kitti import CAM_T_VELO, encode, matrix, write_calib, write_poses, write_times
+from pipeline.formats.kitti import CAM_T_VELO, decode, encode, matrix, write_calib, write_poses, write_times
 
 
 def test_twelve_numbers_are_three_rows_of_a_pose() -> None:
@@ -37,3 +37,11 @@ def test_text_files_have_twelve_numbers_a_row(tmp_path: Path) -> None:
     assert list(rows) == ["P0", "P1", "P2", "P3", "Tr"]
     np.testing.assert_allclose(matrix(np.array([rows["Tr"].split()], float))[0], CAM_T_VELO)
     assert {len(row.split()) for row in rows.values()} == {12}
+
+
+def test_decoding_gives_the_bits_of_the_plain_formula() -> None:
+    numbers = np.random.default_rng(0).normal(size=(1000, 4)).astype("<f4")
+    numbers[:3, :3] = (-0.0, np.nan, 1), (-0.0, -0.0, 5), (np.inf, 1, 1)
+    plain = numbers[np.isfinite(numbers[:, :3]).all(axis=1), :3] + np.array([0.0, 0.0, 1.73])
+    assert len(plain) == 998
+    assert decode(numbers.ravel(), 1.73).tobytes() == plain.tobytes()

@@ -46,8 +46,9 @@ def test_the_lidars_forward_axis_points_left_in_the_body() -> None:
     np.testing.assert_allclose(body_T_velodyne[:3, 3], [0.002, -0.004, -0.957])
 
 
-def test_decoding_gives_the_bits_of_the_plain_formula() -> None:
+@pytest.mark.parametrize("lift_m", [0.0, 1.73])
+def test_decoding_gives_the_bits_of_the_plain_formula(lift_m: float) -> None:
     # Every 16-bit word on every axis; bits, since artifacts' bytes follow from them: −0.0 is not 0.0.
     words = np.repeat(np.arange(2**16, dtype=np.uint16), 4)
-    plain = (words.reshape(-1, 4)[:, :3] * 0.005 - 100.0) * np.array([1.0, -1.0, -1.0])
-    assert nclt.decode(words).tobytes() == plain.tobytes()
+    plain = (words.reshape(-1, 4)[:, :3] * 0.005 - 100.0) * np.array([1.0, -1.0, -1.0]) + np.array([0.0, 0.0, lift_m])
+    assert nclt.decode(words, lift_m).tobytes() == plain.tobytes()
