@@ -1,6 +1,6 @@
 """A model and the test sequences' views → a ranking of places for each query, and when to reject one as unseen."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +15,26 @@ from stages import ProgressBar, stage
 
 @stage("localize")
 def main(cfg: DictConfig) -> str:
-    model, sequences = store.read_model(cfg.model), cfg.sequences.split()
-    localizer = instantiate(cfg.method).localizer(model)
-    with store.replace(cfg.out) as folder:
+    sequences = cfg.sequences.split()
+    with instantiate(cfg.compute).apart() as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        ranked = (rank(cfg, sequence, model, localizer, folder) for sequence in sequences)
-        return "; ".join(ProgressBar().track(ranked, len(sequences), "localize"))
+        lines = compute.each(Answers(cfg, folder), sequences)
+        return "; ".join(ProgressBar().track(lines, len(sequences), "localize"))
+
+
+@dataclass
+class Answers:
+    """The rankings of test sequences, one at a time; each process reads the model once."""
+
+    cfg: DictConfig
+    folder: Path
+    ready: tuple[Model, Localizer] | None = None
+
+    def __call__(self, sequence: str) -> str:
+        if not self.ready:
+            model = store.read_model(self.cfg.model)
+            self.ready = model, instantiate(self.cfg.method).localizer(model)
+        return rank(self.cfg, sequence, *self.ready, self.folder)
 
 
 def rank(cfg: DictConfig, sequence: str, model: Model, localizer: Localizer, folder: Path) -> str:

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import shlex
 import sqlite3
 from contextlib import closing
 
@@ -11,13 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from distributed import LocalCluster
 
 from pipeline import schemas, store
 from pipeline.evaluation import results
-from pipeline.running.dvc_files import definition
+from pipeline.running.dvc_files import DvcLock, definition
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.studies.expansion import LISTS
-from tests.clone import ROOT
+from tests.clone import ROOT, Clone
 
 
 def test_every_stage_runs_once_and_leaves_its_artifact(built):
@@ -79,6 +81,26 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     assert artifact.attrs["places"] == sorted(artifact.attrs["places"])
     assert artifact.load("right").sum(axis=1).argmax() > 0  # more is answered once more is known
     assert len(json.loads((tmp_path / "grown.json").read_text())["cpu_s"]) == 4
+
+
+STAGES = {
+    "processes": ("scans", "localize"),
+    "cluster": ("scans", "submaps", "views", "birdviews", "altered", "localize", "evaluate", "paths", "poses"),
+}
+
+
+@pytest.mark.parametrize("way", STAGES)
+def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(built, tmp_path, monkeypatch, way):
+    monkeypatch.setenv("YEARLOC_COMPUTE", way)
+    recorded, workers = DvcLock.read(built.folder / "dvc.lock").stages, 2 if way == "cluster" else 0
+    with LocalCluster(workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        for stage in STAGES[way]:
+            entry = next(entry for name, entry in recorded.items() if name.startswith(f"{stage}@"))
+            built.run(*shlex.split(re.sub(r"\b(out|metrics)=", rf"\1={tmp_path}/", entry["cmd"])))
+    again = Clone(tmp_path, built="{}").digests()
+    assert {path.split("/")[1] for path in again} == set(STAGES[way])
+    assert again.items() <= built.digests().items()
 
 
 def test_a_second_run_runs_nothing(built):

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from functools import cache
+from functools import cache, lru_cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -108,14 +108,20 @@ def _said(scheduler: str) -> Iterator[None]:
 
 def there(job: bytes, folder: str, wanted: str, start: int, stop: int) -> Any:
     """A block, by a worker: in the stage's folder, for DVC's paths are relative to it."""
-    import cloudpickle
-
     if (own := versions()) != wanted:
         raise ConfigError(f"compute: a worker has {own}, the stage {wanted}; install the same on both")
     if not Path(folder).is_dir():
         raise ConfigError(f"compute: {platform.node()} has no {folder}; a worker needs the project's disk at the same path")
     os.chdir(folder)
-    return cloudpickle.loads(job)(start, stop)
+    return _function(job)(start, stop)
+
+
+@lru_cache(1)
+def _function(job: bytes) -> Callable[[int, int], Any]:
+    """Of all a call's blocks, so that what it has read for one is there for the next."""
+    import cloudpickle
+
+    return cast(Callable[[int, int], Any], cloudpickle.loads(job))
 
 
 @cache

@@ -67,6 +67,10 @@ class Compute:
         """Yield fn(item) of each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
+    def apart(self) -> Self:
+        """The same, but for threads one block at a time: for blocks whose libraries have settings of the whole process."""
+        return replace(self, workers=1) if self.scheduler == "threads" else self
+
     @contextmanager
     def _started(self, workers: int) -> Iterator[Run]:
         """What computes the blocks; a scheduler that Dask is given by name would import distributed each time."""
