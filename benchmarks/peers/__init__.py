@@ -26,7 +26,10 @@ def run(folder: Path) -> Iterator[str]:
     """The table of each race."""
     with TemporaryDirectory() as scratch:
         yield from drawing(folder, Path(scratch))
+        yield from signing(folder, Path(scratch))
         yield from searching(folder, Path(scratch))
+        yield from following(folder, Path(scratch))
+        yield from answering(folder, Path(scratch))
         yield from mapping(folder, Path(scratch))
 
 
@@ -47,6 +50,23 @@ def drawing(folder: Path, scratch: Path) -> Iterator[str]:
         theirs = np.fromfile(scratch / "theirs", "<f4").reshape(scans, 120, 40).transpose(0, 2, 1)
         same = np.isclose(ours[:, :-1], theirs[:, :-1], atol=1e-6)  # what lies beyond the last ring they drop
         yield f"  {same.mean():.2%} of the bins equal; a border belongs to the outer bin here, to the inner one there"
+
+
+def signing(folder: Path, scratch: Path) -> Iterator[str]:
+    """M2DP of whole scans."""
+    name, scans = given.clouds(scratch / "points")
+    words = scratch / "points", str(scans)
+    yield table(
+        f"M2DP of {name}",
+        {
+            "yearloc": (*OURS, "m2dp", *words, scratch / "ours"),
+            "its authors' Matlab and C, in Octave": (folder / "m2dp", *words, scratch / "theirs"),
+        },
+    )
+    if (scratch / "theirs").exists():
+        ours, theirs = (np.abs(np.fromfile(scratch / each, "<f4").reshape(scans, 192)) for each in ("ours", "theirs"))
+        apart = np.abs(ours - theirs).max(axis=1)
+        yield f"  {(apart < 1e-4).sum()} of {scans} signatures equal to 1e-4, all to {apart.max():.0e}"
 
 
 def searching(folder: Path, scratch: Path) -> Iterator[str]:
@@ -73,6 +93,43 @@ def searching(folder: Path, scratch: Path) -> Iterator[str]:
     found = [(name, scratch / name) for name in told if (scratch / name).exists()]
     right = {name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum()) for name, path in found}
     yield "  the nearest of all is found " + ", ".join(f"{n} times of {queries} by {told[name]}" for name, n in right.items())
+
+
+def following(folder: Path, scratch: Path) -> Iterator[str]:
+    """SeqSLAM: from the pixels of two drives to the match of each image."""
+    rows = str(given.pictures(scratch / "pictures"))
+    words = scratch / "pictures", rows
+    yield table(
+        f"SeqSLAM, {rows} × {rows} images",
+        {
+            "yearloc": (*OURS, "seqslam", *words, scratch / "ours_rows"),
+            "pySeqSLAM": (folder / "seqslam", *words, scratch / "their_rows"),
+        },
+    )
+    if (scratch / "their_rows").exists():
+        same = np.fromfile(scratch / "ours_rows", "<i4") == np.fromfile(scratch / "their_rows", "<i4")
+        yield f"  {same.mean():.1%} of the matches equal"
+
+
+def answering(folder: Path, scratch: Path) -> Iterator[str]:
+    """SCI's network, a view at a time."""
+    given.images(scratch / "images")
+    network, few = scratch / "sci.onnx", str(given.QUERIES)
+    heights = np.fromfile(scratch / "images", "<f4", given.QUERIES * 40 * 120)
+    heights.tofile(scratch / "few")
+    subprocess.run([*OURS, "export", network], stdout=subprocess.DEVNULL, check=True)
+    words = network, scratch / "few", few
+    yield table(
+        f"SCI's network, {given.PLACES} places, a view at a time",
+        {
+            "yearloc, torch": (*OURS, "answer", *words, scratch / "torch", "torch"),
+            "yearloc, a site that was exported": (*OURS, "answer", *words, scratch / "onnx", "onnxruntime"),
+            "OpenVINO": (folder / "openvino", *words, scratch / "openvino"),
+        },
+    )
+    found = [scratch / each for each in ("torch", "onnx", "openvino") if (scratch / each).exists()]
+    first, *others = (np.fromfile(path, "<f4").reshape(given.QUERIES, -1) for path in found)
+    yield "  scores differ by " + ", ".join(f"{np.abs(other - first).max():.1g}" for other in others)
 
 
 def mapping(folder: Path, scratch: Path) -> Iterator[str]:

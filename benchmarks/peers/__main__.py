@@ -1,19 +1,25 @@
-"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw|search|octree …`."""
+"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw|search|… …`."""
 
 import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from benchmarks import sequence
+from benchmarks.peers import given
 from pipeline.mapping.octree import Octree
 from pipeline.matching.nearest import nearest
 from pipeline.matching.shift_method import ring_keys
 from pipeline.matching.shifts import Spectra
+from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 
 RINGS, SECTORS, ROUNDS = 40, 120, 6
+Scoring = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # heights (1, rings, sectors) in metres to scores (1, places)
 
 
 def median_ms(call: Callable[[int], object], inputs: int) -> float:
@@ -33,6 +39,65 @@ def draw(points: str, scans: str, out: str) -> tuple[float, ...]:
     view = ScanContext(voxel_m=0.0, min_points=1)
     np.stack([view(cloud) for cloud in clouds]).tofile(out)
     return (median_ms(lambda i: view(clouds[i]), len(clouds)),)
+
+
+def m2dp(points: str, scans: str, out: str) -> tuple[float, ...]:
+    """Signatures of scans."""
+    clouds, view = np.fromfile(points, "<f4").reshape(int(scans), -1, 3), M2dp()
+    np.stack([view(cloud) for cloud in clouds]).astype("<f4").tofile(out)
+    return (median_ms(lambda i: view(clouds[i]), len(clouds)),)
+
+
+def seqslam(images: str, rows: str, out: str) -> tuple[float, ...]:
+    """The match of each image of a drive in another."""
+    references, queries = np.fromfile(images, np.uint8).reshape(2, int(rows), -1)
+    matched = np.full(int(rows), -1, "<i4")
+    matched[sequence.HALF : -sequence.HALF] = sequence.ours(references, queries)[1]
+    matched.tofile(out)
+    return (median_ms(lambda _: sequence.ours(references, queries), 1),)
+
+
+def export(network: str) -> tuple[float, ...]:
+    """Write SCI's network as `yearloc export` does."""
+    from pipeline.online.export import exported
+
+    Path(network).write_bytes(exported(*given.sci())[0])
+    return ()
+
+
+def answer(network: str, images: str, rows: str, out: str, by: str) -> tuple[float, ...]:
+    """The scores of that network's places for each image, by `torch` or by `onnxruntime`."""
+    heights = np.fromfile(images, "<f4").reshape(int(rows), 1, RINGS, SECTORS)
+    ask = torch_scores() if by == "torch" else onnx_scores(Path(network))
+    np.concatenate([ask(image) for image in heights]).astype("<f4").tofile(out)
+    return (median_ms(lambda i: ask(heights[i]), len(heights)),)
+
+
+def torch_scores() -> Scoring:
+    """At the precision of `precision: auto`."""
+    import torch
+
+    from pipeline.networks import lenet, loop
+    from pipeline.online.export import Scores
+
+    method, model = given.sci()
+    net = method.filled(model).eval()
+    loop.cast(net, lenet.device(), method.precision)
+    torch.set_num_threads(1)
+    scores = Scores(method, net)
+
+    def ask(image: NDArray[np.float32]) -> NDArray[np.float32]:
+        with torch.inference_mode():
+            return np.asarray(scores(torch.from_numpy(image))[0])
+
+    return ask
+
+
+def onnx_scores(network: Path) -> Scoring:
+    from pipeline.online.runtime import CLASSIFIED, INPUT, session
+
+    run = session(network.read_bytes())
+    return lambda image: np.asarray(run.run([CLASSIFIED[0]], {INPUT: image})[0])
 
 
 def search(images: str, rows: str, queries: str, out: str, candidates: str) -> tuple[float, ...]:
@@ -68,9 +133,9 @@ def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, dep
 
 
 def main(words: Sequence[str]) -> None:
-    kind, *given = words
-    commands: dict[str, Callable[..., tuple[float, ...]]] = {"draw": draw, "search": search, "octree": octree}
-    print(*commands[kind](*given))
+    kind, *given_words = words
+    commands = (draw, m2dp, search, seqslam, export, answer, octree)
+    print(*next(each for each in commands if each.__name__ == kind)(*given_words))
 
 
 if __name__ == "__main__":

@@ -2,13 +2,16 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from benchmarks import octree, retrieval, scan_context
+from benchmarks import octree, retrieval, scan_context, sequence
+from pipeline.matching.ranking import Model
 from pipeline.readers.kitti import Kitti
+from stages import build
 
-SCANS, ROWS, QUERIES = 16, 5_000, 24
+SCANS, ROWS, QUERIES, PLACES = 16, 5_000, 24, 597
 SENSOR_M = 1.73  # above the vehicle's origin
 
 
@@ -43,3 +46,21 @@ def drive(path: Path, origins: Path) -> tuple[str, int]:
     np.stack(world).astype("<f4").tofile(path)
     np.stack(sensors).astype("<f4").tofile(origins)
     return f"{name}, {points:,} points", len(world)
+
+
+def pictures(path: Path) -> int:
+    """Write the pixels (drive, image, pixel) of two drives as bytes; how many images each has."""
+    np.stack(sequence.drives()).tofile(path)
+    return sequence.FEW
+
+
+def sci() -> tuple[Any, Model]:
+    """SCI and its network for PLACES places, as it is before training."""
+    import torch
+
+    from pipeline.networks.loop import arrays
+
+    method = build("method", "sci", threads=1)
+    torch.manual_seed(0)
+    weights = arrays(method.network(PLACES, 40, 120))
+    return method, {"place_xy_m": np.zeros((PLACES, 2)), "image_shape": np.array([40, 120]), **weights}
