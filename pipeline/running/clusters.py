@@ -43,6 +43,7 @@ def connected(scheduler: str, workers: int, wait_s: float, settings: Mapping[str
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
         "distributed.admin.large-graph-warning-threshold": "1 TB",
+        "distributed.client.direct-to-workers": scheduler == "local",  # else each result passes through the scheduler
     }
     with ExitStack() as held:
         held.enter_context(dask.config.set(limits))
