@@ -1,6 +1,5 @@
 """Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
 
-import ctypes
 import logging
 import os
 import sys
@@ -23,13 +22,13 @@ from rich.progress import Progress as RichProgress
 
 from pipeline.errors import ConfigError, YearlocError, refusal
 from pipeline.running.building import TARGET, target_class
+from pipeline.running.memory import keep_freed_memory
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
 from pipeline.running.telemetry import Telemetry
 from pipeline.running.texts import check_files, one_line, print_anywhere, read_yaml
 
 Item = TypeVar("Item")
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 ROOT = Path(__file__).parents[1]
 ABSENT = object()
 OPTIONAL = ("root", "altered", "alterations", "from")
@@ -49,14 +48,6 @@ def _kernels() -> str:
     return str(ROOT / ".numba" / digest.hexdigest()[:16])
 
 
-def _keep_freed_memory() -> None:
-    """Let glibc reuse large arrays instead of asking the kernel for zeroed pages each time: a fifth of a training's CPU time."""
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "mallopt"):
-        for parameter, value in ((M_MMAP_THRESHOLD, 2**30), (M_TRIM_THRESHOLD, 2**31 - 1)):
-            libc.mallopt(parameter, value)
-
-
 def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     """Ctrl-C while a stage is being loaded is a line too."""
     if issubclass(kind, KeyboardInterrupt):
@@ -69,7 +60,7 @@ sys.excepthook = _uncaught
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors reach `reported`
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
-_keep_freed_memory()
+keep_freed_memory()
 print_anywhere()
 for talkative in ("aiobotocore", "botocore", "faiss"):  # where keys were found; which instructions it was built for
     logging.getLogger(talkative).setLevel(logging.WARNING)

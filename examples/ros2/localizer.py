@@ -16,6 +16,7 @@ from pipeline.formats.pointcloud2 import decode
 from pipeline.online.outputs import in_world
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
+from pipeline.running.memory import keep_freed_memory
 
 
 class Localizer:
@@ -39,6 +40,7 @@ def main() -> None:
     from scipy.spatial.transform import Rotation
     from sensor_msgs.msg import PointCloud2
 
+    keep_freed_memory()
     rclpy.init()
     node = Node("yearloc")
     usual = {"promise": 0.99, "lift_m": 0.0, "frame": "map"}

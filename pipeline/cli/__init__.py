@@ -13,6 +13,7 @@ from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import WRITTEN, check_files, one_line, print_anywhere, read_yaml, terminal_width
 
 ABOUT = """\
@@ -37,6 +38,7 @@ This command chooses what the chain runs on, and looks at what it made.
 def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
     print_anywhere()
+    keep_freed_memory()
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
