@@ -16,7 +16,7 @@ from pipeline.studies.names import complete, lists_text, studies_text
 ROOT = Path(__file__).parents[1]
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {f"pipeline.running.{name}" for name in ("clusters", "memory", "telemetry", "texts")}
-"""Nor can who computes, what a stage costs, and what is said of a broken file."""
+"""Nor can who computes, what a stage costs, how memory is kept, and what is said of a broken file."""
 STAGES = list(Repo(ROOT).index.stages)
 GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)
 STAGE = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.addressing)
