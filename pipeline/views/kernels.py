@@ -69,7 +69,7 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     unsure = near.view(np.uint64)  # eight points at a glance
     per_radian, per_metre = np.float32(sectors / (2 * math.pi)), np.float32(rings / max_range_m)
     sector_edge, ring_edge = HALF - SECTOR_ERROR * np.float32(sectors), HALF - RING_ERROR * np.float32(rings)
-    last_sector, last_ring, columns = np.int32(sectors - 1), np.int32(rings - 1), np.int32(sectors)
+    last_ring, columns = np.int32(rings - 1), np.int32(sectors)
     outside = np.int32(rings - 1) if clamp else np.int32(rings)
     away = np.int32(bins)
     n = points.shape[0] // 3
@@ -82,16 +82,13 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
             x, y = xs[i], ys[i]
             turn = _azimuth(x, y) * per_radian
             sector = np.int32(turn)
-            turn -= np.float32(sector)
-            sector = sector if sector < last_sector else last_sector
+            turn -= np.float32(sector)  # a turn of all sectors is at a border, and redone
             far = min(np.sqrt(x * x + y * y) * per_metre, np.float32(2e6))
             ring = np.int32(far)
-            far -= np.float32(ring)
+            far -= np.float32(ring)  # what is cut is at a border, and redone
             ring = ring if ring <= last_ring else outside
             ids[i] = uint32(ring * columns + sector if ring <= last_ring else away)
-            sure = (
-                (abs(turn - HALF) <= sector_edge) & (abs(far - HALF) <= ring_edge) & (abs(zs[i]) < HUGE) & (x * x + y * y < HUGE)
-            )
+            sure = (abs(turn - HALF) <= sector_edge) & (abs(far - HALF) <= ring_edge) & (abs(zs[i]) < HUGE)
             near[i] = np.uint8(not sure)
         for eight in range((m + 7) // 8):
             if unsure[eight]:
