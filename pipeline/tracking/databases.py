@@ -29,15 +29,19 @@ class Database:
     files: str  # URI of the folder or bucket of the files of new experiments
     shared: bool  # a server's, which others may publish to from elsewhere
 
+    @property
+    def path(self) -> Path | None:
+        """The sqlite file; None of a server's."""
+        return None if self.shared else Path(self.uri.removeprefix("sqlite:///"))
+
     @contextmanager
     def alone(self) -> Iterator[None]:
         """No other process publishes to the database meanwhile.
 
         Raises ConfigError if a server does not answer in WAIT_S, or it or the object store fails before the block ends.
         """
-        if not self.shared:
-            path = self.uri.removeprefix("sqlite:///")
-            with FileLock(f"{path}.lock"), _answering(path):
+        if self.path:
+            with FileLock(f"{self.path}.lock"), _answering(str(self.path)):
                 yield
             return
         from sqlalchemy import NullPool, create_engine, make_url, text

@@ -10,14 +10,17 @@ import json
 import logging
 import math
 import os
+import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from pipeline.errors import InputError
+from pipeline.replacing import replace
 from pipeline.tracking import datasets, experiments, page, registry, served, texts
 from pipeline.tracking.databases import Database, database
 from pipeline.tracking.experiments import KEY as KEY
@@ -149,6 +152,10 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
     try:
         for name, level in quiet.items():
             logging.getLogger(name).setLevel(level)
+        if into.path and not into.path.is_file():  # made elsewhere first: a kill while MLflow makes its tables would leave some
+            with replace(into.path) as scratch, TemporaryDirectory() as folder:
+                mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db").search_experiments(max_results=1)
+                shutil.copyfile(f"{folder}/new.db", scratch)
         yield mlflow.MlflowClient(tracking_uri=into.uri, registry_uri=into.uri)
     finally:
         for name, level in levels.items():

@@ -394,3 +394,19 @@ def test_two_processes_that_publish_at_once_write_each_run_once(database: Path) 
 def test_an_experiment_says_in_its_name_that_the_data_is_simulated() -> None:
     assert experiment_of("campus", simulated=True) == "yearloc campus (simulated)"
     assert experiment_of("nclt", simulated=False) == "yearloc nclt"
+
+
+def test_a_kill_while_mlflow_makes_its_tables_leaves_no_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mlflow.store.db import utils
+
+    def killed(engine: Any) -> None:
+        raise KeyboardInterrupt
+
+    own = Experiment(tmp_path / "mlflow.db", "campus", tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(utils, "_upgrade_db", killed)  # called once some tables are there
+        with pytest.raises(KeyboardInterrupt):
+            own.publish(own.record())
+    assert not own.database.exists()
+    own.publish(own.record())
+    assert {*own.runs} == {"sci", "2012-02-04"}
