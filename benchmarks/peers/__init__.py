@@ -115,8 +115,7 @@ def answering(folder: Path, scratch: Path) -> Iterator[str]:
     """SCI's network, a view at a time."""
     given.images(scratch / "images")
     network, few = scratch / "sci.onnx", str(given.QUERIES)
-    heights = np.fromfile(scratch / "images", "<f4", given.QUERIES * 40 * 120)
-    heights.tofile(scratch / "few")
+    np.fromfile(scratch / "images", "<f4", given.QUERIES * 40 * 120).tofile(scratch / "few")
     subprocess.run([*OURS, "export", network], stdout=subprocess.DEVNULL, check=True)
     words = network, scratch / "few", few
     yield table(

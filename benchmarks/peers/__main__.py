@@ -133,9 +133,9 @@ def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, dep
 
 
 def main(words: Sequence[str]) -> None:
-    kind, *given_words = words
+    kind, *rest = words
     commands = (draw, m2dp, search, seqslam, export, answer, octree)
-    print(*next(each for each in commands if each.__name__ == kind)(*given_words))
+    print(*next(each for each in commands if each.__name__ == kind)(*rest))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, raised by `lift_m`, of the records that are finite: four numbers each, flat (4 n,)."""
+    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite: four numbers each, flat (4 n,)."""
     points = np.empty((numbers.shape[0] // 4, 3), np.float64)
     kept, metres = 0, points.reshape(-1)
     for i in range(numbers.shape[0] // 4):

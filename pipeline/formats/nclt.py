@@ -54,6 +54,7 @@ def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64
     metres = points.reshape(-1)
     for i in range(words.shape[0] // 4):
         metres[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
+        # not −(… − 100), which gives −0, whose angle is another
         metres[3 * i + 1] = 100.0 - np.int32(words[4 * i + 1]) * 0.005
         metres[3 * i + 2] = 100.0 - np.int32(words[4 * i + 2]) * 0.005 + lift_m
     return points

@@ -96,3 +96,8 @@ def test_an_error_in_a_block_reaches_the_caller() -> None:
 def test_an_unknown_scheduler_is_a_config_error() -> None:
     with pytest.raises(ConfigError, match=r"compute\.scheduler=fibres: expected threads, processes, .* or kubernetes"):
         list(Compute("fibres").rows(np.arange, 3, 1))  # type: ignore[arg-type]
+
+
+def test_apart_holds_back_threads_alone() -> None:
+    assert Compute(workers=2).apart().workers == 1
+    assert Compute("processes", workers=2).apart().workers == 2
