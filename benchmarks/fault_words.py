@@ -36,7 +36,6 @@ SAID = (
     "repro",
     "methods",
     "repair",
-    "unchanged --remember",
     "pack campus/10m/sci_ring -o a.site",
     "localize a.site scan.npy --json -o fixes --promise 0.99 --lift 0 --topic /points --odometry tf:a>b --track --threads 1",
     "localize a.site a.mcap --follow --idle 1",

@@ -33,6 +33,7 @@ from pipeline.cli import main as yearloc
 from pipeline.errors import YearlocError
 from pipeline.formats import nclt
 from pipeline.online import site_file
+from pipeline.running.dvc_files import DvcLock, files
 
 ENDINGS = ("same", "another input", "refused", "traceback", "silently different")
 """`another input`: a log, which has no checksum, was read as what it now says."""
@@ -145,15 +146,14 @@ def digest(path: Path) -> str:
 def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
     """Name, command and cached outputs of every stage instance that DVC's lock files have."""
     found = []
-    for lock in sorted([*(project / ".dvc/locks").glob("*.lock"), project / "dvc.lock"]):
-        for name, one in (yaml.safe_load(lock.read_text(encoding="utf-8")) or {}).get("stages", {}).items():
-            outs = [
-                project / out["path"].removeprefix("../../")
-                for out in one.get("outs", ())
-                if out["path"].endswith((".zarr", ".safetensors")) or "." not in Path(out["path"]).name
-            ]
-            if outs and all(out.exists() for out in outs):
-                found.append((name, one["cmd"] if isinstance(one["cmd"], str) else one["cmd"][0], outs))
+    for name, entry in DvcLock.read(project / "dvc.lock").stages.items():
+        outs = [
+            project / out["path"]
+            for out in entry.get("outs", ())
+            if out["path"].endswith((".zarr", ".safetensors")) or "." not in Path(out["path"]).name
+        ]
+        if outs and all(out.exists() for out in outs):
+            found.append((name, entry["cmd"], outs))
     return found
 
 
@@ -194,8 +194,8 @@ def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str
 def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
     """Stop `dvc repro` while it runs some stages again, itself or all that it started, and let `yearloc repro` end it."""
     places = {
-        name: name if lock.name == "dvc.lock" else f"dag/{lock.stem}/dvc.yaml:{name}"
-        for lock in (project / "dvc.lock", *(project / ".dvc/locks").glob("*.lock"))
+        name: name if lock.parent == project else f"dag/{lock.parent.name}/dvc.yaml:{name}"
+        for lock in files(project / "dvc.lock")
         for name in (yaml.safe_load(lock.read_text(encoding="utf-8")) or {}).get("stages", {})
     }
     stages = {name: outs for name, _, outs in instances(project)}

@@ -3,14 +3,13 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.evaluation.judge import judge_cases
-from pipeline.evaluation.judgement import attrs, columns, summary
+from pipeline.evaluation.judgement import Evaluation, attrs, columns, metrics, summary
 from pipeline.evaluation.numbers import line
 from pipeline.evaluation.protocols import PROTOCOLS
 from stages import stage
@@ -18,18 +17,19 @@ from stages import stage
 
 @stage("evaluate")
 def main(cfg: DictConfig) -> str:
-    numbers: dict[str, Any] = {}
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
+    lines = []
+    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder, store.replace(cfg.metrics) as shown:
         folder.mkdir()
-        for found in compute.each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
-            numbers |= found
-    with store.replace(cfg.metrics) as metrics:
-        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    return "; ".join(f"{name}: " + ", ".join(f"by {by} {line(own[by])}" for by in PROTOCOLS) for name, own in numbers.items())
+        shown.mkdir()
+        for sequence, driven in compute.each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
+            (shown / f"{sequence}.json").write_text(json.dumps(metrics(driven), indent=2) + "\n", encoding="utf-8")
+            numbers = summary(driven)
+            lines.append(f"{sequence}: " + ", ".join(f"by {by} {line(numbers[by])}" for by in PROTOCOLS))
+    return "; ".join(lines)
 
 
-def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> dict[str, dict[str, Any]]:
-    """One sequence's evaluation in every case; returns its metrics as driven."""
+def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> tuple[str, Evaluation]:
+    """One sequence's evaluation in every case; returns the one as driven."""
     kinds, name = {"rankings": schemas.ANSWERS, "labels": (schemas.LABELS,), "submaps": (schemas.SUBMAPS,)}, f"{sequence}.zarr"
     artifacts = {kind: store.read(Path(cfg[kind], name), *one) for kind, one in kinds.items()}
     cases = judge_cases(**artifacts, distance=instantiate(cfg.tolerance.distance), bootstrap=instantiate(cfg.tolerance.bootstrap))
@@ -38,7 +38,7 @@ def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> dict[str, dict[str
     with store.write(folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **named) as out:
         for column, values in columns([*cases.values()]).items():
             out.put(column, values)
-    return {sequence: summary(next(iter(cases.values())))}
+    return sequence, next(iter(cases.values()))
 
 
 if __name__ == "__main__":

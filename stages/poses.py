@@ -19,7 +19,7 @@ from stages import ProgressBar, build, stage
 @stage("poses")
 def main(cfg: DictConfig) -> str:
     labels, sequences = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS), cfg.sequences.split()
-    fixer, map_path = instantiate(cfg.fixer), Path(cfg.map, f"{cfg.train}.zarr")
+    fixer, map_path = instantiate(cfg.fixer, **cfg.budget.get("poses", {})), Path(cfg.map, f"{cfg.train}.zarr")
     localizer, views = instantiate(cfg.method).localizer(store.read_model(cfg.model)), Rows.read(Path(cfg.views, map_path.name))
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()

@@ -19,7 +19,7 @@ from stages import ROOT, stage
 @stage("publish")
 def main(cfg: DictConfig) -> str:
     study, artifacts, runs = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
-    table, lock = results.read(artifacts, [cfg.study]), DvcLock.read(artifacts.parent / "dvc.lock")
+    table, lock = results.read(artifacts, {cfg.study: study}), DvcLock.read(artifacts.parent / "dvc.lock")
     further = study.get("question") == LIFELONG
     for grid in study["grids"]:
         figures = artifacts / "report" / cfg.study / grid

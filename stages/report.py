@@ -17,7 +17,7 @@ from stages import ROOT, build, stage
 @stage("report")
 def main(cfg: DictConfig) -> str:
     artifacts, known = Path(cfg.artifacts), studies(ROOT / "conf")
-    table = results.read(artifacts, list(known))
+    table = results.read(artifacts, known)
     with store.replace(cfg.out) as folder:
         line = report.write(folder, artifacts, known, table, instantiate(cfg.bands), lambda name: build("view", name))
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"

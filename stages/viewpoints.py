@@ -7,7 +7,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import schemas, store
-from pipeline.evaluation.viewpoints import Judged, line
+from pipeline.evaluation.viewpoints import Judged, line, means
 from pipeline.matching.ranking import Rows
 from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.studies.known import studies
@@ -26,8 +26,10 @@ def main(cfg: DictConfig) -> str:
                 models = [model.name for model in models_of({**method, "variants": {}})]
                 judged = [judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr") for model in models]
                 numbers[f"{method['name']} {sequence}"] = [one.numbers() for one in judged]
-    with store.replace(cfg.metrics) as metrics:
-        metrics.write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with store.replace(cfg.metrics) as shown:
+        shown.mkdir()
+        for name, seeds in numbers.items():
+            (shown / f"{name.replace(' ', '-')}.json").write_text(json.dumps(means(seeds), indent=2) + "\n", encoding="utf-8")
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 

@@ -11,9 +11,14 @@ from copy import copy
 from hashlib import sha256
 from pathlib import Path
 
+from numba.core.caching import UserProvidedCacheLocator
+
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
-PROJECT = ("conf", "pipeline", "stages", "dag", "dvc.yaml", ".dvc/config", ".dvcignore", "pyproject.toml")
+PROJECT = (
+    *("conf", "pipeline", "stages", "dag", "dvc.yaml", "pyproject.toml"),
+    *(".dvc/config", ".dvc/plots", ".dvc/.gitignore", ".dvcignore", ".gitignore"),
+)
 
 
 def name_of(address: str) -> str:
@@ -21,10 +26,22 @@ def name_of(address: str) -> str:
     return address.rpartition(":")[2]
 
 
-class Clone:
-    """A copy of the project without git, to run DVC in."""
+def share_kernels(compiled: Path, copy: Path) -> None:
+    """Give a copy of the project the kernels that numba compiled for another, which it keeps by the path of their source."""
+    kernels = Path(os.environ["NUMBA_CACHE_DIR"])
+    for source in compiled.glob("pipeline/**/*.py"):
+        own, others = (
+            kernels / UserProvidedCacheLocator.get_suitable_cache_subpath(str(path))
+            for path in (source, copy / source.relative_to(compiled))
+        )
+        if own.is_dir() and not others.exists():
+            shutil.copytree(own, others, ignore_dangling_symlinks=True)
 
-    def __init__(self, folder: Path, built: str | None = None) -> None:
+
+class Clone:
+    """A copy of the project to run DVC in, without git unless it is asked for."""
+
+    def __init__(self, folder: Path, built: str | None = None, git: bool = False) -> None:
         """An unbuilt one; or one that is built already, given what was told of that."""
         self.folder = folder
         told = json.loads(built or "{}")
@@ -38,7 +55,12 @@ class Clone:
             else:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
-        (folder / ".dvc/config").write_text((ROOT / ".dvc/config").read_text().replace("[core]", "[core]\n    no_scm = true"))
+        if git:
+            self.git("init", "--quiet", "--initial-branch=main")
+        else:
+            config = folder / ".dvc/config"
+            config.write_text(config.read_text().replace("[core]", "[core]\n    no_scm = true"))
+        share_kernels(ROOT, folder)
 
     @property
     def env(self) -> dict[str, str]:
@@ -50,12 +72,19 @@ class Clone:
         """The same with all that it has built, elsewhere."""
         other = copy(self)
         other.folder = shutil.copytree(self.folder, folder, dirs_exist_ok=True)
+        share_kernels(self.folder, folder)
         if (folder / "mlflow.db").is_file():  # it knows where its figures are
             with closing(sqlite3.connect(folder / "mlflow.db")) as database:
                 for table, column in (("experiments", "artifact_location"), ("runs", "artifact_uri")):
                     database.execute(f"update {table} set {column} = replace({column}, ?, ?)", (str(self.folder), str(folder)))
                 database.commit()
         return other
+
+    def git(self, *words: str) -> str:
+        """What git prints; its author is nobody."""
+        who = ("-c", "user.name=nobody", "-c", "user.email=nobody@localhost")
+        done = subprocess.run(["git", *who, *words], cwd=self.folder, capture_output=True, text=True, check=True)
+        return done.stdout
 
     def run(self, *command: str) -> str:
         done = subprocess.run(
@@ -77,6 +106,11 @@ class Clone:
         """Every file of every artifact, with the digest of its bytes."""
         files = [path for path in (self.folder / "artifacts").rglob("*") if path.is_file()]
         return {str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest() for path in files}
+
+    def draw_small(self) -> None:
+        """Draw Scan Contexts of 16 × 48, on which a network trains six times as fast."""
+        for size, less in (("rings: 40", "rings: 16"), ("sectors: 120", "sectors: 48")):
+            self.edit("conf/view/scan_context.yaml", size, less)
 
     def edit(self, path: str, old: str, new: str) -> str:
         before = (self.folder / path).read_text()

@@ -23,7 +23,7 @@ def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: 
     assert cells.code == 0
     own = cells.jobs[1]
     assert own["built"] == own["from_sweeps"] == {}
-    known = results.read(built.folder / "artifacts", ["campus"])
+    known = results.read(built.folder / "artifacts", {"campus": {}})
     known = known[(known["method"] == "sci") & (known["variant"] == "") & (known["change"] == "")]
     told, known = (frame.set_index(["sequence", "kind", "protocol", "number"])["value"] for frame in (table(own["rows"]), known))
     assert len(told) > 100

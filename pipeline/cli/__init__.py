@@ -44,11 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
         "names of files in conf/dataset, and root, log, parts, train, tests, methods, world, budget, question, seeds, variants,"
-        " poses, paths; without any, the studies in use"
+        " poses, paths, latency; without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
-    use.add_argument("--keep", action="store_true", help="leave a list of these data sets and world as it is, additions and all")
+    use.add_argument("--keep", action="store_true", help="leave a list of these data sets, worlds and budgets as it is")
     fetch = commands.add_parser(
         "fetch", help="bring official archives: resumed, checked, unpacked, laid as the reader expects them"
     )
@@ -67,10 +67,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     site.add_commands(commands)
     grow.add_command(commands)
     picture.add_command(commands)
-    same = commands.add_parser(
-        "unchanged", help="whether no file changed since the last `dvc repro` of `make demo`; if one did, exit code 1"
-    )
-    same.add_argument("--remember", action="store_true", help="`dvc repro` has just ended well")
     given, rest = parser.parse_known_args(arguments)
     if rest and (given.command != "use" or any(word.startswith("-") for word in rest)):
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
@@ -94,13 +90,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.running.repair import add_missing_locks
     from pipeline.studies.expansion import expand
     from pipeline.studies.names import complete, lists_text, propose, studies_text
     from pipeline.studies.parts import lay, parted
 
     conf = conf_folder()
-    add_missing_locks(conf.parent)
     datasets = [word for word in given.words if "=" not in word]
     options = dict(word.split("=", 1) for word in given.words if "=" in word)
     if options and not datasets:
@@ -109,7 +103,9 @@ def _use(given: argparse.Namespace) -> None:
     present = read_studies() if kept or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
-    same = wanted.keys() == present.keys() and all(wanted[name]["world"] == present[name].get("world") for name in wanted)
+    same = wanted.keys() == present.keys() and all(
+        wanted[name][word] == present[name].get(word) for name in wanted for word in ("world", "budget")
+    )
     chosen = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
     studies = complete(conf, chosen)
     with suppress(ConfigError):  # a broken list is written anew
@@ -174,23 +170,11 @@ def _repair(given: argparse.Namespace) -> None:
     from pipeline.running.repair import repair
 
     for lock in repair(Path()):
-        print(f"{lock}: was torn by a kill, removed; what is finished comes back from DVC's cache")
+        print(f"{lock}: was torn by a kill and is empty now; what is finished comes back from DVC's cache")
     check_files(conf_folder())
 
 
-def _unchanged(given: argparse.Namespace) -> None:
-    from pipeline.running.unchanged import remember, unchanged
-
-    if given.remember:
-        remember(Path())
-    elif unchanged(Path()):
-        print("nothing has changed since the last `dvc repro`")
-    else:
-        read_studies()  # which says what is wrong where it cannot be read
-        sys.exit(1)
-
-
-COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, _repair, _unchanged)} | {
+COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, _repair)} | {
     "results": results.results,
     "repro": repro.repro,
     "localize": localize,

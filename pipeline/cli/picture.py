@@ -1,6 +1,7 @@
 """`yearloc picture`: a moving picture of one test day."""
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,42 @@ def add_command(commands: Any) -> None:
     draw.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="its name ends in .gif, .webp or .png")
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A moving picture that was written."""
+
+    path: Path
+    title: str
+    """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
+    right: int
+    counted: int
+    """Answers to seen queries, and how many of them are right."""
+    correct_m: float
+    simulated: bool
+    frames: int
+
+    @property
+    def line(self) -> str:
+        """What the command prints."""
+        share = f"{self.right} of {self.counted} answers right within {self.correct_m:g} m{', simulated' * self.simulated}"
+        return f"{self.path}: {self.title}: {share}; {self.frames} frames, {self.path.stat().st_size / 1e6:.2f} MB"
+
+    @property
+    def page(self) -> str:
+        """The picture and its caption for README.md."""
+        share = self.right / self.counted if self.counted else 0.0
+        told = f"{self.title}: {self.right} of {self.counted} answers right within {self.correct_m:g} m ({share:.3f})"
+        data = "Simulated" if self.simulated else "Recorded"
+        return f"![{told}]({self.path.as_posix()})\n\n*{data}. {told}; answers turn blue where they are right.*"
+
+
 def picture(given: argparse.Namespace) -> None:
     """Draw it, and say how large it is."""
+    print(draw(given.of, given.day, given.out).line)
+
+
+def draw(of: str, test_day: str | None, out: Path) -> Drawn:
+    """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last."""
     from pipeline.evaluation import results
     from pipeline.report.figures import animation
     from pipeline.report.figures import picture as moving
@@ -27,29 +62,28 @@ def picture(given: argparse.Namespace) -> None:
     from pipeline.report.study import Study
     from pipeline.studies.expansion import answerers, asks_about_the_year
 
-    check_folder(given.out)
-    animation.check_ending(given.out)
-    studies, (name, grid, model) = read_studies(), _parts(given.of)
+    check_folder(out)
+    animation.check_ending(out)
+    studies, (name, grid, model) = read_studies(), _parts(of)
     if name not in studies or grid not in studies[name]["grids"]:
         known = ", ".join(f"{one}/{own}" for one, study in studies.items() for own in study["grids"])
-        raise ConfigError(f"{given.of}: no such study and grid, expected one of {known or 'none: `yearloc use campus` first'}")
+        raise ConfigError(f"{of}: no such study and grid, expected one of {known or 'none: `yearloc use campus` first'}")
     study = studies[name]
     if not asks_about_the_year(study):
-        raise ConfigError(f"{given.of}: this study turns robots where they stand, and drives no test day")
-    if model not in (models := [one.name for one in answerers(study)]):
-        raise ConfigError(f"{given.of}: no such method, expected one of {', '.join(models)}")
+        raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
+    if model not in (models := [answers.name for answers in answerers(study)]):
+        raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")
     days = [*study["tests"], *study.get("stress", {})]
     artifacts = Path("artifacts")
-    if given.day and given.day not in days:
-        raise ConfigError(f"{given.day}: no such test day, expected one of {', '.join(days)}")
-    table = results.read(artifacts, [name])
+    if test_day and test_day not in days:
+        raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
+    table = results.read(artifacts, {name: study})
     age = dict(zip(table["sequence"], table["days"], strict=True))
-    sequence = given.day or max(study["tests"], key=lambda test: age.get(test, 0))
+    sequence = test_day or max(study["tests"], key=lambda test: age.get(test, 0))
     drive = Drive.of(Study(artifacts, name, study, grid, table), model, sequence)
-    frames, size = moving.write(drive, given.out, Bar())
-    counted, right = drive.counted[:, -1]
-    share = f"{right} of {counted} answers right within {drive.correct_m:g} m{', simulated' * drive.simulated}"
-    print(f"{given.out}: {drive.title}: {share}; {frames} frames, {size / 1e6:.2f} MB")
+    frames, _ = moving.write(drive, out, Bar())
+    counted, right = drive.counted[:, -1].tolist()
+    return Drawn(out, drive.title, right, counted, drive.correct_m, drive.simulated, frames)
 
 
 def _parts(name: str) -> tuple[str, str, str]:

@@ -36,11 +36,8 @@ def add_command(commands: Any) -> None:
 
 def repro(given: argparse.Namespace) -> None:
     """Run `dvc repro` and show its lines, each stage's with its number; its exit code is ours."""
-    from pipeline.running.repair import add_missing_locks
-
     for name in WRITTEN:
         read_yaml(conf_folder() / name)
-    add_missing_locks(Path())
     counting = Counting(count_instances(Path()))
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else lines come when a buffer is full
     if not which("dvc"):

@@ -3,11 +3,18 @@
 import argparse
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.cli.project import read_studies
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.running.texts import folded, terminal_width
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+PICTURE = Path("docs/year.gif")
+"""README's."""
 
 
 def add_command(commands: Any) -> None:
@@ -16,7 +23,10 @@ def add_command(commands: Any) -> None:
     words.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
     words.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
     words.add_argument("--json", action="store_true", help="the same as a list of objects")
-    words.add_argument("--markdown", action="store_true", help="a page of tables, as docs/RESULTS.md")
+    words.add_argument("--markdown", action="store_true", help="all tables, as in docs/RESULTS.md")
+    words.add_argument(
+        "--write", action="store_true", help="fill the marked blocks of README.md and docs/RESULTS.md, and draw README's picture"
+    )
     words.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
 
 
@@ -28,11 +38,13 @@ def results(given: argparse.Namespace) -> None:
     from pipeline.evaluation.results import read, where
     from pipeline.evaluation.rows import COLUMNS
 
-    table = read(Path("artifacts"), list(studies))
+    table = read(Path("artifacts"), studies)
     if given.markdown:
         from pipeline.report.document import document
 
         return print(document(table, studies), end="")
+    if given.write:
+        return _write(table, studies)
     if not (given.csv or given.json or given.where):
         from pipeline.report.brief import brief
 
@@ -46,6 +58,25 @@ def results(given: argparse.Namespace) -> None:
     if given.json:
         return print(table.to_json(orient="records"))
     return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()))
+
+
+def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]]) -> None:
+    """Fill the blocks of the pages that these studies can fill."""
+    from pipeline.cli.picture import draw
+    from pipeline.networks.loop import arithmetic
+    from pipeline.report.pages import PAGES, blocks, filled, table_texts
+
+    texts = table_texts(table, studies, arithmetic())
+    pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
+    wanted = {path: blocks(page) for path, page in pages.items()}
+    for block in {block for own in wanted.values() for block in own if block.kind == "picture"}:
+        if block.study in studies and studies[block.study]["budget"] == block.budget:
+            grid = studies[block.study]["grids"][0]
+            texts[block] = draw(f"{block.study}/{grid}/sci_ring-pose", None, PICTURE).page
+    for path, page in pages.items():
+        path.write_text(filled(page, texts), encoding="utf-8")
+        for block in wanted[path]:
+            print(f"{path}: {' '.join(block)}: {'written' if block in texts else 'left, of a study that is not in use here'}")
 
 
 def _full(places: list[tuple[str, str]]) -> None:

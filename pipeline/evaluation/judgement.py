@@ -41,6 +41,11 @@ class Judgement:
     numbers: NDArray[np.float64]  # (number, 3)
     rejection: NDArray[np.float64]  # (kind, measure, 3)
 
+    @property
+    def answered(self) -> float:
+        """The share of the judged queries that the method dares to answer; 0 where none is judged."""
+        return float(np.isin(self.outcome, (HIT, FALSE_ALARM)).sum() / max((self.outcome != NOT_JUDGED).sum(), 1))
+
     def turned_share(self, turn_deg: NDArray[np.float64]) -> float:
         """The share of the seen queries that drive another way than training, by their headings (q,) against it; NaN of none."""
         return float((np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG).mean()) if self.seen.any() else np.nan
@@ -147,7 +152,7 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:
-    """The numbers of metrics.json; None where there is none, so the file is valid JSON."""
+    """All numbers of an evaluation by name; None where there is none, so that JSON can hold them."""
     found: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
     for protocol in PROTOCOLS:
         by = evaluation.protocol(protocol)
@@ -156,6 +161,21 @@ def summary(evaluation: Evaluation) -> dict[str, Any]:
         found[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
     found["calibration"] = _valid(dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True)))
     return found
+
+
+def metrics(evaluation: Evaluation) -> dict[str, float]:
+    """The few numbers that `dvc metrics show` has in the row of a model and sequence.
+
+    auc_top1 is the papers', by cells; the others go by distance. A number that there is none of is left out.
+    """
+    shown = {
+        "auc_top1": evaluation.number("cells", "auc_top1")[0],
+        "recall_at_1": evaluation.number("distance", "recall_at_1")[0],
+        "answered": evaluation.distance.answered,
+        "right_of_answered": evaluation.number("distance", "precision_at_threshold")[0],
+        "within_2m_5deg": evaluation.number("distance", "within_2m_5deg")[0],
+    }
+    return {name: value for name, value in shown.items() if np.isfinite(value)}
 
 
 def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:

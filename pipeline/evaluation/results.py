@@ -30,7 +30,16 @@ from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence, best_precision
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.store import Artifact
-from pipeline.studies.expansion import ModelName, answerers, asks_about_the_year, grids, models_of, on_bird_views
+from pipeline.studies.expansion import (
+    ModelName,
+    Study,
+    answerers,
+    asks_about_the_year,
+    grids,
+    is_timed,
+    models_of,
+    on_bird_views,
+)
 
 FILE = "results.csv"
 
@@ -134,17 +143,18 @@ class Gathering:
         return self.artifacts.joinpath(kind, self.name, *names)
 
 
-def read(artifacts: Path, studies: Sequence[str]) -> pd.DataFrame:
-    """The table of some studies with their timings; raises ArtifactError where a study has none yet."""
+def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
+    """The table of some studies by name, with their timings; raises ArtifactError where a study has none yet."""
     frames = []
-    for study in studies:
-        path = artifacts / "results" / study / FILE
+    for name, study in studies.items():
+        path = artifacts / "results" / name / FILE
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-        courses = sorted((artifacts / "lifelong" / study).glob("*/*/*.json"))  # beside the artifacts, not in them
+        courses = sorted((artifacts / "lifelong" / name).glob("*/*/*.json"))  # beside the artifacts, not in them
         told = [json.loads(course.read_text(encoding="utf-8")) for course in courses]
         frames += [table(row for one in told for row in cost_rows(one))] if told else []
-        frames += [_parsed(one) for one in (path, *sorted((artifacts / "latency" / study).glob("*.csv")))]
+        timings = sorted((artifacts / "latency" / name).glob("*.csv")) if is_timed(study) else []
+        frames += [_parsed(one) for one in (path, *timings)]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 
 

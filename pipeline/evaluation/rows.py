@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.alterations import Case
-from pipeline.evaluation.judgement import FALSE_ALARM, HIT, NOT_JUDGED, Evaluation
+from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
@@ -47,7 +47,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         by = evaluation.protocol(protocol)
         counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
         shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
-        shares["answered"] = np.isin(by.outcome, (HIT, FALSE_ALARM)).sum() / max((by.outcome != NOT_JUDGED).sum(), 1)
+        shares["answered"] = by.answered
         numbers = dict(zip(NUMBERS, by.numbers, strict=True))
         known = {name: values for name, values in numbers.items() if name not in POSES or not np.isnan(evaluation.promised)}
         yield from several(parts, protocol, counts | shares | known | ({} if case.change else evaluation.doubts(protocol)))

@@ -173,7 +173,13 @@ def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
     return (whole - least) / max(len(views.images) - 1, 1)
 
 
+def means(seeds: list[dict[str, dict[str, float | None]]]) -> dict[str, float]:
+    """Means over headings and seeds of the numbers that a line has room for; those that there are none of are left out."""
+    found = {name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds]) for name in SHOWN}
+    return {name: float(value) for name, value in found.items() if np.isfinite(value)}
+
+
 def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
-    """Means over headings and seeds of the numbers that a line has room for."""
-    means = {name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds]) for name in SHOWN}
-    return ", ".join(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none" for name, value in means.items())
+    """The same in words."""
+    known = means(seeds)
+    return ", ".join(f"{name} {known[name]:.3f}" if name in known else f"{name} none" for name in SHOWN)

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError
+from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 
 Net = TypeVar("Net", bound=nn.Module)
@@ -46,6 +47,11 @@ def dtype(where: torch.device, precision: Precision) -> torch.dtype:
     """bfloat16 if `precision` says so, else float32; with auto bfloat16 on any GPU, and on processors with the instructions."""
     fast = precision == "auto" and (where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported())
     return torch.bfloat16 if precision == "bf16" or fast else torch.float32
+
+
+def arithmetic() -> str:
+    """What networks compute in on this machine where nothing else is said: `bfloat16` or `float32`."""
+    return str(dtype(device(), "auto")).removeprefix("torch.")
 
 
 def autocast(where: torch.device, precision: Precision) -> torch.autocast:

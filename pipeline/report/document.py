@@ -1,4 +1,4 @@
-"""The results of all studies as one markdown page, from the table of results alone."""
+"""The results of all studies as markdown, from the table of results alone."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -17,7 +17,7 @@ POSES = ("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "recall_99
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """Recorded studies first; those that ask about viewpoints alone are left out."""
+    """All tables, recorded studies first; those that ask about viewpoints alone are left out."""
     shown = []
     for name, study in sorted(studies.items(), key=lambda one: one[1]["source"] == "world"):
         for grid in study["grids"]:
@@ -25,6 +25,18 @@ def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) ->
             if (summary := Summary.of(own, study)).rows:
                 shown.append({"name": name, "study": study, "grid": grid, "tables": list(_tables(own, summary))})
     return template("results.md.j2", studies=shown)
+
+
+def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
+    """The first table of each study alone: the shares that are right, by day, without what a query costs."""
+    tables = []
+    for name, study in studies.items():
+        for grid in study["grids"]:
+            own = results[(results["study"] == name) & (results["grid"] == grid) & (results["number"] != "query_ms")]
+            summary = Summary.of(own, study)
+            if summary.rows:
+                tables.append(scorecard(summary, [day(sequence) for sequence in summary.tests]).markdown())
+    return "\n".join(tables)
 
 
 def _tables(own: pd.DataFrame, summary: Summary) -> Iterator[Table]:

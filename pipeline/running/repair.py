@@ -1,6 +1,7 @@
-"""What a kill may leave of DVC's own files, put right."""
+"""What a kill or an earlier version of yearloc left of DVC's own files, put right."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,26 +18,30 @@ EMPTY = "schema: '2.0'\n"
 def repair(root: Path) -> list[Path]:
     """Empty the lock files that a kill tore, and return them; remove the table of locks if none of its holders lives.
 
-    DVC writes these in place. The project's lock files are links into .dvc/locks, which git ignores; a fresh clone has links
-    alone, and the files that they name are written here.
+    DVC writes these in place.
     """
+    bring_over(root)
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
     for lock in torn:
-        lock.resolve().write_text(EMPTY, encoding="utf-8")
-    add_missing_locks(root)
+        lock.write_text(EMPTY, encoding="utf-8")
     table = root / ".dvc/tmp/rwlock"
     if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
         table.unlink()
     return torn
 
 
-def add_missing_locks(root: Path) -> None:
-    """Write the lock files that a fresh clone's links name: DVC refuses a link that leads nowhere."""
-    for link in (path.with_name("dvc.lock") for path in files(root / "dvc.yaml")):
-        if link.is_symlink() and not link.exists():
-            path = link.resolve()
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(EMPTY, encoding="utf-8")
+def bring_over(root: Path) -> None:
+    """Move the lock files of version 0.1, which lay in .dvc/locks, to beside their dvc.yaml, where DVC wants them."""
+    old = root / ".dvc/locks"
+    for lock in old.glob("*.lock"):
+        folder = root if lock.stem == "root" else root / "dag" / lock.stem
+        beside = folder / "dvc.lock"
+        if beside.is_symlink():
+            beside.unlink()
+        if not beside.exists() and (folder / "dvc.yaml").is_file():
+            lock.replace(beside)
+    if old.is_dir() and not any(old.glob("*.lock")):
+        shutil.rmtree(old)
 
 
 def _yaml(text: str) -> Any:

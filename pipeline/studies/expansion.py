@@ -84,7 +84,7 @@ def expand(studies: Mapping[str, Study]) -> Lists:
         "evaluated": "artifacts/evaluate" if lists["rankings"] else INSTEAD["evaluated"],
         "viewed": "artifacts/viewpoints" if lists["viewpoints"] else INSTEAD["viewed"],
         "learned": "artifacts/lifelong" if lists["lifelong"] else INSTEAD["learned"],
-        "timed": "artifacts/latency" if lists["rankings"] else INSTEAD["changed"],
+        "timed": "artifacts/latency" if lists["latency"] else INSTEAD["changed"],
     }
     return lists
 
@@ -137,7 +137,10 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
             lists["paths"][f"{dataset}-{grid}-{answers.name}"] = followed | {"out": answers.name, "tests": asked["tests"]}
         elif answers.posed:
             lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
-            lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {name: asked[name] for name in ("tests", "alterations")}
+            lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {
+                **{name: asked[name] for name in ("tests", "alterations")},
+                "budget": study["budget"],
+            }
 
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
@@ -146,7 +149,7 @@ def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     lifelong = study.get("question") == LIFELONG
     bird_views = bool(on_bird_views(study["methods"])) and not lifelong
     own = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
-    lists["latency"] |= own if year else {}
+    lists["latency"] |= own if year and is_timed(study) else {}
     lists["viewpoints"] |= own if bird_views else {}
     if robust:
         entry = {"dataset": dataset, "train": study["train"], "sequences": " ".join(study["tests"])}
@@ -165,6 +168,11 @@ def asks_about_the_year(study: Study) -> bool:
     if question not in QUESTIONS:
         raise ConfigError(f"question={question}: expected {', '.join(QUESTIONS[:-1])} or {QUESTIONS[-1]}")
     return question in QUESTIONS[:2]
+
+
+def is_timed(study: Study) -> bool:
+    """Whether the study measures what a query costs; a study that says nothing does."""
+    return bool(study.get("latency", True))
 
 
 def grids(study: Study) -> tuple[str, ...]:

@@ -82,6 +82,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     """
     dataset = read_yaml(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
     allowed = {"tests", "methods", "budget", "question", "seeds", "variants", "altered", "cells", "poses", "paths", "scale"}
+    allowed |= {"latency"}
     allowed |= {"learned"} if options.get("question") == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     if unknown := sorted(set(options) - allowed):
@@ -128,12 +129,15 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         raise ConfigError(f"paths={options['paths']}: joins poses along a drive; say poses=METHOD too")
     besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "paths": paths}
     besides["tolerance"] = scale.get("tolerance")
+    if (timed := options.get("latency", "yes")) not in ("yes", "no"):
+        raise ConfigError(f"latency={timed}: expected yes or no")
     if question == LIFELONG:
         days = further_days(study, options, preset if dataset["simulated"] else "", places["tests"])
         places = {**places, **days}
         for one in methods:
             one["courses"] = courses(study, read_yaml(conf / "method" / f"{one['name']}.yaml"), "updates" in days)
-    return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}}, found.notes)
+    untimed = {"latency": False} if timed == "no" else {}
+    return Proposal({**places, **words, **{name: value for name, value in besides.items() if value}, **untimed}, found.notes)
 
 
 def spread(tests: list[str], number: int) -> list[str]:

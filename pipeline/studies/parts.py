@@ -10,7 +10,6 @@ from typing import Any
 import yaml
 
 from pipeline.running.dvc_files import Yaml
-from pipeline.running.repair import add_missing_locks
 
 LIST, STAGES = "drives", ("logs", "scans")
 """The list that grows with a study's sequences, and the stages with an instance for each of its entries."""
@@ -41,17 +40,14 @@ def lay(root: Path, lists: Mapping[str, Mapping[str, Any]]) -> None:
                 folder.mkdir(exist_ok=True)
                 own = text.replace(f"${{lists.{LIST}}}", f"${{lists.{LIST}{_ending(part, '_')}}}")
                 (folder / "dvc.yaml").write_text(HEAD.format(stage=stage) + own, encoding="utf-8")
-            if not (folder / "dvc.lock").is_symlink():
-                (folder / "dvc.lock").unlink(missing_ok=True)
-                (folder / "dvc.lock").symlink_to(f"../../.dvc/locks/{folder.name}.lock")
-        add_missing_locks(root)
         for folder, names in wanted.items():
             own_stages = {name: recorded[name] for key in names if (name := f"{stage}@{key}") in recorded}
-            if own_stages != _stages(folder / "dvc.lock"):
-                content = {"schema": "2.0", **({"stages": own_stages} if own_stages else {})}
-                (folder / "dvc.lock").resolve().write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+            lock = folder / "dvc.lock"
+            if not own_stages:
+                lock.unlink(missing_ok=True)
+            elif own_stages != _stages(lock):
+                lock.write_text(yaml.safe_dump({"schema": "2.0", "stages": own_stages}, sort_keys=False), encoding="utf-8")
         for folder in spare:
-            (folder / "dvc.lock").resolve().unlink(missing_ok=True)
             shutil.rmtree(folder)
 
 

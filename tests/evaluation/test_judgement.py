@@ -13,7 +13,7 @@ from pipeline.alterations import Case, read_cases
 from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge, judge_cases, outcomes
-from pipeline.evaluation.judgement import HIT, MISS, Evaluation, Judgement, columns, summary
+from pipeline.evaluation.judgement import HIT, MISS, Evaluation, Judgement, columns, metrics, summary
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.frames import turns
@@ -309,3 +309,16 @@ def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_
     assert drive().cells.outcome[0] == HIT
     assert posed.cells.outcome[0] == MISS
     assert posed.distance.outcome[0] == drive().distance.outcome[0] == HIT
+
+
+def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
+    # By distance three are seen, all right and accepted; the fourth is not judged, the fifth is rejected: 3 of 4 answered.
+    found = metrics(drive())
+    assert {name: found[name] for name in ("recall_at_1", "answered", "right_of_answered")} == {
+        "recall_at_1": 1.0,
+        "answered": 3 / 4,
+        "right_of_answered": 1.0,
+    }
+    assert found["auc_top1"] == summary(drive())["cells"]["auc_top1"]
+    assert "within_2m_5deg" not in found  # there are no poses
+    assert metrics(drive(poses=standing(XY_M, YAW_DEG)))["within_2m_5deg"] == 1.0

@@ -255,20 +255,20 @@ def test_every_digit_comes_back_from_the_csv(gathered: pd.DataFrame, written: Pa
     noisy = gathered.assign(value=rng.normal(0, 1, len(gathered)) * 10.0 ** rng.integers(-12, 12, len(gathered)))
     for frame in (gathered, noisy):
         frame.to_csv(written / "results/campus/results.csv", index=False)
-        pd.testing.assert_frame_equal(results.read(written, ["campus"]), frame, check_exact=True)
+        pd.testing.assert_frame_equal(results.read(written, {"campus": {}}), frame, check_exact=True)
 
 
 def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) -> None:
     (written / "latency/campus").mkdir(parents=True)
     timed = table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m")
     timed.to_csv(written / "latency/campus/10m.csv", index=False)
-    found = results.read(written, ["campus"])
+    found = results.read(written, {"campus": {}})
     assert len(found) == len(gathered) + 1
     assert value(found, "query_ms", method="sci") == 3.0
     assert found.dtypes.tolist() == gathered.dtypes.tolist()
-    assert results.read(written, []).empty
+    assert results.read(written, {}).empty
     with pytest.raises(ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"):
-        results.read(written, ["campus", "town"])
+        results.read(written, {"campus": {}, "town": {}})
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_a_damaged_table_is_refused(written: Path, damage: Callable[[str], str])
     path = written / "results/campus/results.csv"
     path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
     with pytest.raises(ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"):
-        results.read(written, ["campus"])
+        results.read(written, {"campus": {}})
 
 
 def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) -> None:

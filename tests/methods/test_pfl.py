@@ -11,6 +11,7 @@ from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
 from pipeline.running.progress import Progress
+from tests.learning import Clears
 from tests.matching.made import along
 
 ROWS, HEADINGS = 24, 16
@@ -32,25 +33,27 @@ def rows(seed: int = 1) -> Rows:
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return SMALL.learn(rows(), PLACES, PROGRESS)
+def model(seed: int) -> Model:
+    return replace(SMALL, seed=seed).learn(rows(), PLACES, PROGRESS)
 
 
-def test_noisy_views_are_known_and_their_heading_told(model: Model) -> None:
+@pytest.mark.learning
+def test_noisy_views_are_known_and_their_heading_told(model: Model, clears: Clears) -> None:
     ranking = SMALL.localizer(model)(rows(2), 3)
-    assert (ranking.places[:, 0] == PLACES).mean() > 0.9
+    clears((ranking.places[:, 0] == PLACES).mean(), 0.8)
     assert np.abs(ranking.xy_m[:, 0, 0] - 2 * np.arange(ROWS)).mean() < 1
     assert ranking.kinds == ("cost", "ratio")
     # Headings 0 and 45 show the same picture here; the first of equals is told for most.
-    assert np.isin(ranking.heading_deg[:, 0], [0, 45]).mean() > 0.9
+    clears(np.isin(ranking.heading_deg[:, 0], [0, 45]).mean(), 0.8)
 
 
+@pytest.mark.learning
 @pytest.mark.parametrize(("quarters", "told"), [(1, (90, 135)), (2, (180, -135)), (3, (-90, -45))])
-def test_a_turned_robot_is_known_and_told(model: Model, quarters: int, told: tuple[float, float]) -> None:
+def test_a_turned_robot_is_known_and_told(model: Model, quarters: int, told: tuple[float, float], clears: Clears) -> None:
     turned = replace(rows(2), images=np.roll(rows(2).images, -4 * quarters, axis=1))
     ranking = SMALL.localizer(model)(turned, 1)
-    assert (ranking.places[:, 0] == PLACES).mean() > 0.9
-    assert np.isin(ranking.heading_deg[:, 0], told).mean() > 0.9
+    clears((ranking.places[:, 0] == PLACES).mean(), 0.8)
+    clears(np.isin(ranking.heading_deg[:, 0], told).mean(), 0.8)
 
 
 def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_curves(model: Model) -> None:

@@ -10,6 +10,7 @@ from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci import Sci
 from pipeline.running.progress import Progress
+from tests.learning import Clears
 from tests.matching.made import along
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
@@ -33,8 +34,8 @@ TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
-    return SMALL.learn(rows(2), TRUTH, Progress())
+def model(seed: int) -> Model:
+    return replace(SMALL, seed=seed).learn(rows(2), TRUTH, Progress())
 
 
 @pytest.fixture(scope="module")
@@ -47,27 +48,30 @@ def right(method: Sci, model: Model, views: Rows) -> float:
     return float((method.localizer(model)(views, 1).places[:, 0] == TRUTH).mean())
 
 
-def test_places_are_learned(model: Model) -> None:
-    assert right(SMALL, model, rows(3)) > 0.95
-    assert model["curves/loss"][-1] < 0.3 * model["curves/loss"][0]
+@pytest.mark.learning
+def test_places_are_learned(model: Model, clears: Clears) -> None:
+    clears(right(SMALL, model, rows(3)), 0.8)
+    clears(1 - model["curves/loss"][-1] / model["curves/loss"][0], 0.7)
     assert model["curves/loss"].shape == (16,)
     assert int(model["best_epoch"].item()) == int(model["curves/held_out_loss"].argmin())
 
 
-def test_a_reversed_view_is_known_after_two_way_training(model: Model) -> None:
+@pytest.mark.learning
+def test_a_reversed_view_is_known_after_two_way_training(model: Model, seed: int, clears: Clears) -> None:
     # n_way 2 turns each training image by half of the 24 columns; one-way training never saw that side.
     back = rows(3, turn=SECTORS // 2)
-    assert right(SMALL, model, back) > 0.95
-    one_way = replace(SMALL, n_way=1)
+    clears(right(SMALL, model, back), 0.8)
+    one_way = replace(SMALL, n_way=1, seed=seed)
     once = one_way.learn(rows(2), TRUTH, Progress())
-    assert right(one_way, once, rows(3)) > 0.95
-    assert right(one_way, once, back) < 0.7
+    clears(right(one_way, once, rows(3)), 0.8)
+    clears(1 - right(one_way, once, back), 0.2)
 
 
-def test_every_way_of_n_is_known() -> None:
-    four = replace(SMALL, n_way=4)
+@pytest.mark.learning
+def test_every_way_of_n_is_known(seed: int, clears: Clears) -> None:
+    four = replace(SMALL, n_way=4, seed=seed)
     learned = four.learn(rows(2), TRUTH, Progress())
-    assert min(right(four, learned, rows(3, turn)) for turn in (0, 6, 12, 18)) > 0.9
+    clears(min(right(four, learned, rows(3, turn)) for turn in (0, 6, 12, 18)), 0.8)
 
 
 def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_their_places_views(ranking: Ranking) -> None:

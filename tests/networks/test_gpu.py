@@ -14,7 +14,7 @@ from pipeline.running.progress import Progress
 from tests.networks.test_classifier import SETTINGS, TRUTH, rows
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here")]
-LONGER: dict[str, Any] = SETTINGS | {"epochs": 16, "dropout": 0.2}
+LONGER: dict[str, Any] = SETTINGS | {"epochs": 16, "dropout": 0.2, "precision": "auto"}
 
 
 @pytest.mark.parametrize("method", [Sci(**LONGER), SciRing(**LONGER)], ids=["sci", "sci_ring"])

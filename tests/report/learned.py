@@ -70,7 +70,7 @@ def build(artifacts: Path) -> Study:
     table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), Bands((25.0,)), 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
-    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, ["campus"]))
+    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
 
 
 def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def build(artifacts: Path) -> Study:
     table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), BANDS, 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
-    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, ["campus"]))
+    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
 
 
 def judged(path: Path, model: str, sequence: str, days: int) -> None:

@@ -1,4 +1,4 @@
-"""What a fresh clone lacks and what a kill leaves of DVC's own files."""
+"""What a kill and an earlier version leave of DVC's own files."""
 
 import json
 import os
@@ -7,46 +7,57 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.running.repair import add_missing_locks, repair
+from pipeline.running.repair import repair
+
+WHOLE = "schema: '2.0'\nstages: {a: {cmd: x}}\n"
 
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """A project with a root file and one stage, whose locks are links into .dvc/locks."""
-    for folder, link in (("", ".dvc/locks/root.lock"), ("dag/train", "../../.dvc/locks/train.lock")):
+    """A project with a root file and one stage, each with a whole lock file."""
+    for folder in ("", "dag/train"):
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)
         (tmp_path / folder / "dvc.yaml").write_text("stages: {}\n")
-        (tmp_path / folder / "dvc.lock").symlink_to(link)
+        (tmp_path / folder / "dvc.lock").write_text(WHOLE)
     return tmp_path
 
 
-def test_a_fresh_clone_gets_the_lock_files_that_its_links_name(clone: Path) -> None:
+def test_a_torn_lock_is_emptied_and_a_whole_one_left_alone(clone: Path) -> None:
+    torn = clone / "dag/train/dvc.lock"
+    torn.write_text("schema: '2.0'\nstages:\n  a: {cmd: 'x")
+    assert repair(clone) == [torn]
+    assert yaml.safe_load(torn.read_text()) == {"schema": "2.0"}
+    assert (clone / "dvc.lock").read_text() == WHOLE
+
+
+def test_a_fresh_clone_without_lock_files_needs_no_repair(clone: Path) -> None:
+    for lock in clone.rglob("dvc.lock"):
+        lock.unlink()
     assert repair(clone) == []
-    assert [yaml.safe_load((clone / name / "dvc.lock").read_text()) for name in ("", "dag/train")] == [{"schema": "2.0"}] * 2
+    assert not list(clone.rglob("dvc.lock"))
 
 
-def test_missing_locks_alone_are_written_where_only_they_are_asked_for(clone: Path) -> None:
+@pytest.mark.parametrize("links", [True, False], ids=["links still there", "links removed by git"])
+def test_lock_files_of_an_old_clone_move_beside_their_stages(clone: Path, links: bool) -> None:
+    """Version 0.1 kept them in .dvc/locks, and links to them in their places."""
     (clone / ".dvc/locks").mkdir(parents=True)
-    (clone / ".dvc/locks/train.lock").write_text("torn: {")
-    add_missing_locks(clone)
-    assert yaml.safe_load((clone / "dvc.lock").read_text()) == {"schema": "2.0"}
-    assert (clone / "dag/train/dvc.lock").read_text() == "torn: {"
-
-
-def test_a_torn_lock_is_emptied_and_stays_a_link(clone: Path) -> None:
+    (clone / ".dvc/locks/.gitignore").write_text("*.lock")
+    for folder, name in ((clone, "root"), (clone / "dag/train", "train")):
+        (folder / "dvc.lock").replace(clone / f".dvc/locks/{name}.lock")
+        if links:
+            (folder / "dvc.lock").symlink_to(clone / f".dvc/locks/{name}.lock")
     repair(clone)
-    lock = clone / "dag/train/dvc.lock"
-    lock.write_text("schema: '2.0'\nstages:\n  a: {cmd: 'x")
-    assert repair(clone) == [lock]
-    assert lock.is_symlink()
-    assert yaml.safe_load(lock.read_text()) == {"schema": "2.0"}
+    for folder in (clone, clone / "dag/train"):
+        assert not (folder / "dvc.lock").is_symlink()
+        assert (folder / "dvc.lock").read_text() == WHOLE
+    assert not (clone / ".dvc/locks").exists()
 
 
-def test_a_whole_lock_is_left_alone(clone: Path) -> None:
+def test_a_lock_file_that_is_there_already_is_not_replaced_by_an_old_one(clone: Path) -> None:
+    (clone / ".dvc/locks").mkdir(parents=True)
+    (clone / ".dvc/locks/train.lock").write_text("schema: '2.0'\n")
     repair(clone)
-    (clone / "dvc.lock").write_text("schema: '2.0'\nstages: {a: {cmd: x}}\n")
-    assert repair(clone) == []
-    assert "a" in (clone / "dvc.lock").read_text()
+    assert (clone / "dag/train/dvc.lock").read_text() == WHOLE
 
 
 @pytest.mark.parametrize(("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)], ids=["alive", "dead"])

@@ -113,6 +113,7 @@ def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(clone: C
     assert done.returncode == (words[:3] in ("ins", "pac") or words == "use café"), done.stderr
 
 
+@pytest.mark.slow
 def test_a_stage_and_a_sweep_read_utf_8_where_the_locale_is_ascii(clone: Clone) -> None:
     for done in (ended(clone, *LOGS, **ASCII), ended(clone, "-m", "stages.sweep", "--help", **ASCII)):
         assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr

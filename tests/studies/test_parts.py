@@ -7,7 +7,6 @@ import yaml
 
 from pipeline.cli.repro import count_instances
 from pipeline.running.dvc_files import DvcLock, definition
-from pipeline.running.repair import repair
 from pipeline.studies import parts
 from pipeline.studies.parts import lay, parted
 
@@ -24,14 +23,12 @@ LINES = "schema: '2.0'\nstages:\n"
 def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A project of two stages, with locks of the drives a to e, and parts of two."""
     monkeypatch.setattr(parts, "MOST", 2)
-    (tmp_path / ".dvc/locks").mkdir(parents=True)
     (tmp_path / "dvc.yaml").write_text("stages: {report: {cmd: report}}\n")
     for stage in parts.STAGES:
         (tmp_path / f"dag/{stage}").mkdir(parents=True)
         (tmp_path / f"dag/{stage}/dvc.yaml").write_text(STAGE.format(stage))
-        (tmp_path / f"dag/{stage}/dvc.lock").symlink_to(f"../../.dvc/locks/{stage}.lock")
         entries = [f"  {stage}@{drive}: {{cmd: {drive}, outs: [{{path: {stage}/{drive}, rate: 2e-05}}]}}\n" for drive in "abcde"]
-        (tmp_path / f".dvc/locks/{stage}.lock").write_text(LINES + "".join(entries))
+        (tmp_path / f"dag/{stage}/dvc.lock").write_text(LINES + "".join(entries))
     return tmp_path
 
 
@@ -41,9 +38,8 @@ def chosen(root: Path, drives: str) -> dict[str, list[str]]:
     (root / "conf").mkdir(exist_ok=True)
     (root / "conf/lists.yaml").write_text(yaml.safe_dump({"lists": lists}))
     lay(root, lists)
-    return {
-        path.stem: list(yaml.safe_load(path.read_text()).get("stages", {})) for path in sorted((root / ".dvc/locks").glob("s*"))
-    }
+    locks = sorted(root.glob("dag/scans*/dvc.lock"))
+    return {path.parent.name: list(yaml.safe_load(path.read_text())["stages"]) for path in locks}
 
 
 def test_a_list_is_cut_into_parts_of_the_same_order() -> None:
@@ -60,7 +56,6 @@ def test_what_is_recorded_moves_to_the_lock_file_of_its_part_and_back(root: Path
     assert chosen(root, "abcde") == {"scans": ["scans@a", "scans@b"], "scans-2": ["scans@c", "scans@d"], "scans-3": ["scans@e"]}
     assert DvcLock.read(root / "dvc.lock").stages == recorded
     assert recorded["scans@a"]["outs"][0]["rate"] == 2e-05
-    assert (root / "dag/scans-3/dvc.lock").readlink() == Path("../../.dvc/locks/scans-3.lock")
     assert "${lists.drives_3}" in (root / "dag/scans-3/dvc.yaml").read_text()
     assert chosen(root, "xcab") == {
         "scans": ["scans@c"],
@@ -83,8 +78,8 @@ def test_stages_are_counted_over_parts_and_defined_by_the_first(root: Path) -> N
     assert definition(root)["stages"]["scans"]["foreach"] == "${lists.drives}"
 
 
-def test_a_torn_lock_file_records_nothing_and_is_left_to_repair(root: Path) -> None:
-    (root / ".dvc/locks/scans.lock").write_text(LINES + "  scans@a: {cmd: [")
+def test_a_torn_lock_file_records_nothing_and_is_removed(root: Path) -> None:
+    (root / "dag/scans/dvc.lock").write_text(LINES + "  scans@a: {cmd: [")
     lay(root, parted({"drives": {key: {} for key in "abc"}}))
     assert DvcLock.read(root / "dvc.lock").stages.keys() == {"logs@a", "logs@b", "logs@c"}
-    assert repair(root) == [root / "dag/scans/dvc.lock"]
+    assert not (root / "dag/scans/dvc.lock").exists()

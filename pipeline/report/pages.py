@@ -1,0 +1,61 @@
+"""Published numbers: blocks of README.md and docs/RESULTS.md that are written from the studies' tables of results."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from pipeline.errors import ConfigError
+from pipeline.report.brief import WIDEST, brief
+from pipeline.report.document import document, scores
+
+PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
+MARK = re.compile(r"(<!-- results: (?P<words>[^>]*?) -->\n)(?P<text>.*?)(<!-- end of results -->)", re.DOTALL)
+KINDS = "brief", "tables", "picture", "bfloat16", "float32"
+
+
+class Block(NamedTuple):
+    """What a mark such as `<!-- results: campus minutes brief -->` asks for."""
+
+    study: str
+    budget: str
+    """As the study was trained: a file of conf/budget."""
+    kind: str
+    """One of KINDS: a few lines, all tables, the moving picture, or the table as a processor of that arithmetic gives it."""
+
+
+def blocks(page: str) -> list[Block]:
+    """The blocks of a page in its order; raises ConfigError for a mark that is none."""
+    found = []
+    for mark in MARK.finditer(page):
+        words = mark["words"].split()
+        if len(words) != len(Block._fields) or words[2] not in KINDS:
+            raise ConfigError(f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and one of {', '.join(KINDS)}")
+        found.append(Block(*words))
+    return found
+
+
+def filled(page: str, texts: Mapping[Block, str]) -> str:
+    """The page with the text of each of these blocks between its marks; other blocks stay as they are."""
+
+    def text(mark: re.Match[str]) -> str:
+        block = Block(*mark["words"].split())
+        return f"{mark[1]}{texts[block].strip()}\n{mark[4]}" if block in texts else mark[0]
+
+    return MARK.sub(text, page)
+
+
+def table_texts(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str) -> dict[Block, str]:
+    """The text of every block of tables that these studies can fill, on a processor of this `arithmetic`."""
+    texts = {}
+    for name, study in studies.items():
+        own = {name: study}
+        rows = results[results["study"] == name]
+        for kind, text in (
+            ("brief", f"```\n{brief(rows, own, WIDEST).strip()}\n```"),
+            ("tables", document(rows, own)),
+            (arithmetic, scores(rows, own)),
+        ):
+            texts[Block(name, study["budget"], kind)] = text
+    return texts
