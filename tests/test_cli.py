@@ -186,6 +186,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
 @pytest.mark.parametrize(
     ("words", "part"),
     [
+        ("use campus latency=perhaps", "latency=perhaps: expected yes or no"),
         ("use suburb question=viewpoints methods=pfl,sci", "only methods that look at bird-views"),
         ("use campus question=viewpoints", "question=viewpoints: of campus expected year"),
         ("use suburb question=train", "expected year or robustness or viewpoints"),
@@ -262,7 +263,7 @@ def test_a_broken_list_of_studies_is_written_anew(project, capsys):
     [
         (
             "studies",
-            ("use", "results", "results --full", "repro", "unchanged", "repair", "picture a/b/c -o a.gif", "pack a/b/c -o a"),
+            ("use", "results", "results --full", "repro", "repair", "picture a/b/c -o a.gif", "pack a/b/c -o a"),
         ),
         ("lists", ("repro", "repair")),
         ("method/sci", ("methods", "use campus", "repair")),

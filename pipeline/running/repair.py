@@ -31,7 +31,7 @@ def repair(root: Path) -> list[Path]:
 
 
 def bring_over(root: Path) -> None:
-    """Move the lock files of version 0.1, which lay in .dvc/locks, to beside their dvc.yaml, where DVC wants them."""
+    """Move the lock files of an older clone, which lay in .dvc/locks, to beside their dvc.yaml, where DVC wants them."""
     old = root / ".dvc/locks"
     for lock in old.glob("*.lock"):
         folder = root if lock.stem == "root" else root / "dag" / lock.stem

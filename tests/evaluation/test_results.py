@@ -266,6 +266,7 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
     assert len(found) == len(gathered) + 1
     assert value(found, "query_ms", method="sci") == 3.0
     assert found.dtypes.tolist() == gathered.dtypes.tolist()
+    assert results.read(written, {"campus": {"latency": False}})["number"].ne("query_ms").all()  # measured for another study
     assert results.read(written, {}).empty
     with pytest.raises(ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"):
         results.read(written, {"campus": {}, "town": {}})

@@ -37,6 +37,12 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
     assert max(map(len, text.split("\n"))) <= 78
 
 
+def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
+    rows = results("campus")
+    heads = brief(rows[rows["number"] != "query_ms"], {"campus": STUDY}, 200).split("\n")[2]
+    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those"]
+
+
 def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
     tables = pd.concat([results("campus", methods=40), results("robot", methods=40)])
     lines = brief(tables, {"campus": STUDY, "robot": STUDY | {"source": "robot"}}, 60).split("\n")

@@ -39,7 +39,7 @@ def test_a_fresh_clone_without_lock_files_needs_no_repair(clone: Path) -> None:
 
 @pytest.mark.parametrize("links", [True, False], ids=["links still there", "links removed by git"])
 def test_lock_files_of_an_old_clone_move_beside_their_stages(clone: Path, links: bool) -> None:
-    """Version 0.1 kept them in .dvc/locks, and links to them in their places."""
+    """It kept them in .dvc/locks, and links to them in their places."""
     (clone / ".dvc/locks").mkdir(parents=True)
     (clone / ".dvc/locks/.gitignore").write_text("*.lock")
     for folder, name in ((clone, "root"), (clone / "dag/train", "train")):

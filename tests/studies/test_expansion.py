@@ -80,6 +80,17 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     assert list(lists["latency"]) == ["one-10m"]
 
 
+def test_without_latency_nothing_is_timed_and_nothing_waits_for_it() -> None:
+    lists = expand({"one": ONE | {"latency": False}})
+    assert lists["latency"] == {}
+    assert lists["report"]["all"]["timed"] == INSTEAD["changed"]
+    assert lists["evaluations"] == expand({"one": ONE})["evaluations"]
+
+
+def test_poses_are_found_within_the_budget_of_their_study() -> None:
+    assert expand({"one": ONE | {"poses": ["sci"]}})["poses"]["one-10m-sci"]["budget"] == "tiny"
+
+
 def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
     sci = SCI | {"seeds": 2, "variants": {"4way": "method.n_way=4"}}
     study = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}

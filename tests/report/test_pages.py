@@ -1,0 +1,90 @@
+"""Published numbers: blocks are filled from tables of results, and the published pages agree with each other."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.report.pages import PAGES, Block, blocks, filled, table_texts
+from tests.report.test_brief import STUDY, results
+
+ROOT = Path(__file__).parents[2]
+PAGE = """# A page
+<!-- results: campus minutes brief -->
+old
+<!-- end of results -->
+between
+<!-- results: town demo tables -->
+<!-- end of results -->
+"""
+CAMPUS, TOWN = Block("campus", "minutes", "brief"), Block("town", "demo", "tables")
+WORDS = STUDY | {"world": "campus_demo", "submap": "single", "budget": "minutes"}
+
+
+def test_a_block_is_filled_between_its_marks_and_others_are_left() -> None:
+    assert blocks(PAGE) == [CAMPUS, TOWN]
+    once = filled(PAGE, {CAMPUS: "new\n"})
+    assert once == PAGE.replace("old", "new")
+    assert filled(once, {CAMPUS: "new"}) == once
+
+
+def test_a_mark_of_another_kind_is_named() -> None:
+    with pytest.raises(ConfigError, match="results: campus minutes pictures -->: expected STUDY BUDGET and one of brief"):
+        blocks(PAGE.replace("brief", "pictures"))
+
+
+def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_alone() -> None:
+    texts = table_texts(results("campus", methods=2), {"campus": WORDS}, "float32")
+    assert set(texts) == {CAMPUS, CAMPUS._replace(kind="tables"), CAMPUS._replace(kind="float32")}
+    assert texts[CAMPUS].startswith("```\ncampus, simulated: learned 2012-01-15, 2 test days, cells of 10 m\n")
+    assert "## campus, simulated" in texts[CAMPUS._replace(kind="tables")]
+    table = texts[CAMPUS._replace(kind="float32")]
+    assert "| m1 " in table
+    assert "12.4" not in table  # a query's milliseconds differ from run to run
+
+
+def published(kind: str, page: str = "docs/RESULTS.md") -> str:
+    """The text of the demo's block of this kind."""
+    found = re.search(rf"<!-- results: campus minutes {kind} -->\n(.*?)<!-- end", (ROOT / page).read_text(), re.DOTALL)
+    assert found, f"{page} has no {kind}"
+    return found[1]
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Method to the numbers behind it, of a table of either form, intervals left out."""
+    lines = (re.sub(r"\[[^]]*\]|\|", " ", line).split() for line in text.splitlines())
+    return {words[0]: words[1:] for words in lines if len(words) > 2 and re.fullmatch(r"[a-z_]+(-[a-z]+)*", words[0])}
+
+
+def test_readme_index_and_results_say_the_same_of_the_demo() -> None:
+    brief, whole = published("brief", "README.md"), published("tables")
+    assert published("brief", "docs/index.md") == brief
+    scorecard = rows(whole.partition("**Right cell first")[0])
+    shown = {name: numbers for name, numbers in rows(brief).items() if "sc" in name}
+    assert shown.keys() >= {"sci", "sci_ring", "sci_ring-pose", "scan_context"}
+    for name, (first, last, answers, right) in shown.items():
+        days = scorecard[name][:3]
+        assert [first, last] == [days[0], days[-1]]
+        assert scorecard[name][3:5] == [answers, right]
+
+
+def test_the_pictures_caption_is_the_number_of_the_table() -> None:
+    caption = published("picture", "README.md")
+    (told,) = re.findall(r"\((\d\.\d+)\); answers turn blue", caption)
+    assert caption.count(told) == 2
+    assert rows(published("brief", "README.md"))["sci_ring-pose"][1] == told
+
+
+def test_the_tables_of_two_kinds_of_processor_are_both_there_and_the_demos_is_one_of_them() -> None:
+    kinds = [rows(published(kind)) for kind in ("bfloat16", "float32")]
+    assert kinds[0].keys() == kinds[1].keys()
+    demo = rows(published("tables").partition("**Right cell first")[0])
+    assert any(all(demo[name][:3] == kind[name][:3] for name in kind) for kind in kinds)
+
+
+def test_every_mark_of_the_published_pages_is_known_and_filled() -> None:
+    for page in PAGES:
+        text = (ROOT / page).read_text()
+        assert blocks(text)
+        assert "-->\n<!-- end of results" not in text
