@@ -212,7 +212,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use root=/data", "of which data set?"),
         ("use campus tests=2011-01-01", "conf/world/campus_demo.yaml drives 2012-01-15"),
         ("use campus world=a\x1b[31mb\x07c", "world=a?[31mb?c: expected one of tiny"),
-        ("use campus budget=rich", "budget=rich: expected one of demo, evening, full, night, tiny"),
+        ("use campus budget=rich", "budget=rich: expected one of demo, evening, full, minutes, night, tiny"),
         ("inspect nothing.bin", "nothing.bin"),
         ("results", "dvc repro"),
         ("fetch kitti", "expected one of carmen, nclt, nclt_keyframes"),
