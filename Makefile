@@ -24,7 +24,8 @@ demo: .venv/ready
 		variants= altered= latency=no --keep
 	@yearloc repro
 	@yearloc results
-	@echo "next: yearloc pack campus/10m/sci_ring -o campus.site, then yearloc localize campus.site SCAN; or make compare, for nine methods"
+	@echo "next: source .venv/bin/activate && yearloc pack campus/10m/sci_ring -o campus.site && yearloc localize campus.site \\"
+	@echo "  artifacts/logs/campus/2013-04-05 --track; or make compare, for nine methods side by side"
 
 # Everything of both papers side by side: campus and town, all methods, what a query costs, turned and altered queries.
 compare: .venv/ready
@@ -45,7 +46,7 @@ real: .venv/ready
 	@yearloc repair
 	@[ -n "$(DATA)" ] || { yearloc fetch carmen root=data/carmen && yearloc fetch nclt_keyframes root=data; }
 	@yearloc use nclt_keyframes root=$(or $(DATA),data) budget=$(BUDGET)
-	@yearloc use carmen root=$(or $(DATA),data)/carmen budget=$(BUDGET) --add
+	@yearloc use carmen root=$(or $(DATA),data)/carmen log=freiburg-campus-corrected budget=$(BUDGET) --add
 	@yearloc repro
 	@yearloc results
 

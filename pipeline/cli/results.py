@@ -25,7 +25,10 @@ def add_command(commands: Any) -> None:
     words.add_argument("--json", action="store_true", help="the same as a list of objects")
     words.add_argument("--markdown", action="store_true", help="all tables, as in docs/RESULTS.md")
     words.add_argument(
-        "--write", action="store_true", help="fill the marked blocks of README.md and docs/RESULTS.md, and draw README's picture"
+        "--write",
+        nargs="*",
+        metavar="KIND",
+        help="fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, picture, bfloat16, float32)",
     )
     words.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
 
@@ -43,8 +46,8 @@ def results(given: argparse.Namespace) -> None:
         from pipeline.report.document import document
 
         return print(document(table, studies), end="")
-    if given.write:
-        return _write(table, studies)
+    if given.write is not None:
+        return _write(table, studies, given.write)
     if not (given.csv or given.json or given.where):
         from pipeline.report.brief import brief
 
@@ -60,23 +63,26 @@ def results(given: argparse.Namespace) -> None:
     return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()))
 
 
-def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]]) -> None:
-    """Fill the blocks of the pages that these studies can fill."""
+def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: list[str]) -> None:
+    """Fill the blocks of the pages that these studies can fill, of these kinds, of all kinds if none are given."""
     from pipeline.cli.picture import draw
     from pipeline.networks.loop import arithmetic
-    from pipeline.report.pages import PAGES, blocks, filled, table_texts
+    from pipeline.report.pages import KINDS, PAGES, blocks, filled, table_texts
 
-    texts = table_texts(table, studies, arithmetic())
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
+        raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(KINDS)}")
+    kinds = kinds or list(KINDS)
+    texts = {block: text for block, text in table_texts(table, studies, arithmetic()).items() if block.kind in kinds}
     pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
     wanted = {path: blocks(page) for path, page in pages.items()}
     for block in {block for own in wanted.values() for block in own if block.kind == "picture"}:
-        if block.study in studies and studies[block.study]["budget"] == block.budget:
+        if "picture" in kinds and block.study in studies and studies[block.study]["budget"] == block.budget:
             grid = studies[block.study]["grids"][0]
             texts[block] = draw(f"{block.study}/{grid}/sci_ring-pose", None, PICTURE).page
     for path, page in pages.items():
         path.write_text(filled(page, texts), encoding="utf-8")
         for block in wanted[path]:
-            print(f"{path}: {' '.join(block)}: {'written' if block in texts else 'left, of a study that is not in use here'}")
+            print(f"{path}: {' '.join(block)}: {'written' if block in texts else 'left as it is'}")
 
 
 def _full(places: list[tuple[str, str]]) -> None:

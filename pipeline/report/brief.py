@@ -76,8 +76,7 @@ def _print(console: Console, name: str, grid: str, found: Summary, study: Mappin
     ends = [0, -1] if len(found.tests) > 1 else [0]
     heads = [f"{'' if n else f'within {found.within_m:g} m'}\n{day(found.tests[at])}" for n, at in enumerate(ends)]
     heads += ["answers\nof all"] * (console.width >= NARROWEST) + ["right\nof those"] * (console.width >= NARROWEST)
-    timed = any(not np.isnan(row.query_ms) for row in found.rows)
-    heads += ["ms a\nquery"] * (console.width >= NARROW and timed)
+    heads += ["ms a\nquery"] * (console.width >= NARROW and found.is_timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True
     for head in heads:

@@ -40,6 +40,11 @@ class Summary:
     within_m: float
     rows: Sequence[Row]
 
+    @property
+    def is_timed(self) -> bool:
+        """Whether any model's time a query was measured."""
+        return any(not np.isnan(row.query_ms) for row in self.rows)
+
     @classmethod
     def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
         """From the rows of the table of results that are of this study and cell size."""
@@ -68,14 +73,16 @@ class Summary:
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
-    """A row a model, a column a test day; then what it answers of the last day, how much of that is right, and the time."""
+    """A row a model, a column a test day; then what it answers of the last day, how much of that is right, and its time if any."""
 
     def share(row: Row, i: int) -> Cell:
         cell = number(row.right[i], 3, row.bounds[i])
         return replace(Cell(VOID) if row.void[i] else cell, of=(row.model, summary.tests[i]))
 
+    timed = summary.is_timed
     rows = []
     for row in summary.rows:
-        last = number(row.answers[-1], 3), number(row.kept[-1], 3), number(row.query_ms, 1)
+        last = (number(row.answers[-1], 3), number(row.kept[-1], 3), *([number(row.query_ms, 1)] if timed else []))
         rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
-    return table("scorecard", ("method", *dates, "answers", "right of those", "ms a query"), rows, last=dates[-1])
+    heads = ("answers", "right of those", *(["ms a query"] if timed else []))
+    return table("scorecard", ("method", *dates, *heads), rows, last=dates[-1])
