@@ -14,7 +14,38 @@ from pipeline.posing.fix import Fix as Registered
 
 PATIENCE = 3
 """Scans in a row that may fail to be tracked before the robot is lost."""
-STILL = np.eye(4)
+SHORTEST, LONGEST = 0.02, 5.0
+"""Seconds between two fixes that tell how fast a robot moves, and after which a robot without odometry may be anywhere; of scans
+without stamps so many scans."""
+FASTEST_M, FASTEST_DEG = 40.0, 180.0
+"""No robot moves or turns faster in a second: two such fixes tell no speed."""
+
+
+class Motion:
+    """How a robot without odometry moves on: as between its last two fixes, for a time that is known and short."""
+
+    def __init__(self) -> None:
+        self._last: tuple[NDArray[np.float64], float] | None = None
+        self._moved_m, self._turned_rad = np.zeros(3), np.zeros(3)  # in a second, or from scan to scan
+        self._usual_s = 0.0
+
+    def onwards(self, took_s: float) -> NDArray[np.float64]:
+        """The step (4, 4) in so many seconds; where the clock jumped back or far ahead, that of the usual time between fixes."""
+        seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
+        step = np.eye(4)
+        step[:3, 3] = seconds * self._moved_m
+        step[:3, :3] = Rotation.from_rotvec(seconds * self._turned_rad).as_matrix()
+        return step
+
+    def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
+        """A fix was believed at that time."""
+        last, self._last = self._last, (world_T_robot, time_s)
+        if last is None or not SHORTEST <= time_s - last[1] <= LONGEST:
+            return
+        seconds, step = time_s - last[1], np.linalg.inv(last[0]) @ world_T_robot
+        moved_m, turned_rad = step[:3, 3] / seconds, Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
+        if np.linalg.norm(moved_m) <= FASTEST_M and np.linalg.norm(turned_rad) <= np.deg2rad(FASTEST_DEG):
+            self._moved_m, self._turned_rad, self._usual_s = moved_m, turned_rad, seconds
 
 
 class Tracker:
@@ -25,9 +56,9 @@ class Tracker:
         self.belief = Belief(float(site.about["verdict"]["unseen_share"]))
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
-        self._step, self._misses = STILL, 0
-        self._step_s: float | None = None
+        self._motion, self._misses = Motion(), 0
         self._stamp_ns: int | None = None
+        self._time_s = 0.0
 
     def localize(
         self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None, stamp_ns: int | None = None
@@ -35,20 +66,23 @@ class Tracker:
         """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by odometry.
 
         Without odometry the robot is taken to move on as between its last two fixes, for as long as the stamps say, if they do.
+        After more than LONGEST seconds it may be anywhere, and is sought everywhere.
         """
         start = perf_counter()
         points_m = finite(points_m)
         took_s = None if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
+        self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
         guessed = step is None or not np.isfinite(step).all()
+        if guessed and took_s is not None and took_s > LONGEST:
+            self._pose = None
         step = self._onwards(took_s) if step is None or guessed else step
         self.belief.move(step, guessed)
         guess = None if self._pose is None else self._pose @ step
         found, tracked = self._find(points_m, guess)
         fix = self._judge(found, tracked)
         if fix.verdict == "accepted":
-            self._step = step if self._pose is None else np.linalg.inv(self._pose) @ fix.world_T_sensor
-            self._step_s = took_s
+            self._motion.fixed(fix.world_T_sensor, self._time_s)
             self._pose, self._misses, self.mode = fix.world_T_sensor, 0, "tracking"
         elif guess is not None:
             self._misses += 1
@@ -57,12 +91,8 @@ class Tracker:
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _onwards(self, took_s: float | None) -> NDArray[np.float64]:
-        """The last step between two fixes, as far and as much turned as fits the time."""
-        share = took_s / self._step_s if took_s and self._step_s else 1.0
-        step = self._step.copy()
-        step[:3, 3] *= share
-        step[:3, :3] = Rotation.from_rotvec(share * Rotation.from_matrix(step[:3, :3]).as_rotvec()).as_matrix()
-        return step
+        """The step since the last scan; from scan to scan where there are no stamps."""
+        return self._motion.onwards(1.0 if took_s is None else took_s)
 
     def _find(self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None) -> tuple[Registered, bool]:
         """Hypotheses, and whether they were found from the predicted pose alone."""

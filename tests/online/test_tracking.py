@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.online.site import Site
-from pipeline.online.tracking import PATIENCE, Tracker
+from pipeline.online.tracking import PATIENCE, Motion, Tracker
 from tests.online.made import ANCHORS, packed
 from tests.posing.scene import planar, scene, seen_from
 
@@ -37,6 +37,47 @@ def test_without_odometry_a_robot_moves_on_for_as_long_as_the_stamps_say(site: S
     fix = tracker.localize(seen(0, 4.0), None, 4 * 10**9)  # 3 m on after three, farther than it could be found without
     assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
     np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(4, 0, 0), atol=0.1)
+
+
+SECOND = 10**9
+STAMPS = {  # of scans 0 to 5, half a metre and a second apart, a fault at the fourth: what the clock said
+    "one stamp twice": [0, 1, 2, 2, 4, 5],
+    "a clock set back by 100 s": [0, 1, 2, -97, -96, -95],
+    "a stamp of 0": [1000, 1001, 1002, 0, 1004, 1005],
+    "a millisecond after the last": [0, 1, 2, 2.001, 4, 5],
+    "a pause of a minute": [0, 1, 2, 62, 63, 64],
+}
+
+
+@pytest.mark.parametrize("stamps_s", STAMPS.values(), ids=STAMPS)
+def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_drive(site: Site, stamps_s: list[float]) -> None:
+    motion = Motion()
+    for i, stamp_s in enumerate(stamps_s):
+        if i:
+            predicted = motion.onwards(stamp_s - stamps_s[i - 1])
+            assert np.linalg.norm(predicted[:3, 3] - (0.5 if i > 1 else 0.0, 0, 0)) < 1.0
+        motion.fixed(planar(0.5 * i, 0, 0), stamp_s)
+    tracker = Tracker(site)
+    verdicts = [tracker.localize(seen(0, 0.5 * i), None, round(at * SECOND)).verdict for i, at in enumerate(stamps_s)]
+    assert verdicts == ["accepted"] * 6
+
+
+def test_fixes_that_no_robot_can_drive_tell_no_speed() -> None:
+    motion = Motion()
+    for x_m, time_s in ((0, 0), (1, 1), (101, 2), (101.01, 2.001)):  # 1 m/s, 100 m/s, 10 m/s within a millisecond
+        motion.fixed(planar(x_m, 0, 0), time_s)
+    np.testing.assert_allclose(motion.onwards(2.0), planar(2, 0, 0))
+    np.testing.assert_allclose(motion.onwards(0.0), np.eye(4))
+
+
+def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: Site) -> None:
+    tracker = Tracker(site)
+    for i in range(3):
+        tracker.localize(seen(0, 0.5 * i), None, i * SECOND)
+    modes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
+    poses = np.array([fix.world_T_sensor for fix in modes])
+    assert (np.linalg.norm(poses[:, :2, 3] - ANCHORS[2, :2, 3], axis=1) < 10).all()
+    assert modes[-1].verdict == "accepted"
 
 
 def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
