@@ -65,6 +65,10 @@ def transform(a_T_b: NDArray[np.float64], points_b: NDArray[np.float32]) -> NDAr
     return (points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]).astype(np.float32)
 
 
+ROUNDED_NS = 1_000
+"""Files of poses write stamps with six decimals of a second; a body does not move in a microsecond."""
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """A body's poses at increasing stamps; rows that hold a NaN are gaps."""
@@ -86,16 +90,17 @@ class Trajectory:
         """Poses (m, 4, 4) at `stamps_ns` (m,) and whether each is known (m,); unknown ones are NaN.
 
         Positions are interpolated linearly, rotations by slerp, between the two rows around a stamp; never across a gap and
-        never beyond the ends.
+        never beyond the ends. A row within ROUNDED_NS of a stamp is its pose.
         """
         poses = np.full((len(stamps_ns), 4, 4), np.nan)
         if not len(self.stamps_ns):
             return poses, np.zeros(len(stamps_ns), bool)
         finite: NDArray[np.bool_] = np.all(np.isfinite(self.world_T_body), axis=(1, 2))
         after = np.searchsorted(self.stamps_ns, stamps_ns, side="left").clip(0, len(self.stamps_ns) - 1)
-        exact = (self.stamps_ns[after] == stamps_ns) & finite[after]
-        poses[exact] = self.world_T_body[after[exact]]
         before = (after - 1).clip(0)
+        nearest = np.where(np.abs(self.stamps_ns[after] - stamps_ns) <= np.abs(self.stamps_ns[before] - stamps_ns), after, before)
+        exact = (np.abs(self.stamps_ns[nearest] - stamps_ns) <= ROUNDED_NS) & finite[nearest]
+        poses[exact] = self.world_T_body[nearest[exact]]
         step_ns = self.stamps_ns[after] - self.stamps_ns[before]
         inside = (self.stamps_ns[before] < stamps_ns) & (stamps_ns < self.stamps_ns[after]) & finite[before] & finite[after]
         between = inside & (step_ns <= self.max_gap_s * 1e9) & ~exact

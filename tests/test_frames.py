@@ -60,12 +60,21 @@ def test_slerp_turns_about_one_axis_at_constant_speed() -> None:
     np.testing.assert_allclose(np.rad2deg(rpy(found)), [[30, 0, 0]], atol=1e-9)
 
 
-@pytest.mark.parametrize("stamp", [-1, 3 * SECOND + 1, 10**18, -(10**18)])
+@pytest.mark.parametrize("stamp", [-1_001, 3 * SECOND + 1_001, 10**18, -(10**18)])
 def test_there_is_no_pose_beyond_the_ends(stamp: int) -> None:
     path = Trajectory(np.array([0, SECOND, 2 * SECOND, 3 * SECOND]), poses(*[(i, 0, 0, 0) for i in range(4)]), 1.0)
     found, known = path.at(np.array([stamp]))
     assert not known.any()
     assert np.isnan(found).all()
+
+
+@pytest.mark.parametrize("off_ns", [-1_000, -456, 456, 1_000])
+def test_a_pose_whose_stamp_was_rounded_to_a_microsecond_is_a_pose(off_ns: int) -> None:
+    """At the ends and beside a gap too, where nothing can be interpolated."""
+    path = Trajectory(np.array([0, 10 * SECOND]), poses((0, 0, 0, 0), (5, 0, 0, 0)), 1.0)
+    found, known = path.at(np.array([0, 10 * SECOND]) + off_ns)
+    assert known.all()
+    assert found[:, 0, 3].tolist() == [0, 5]
 
 
 def test_gaps_are_never_bridged() -> None:

@@ -163,7 +163,7 @@ def describe_log(found: Inspection, log: Log, title: str, scans: str) -> None:
         ("path", f"{metres(float(steps.sum()))}{step}"),
         ("odometry", f"at {posed:.3g} % of the {scans}"),
     )
-    found.warn(not placed, "no scan has a true pose: do the stamps of the scans and of the ground truth share a clock?")
+    found.warn(not placed, "no scan has a true pose: such a log can neither be learned nor judge answers")
 
 
 def rate(found: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:

@@ -67,7 +67,8 @@ class Bag:
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth)
         rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
         if not len(rows):
-            raise LogError(f"{where}: no message of {self.points} lies in the time of {self.truth}; do they share a clock?")
+            apart = f"do {self.points} and {self.truth} share a clock?"
+            log.refuse_unposed(where, "messages", clouds.stamps_ns, truth.trajectory, skipped, apart)
         if odometry and odometry.child and truth.child and odometry.child != truth.child:
             odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar

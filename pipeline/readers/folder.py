@@ -74,12 +74,8 @@ class Folder:
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
         paths, width = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
-        rows, world_T_body, odom_T_body = log.posed(stamps_ns, truth, odometry, skipped)
-        if not len(rows):
-            raise LogError(
-                f"{folder}: none of its {len(stamps_ns)} scans has a pose: they span {_span(stamps_ns)}, {self.poses} "
-                f"{_span(truth.stamps_ns)}; is reader.stamps={self.stamps} the unit of the scans' names?"
-            )
+        apart = f"is reader.stamps={self.stamps} the unit of the scans' names?"
+        rows, world_T_body, odom_T_body = log.posed(folder, stamps_ns, truth, odometry, skipped, apart)
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
         vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
@@ -187,7 +183,3 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
     log.refuse_poses(path, poses, known)
     poses[~known] = np.nan
     return log.nanoseconds(times_path, times_s, "s", 10**9), poses
-
-
-def _span(stamps_ns: Stamps) -> str:
-    return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"

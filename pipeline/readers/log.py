@@ -175,12 +175,37 @@ def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -
     skipped["in a gap of the poses"] += int((~outside).sum())
 
 
+def refuse_unposed(where: Path, scans: str, stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str], apart: str) -> None:
+    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose: why, and when both were.
+
+    `apart` is the question to ask where no scan lies in the time of the poses: on their clock, their unit, or the file.
+    """
+    reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
+    usual_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
+    hint = ""
+    if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
+        hint = f"; {apart}"
+    elif usual_s > truth.max_gap_s:
+        hint = f"; poses are usually {usual_s:.3g} s apart, more than reader.max_gap_s={truth.max_gap_s:g}"
+    spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
+    raise LogError(f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}")
+
+
+def _span(stamps_ns: Stamps) -> str:
+    return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
+
+
 def posed(
-    stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str]
+    where: Path, stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str], apart: str
 ) -> tuple[NDArray[np.int64], Poses, Poses]:
-    """Rows of `stamps_ns` with a true pose, these poses, and the odometry at these rows; counts the other rows in `skipped`."""
+    """Rows of `stamps_ns` with a true pose, these poses, and the odometry at these rows; counts the other rows in `skipped`.
+
+    Raises LogError where there is none, with the question `apart` where no scan lies in the time of the poses.
+    """
     world_T_scan, known = truth.at(stamps_ns)
     count_unknown(stamps_ns[~known], truth, skipped)
     rows = np.flatnonzero(known)
+    if not len(rows):
+        refuse_unposed(where, "scans", stamps_ns, truth, skipped, apart)
     odom_T_scan = np.full((len(rows), 4, 4), np.nan) if odometry is None else odometry.at(stamps_ns[rows])[0]
     return rows, world_T_scan[rows], odom_T_scan

@@ -47,7 +47,8 @@ class Nclt:
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
-        rows, world_T_scan, odom_T_scan = log.posed(utimes * 1000, read_poses(truth_path, self.max_gap_s), odometry, skipped)
+        truth, apart = read_poses(truth_path, self.max_gap_s), f"is {truth_path.name} of this date?"
+        rows, world_T_scan, odom_T_scan = log.posed(folder, utimes * 1000, truth, odometry, skipped, apart)
         utimes = utimes[rows]
         notes = () if odometry_path is not None else ("no odometry_mu_100hz.csv",)
 

@@ -123,8 +123,29 @@ def test_names_are_stamps_in_the_declared_unit(tmp_path: Path, stamps: str, stem
 @pytest.mark.parametrize("stamps", ["us", "ns"])
 def test_a_wrong_unit_is_told_with_both_spans(tmp_path: Path, stamps: str) -> None:
     root = folder_log(tmp_path, scans={f"scans/{START}.bin": cloud((1, 1, 1))})
-    with pytest.raises(LogError, match=f"none of its 1 scans has a pose: .*poses.txt 1326030975.000 .*reader.stamps={stamps}"):
+    with pytest.raises(LogError, match=f"none of its 1 scans has a pose: .*the poses 1326030975.000 .*reader.stamps={stamps}"):
         Folder(stamps=stamps).open(root, "drive")
+
+
+def key_frames(every_s: float, off_us: int) -> dict[str, str | dict[str, bytes]]:
+    """Five poses 5 m apart, and a scan so many microseconds after each."""
+    times = [START + every_s * i for i in range(5)]
+    poses = "".join(f"{time:.6f} {5 * i} 0 0 0 0 0 1\n" for i, time in enumerate(times))
+    return {"poses": poses, "scans": {f"scans/{time + 1e-6 * off_us:.6f}.bin": cloud((1, 1, 1)) for time in times}}
+
+
+def test_key_frames_have_their_own_poses_however_sparse_and_rounded(tmp_path: Path) -> None:
+    log = Folder().open(folder_log(tmp_path, **key_frames(2.0, off_us=1)), "drive")
+    np.testing.assert_array_equal(log.world_T_scan[:, 0, 3], [0, 5, 10, 15, 20])
+
+
+def test_of_scans_between_sparse_poses_the_gap_is_told_and_no_unit_blamed(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as refused:
+        Folder().open(folder_log(tmp_path, **key_frames(2.0, off_us=500_000)), "drive")
+    line = str(refused.value)
+    assert "none of its 5 scans has a pose: 4 in a gap of the poses, 1 outside the poses' span; they span" in line
+    assert "poses are usually 2 s apart, more than reader.max_gap_s=0.5" in line
+    assert "unit" not in line
 
 
 def test_the_first_and_the_last_scan_have_the_poses_of_their_own_stamps(tmp_path: Path) -> None:

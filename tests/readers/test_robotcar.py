@@ -147,7 +147,7 @@ def test_no_sweep_gets_odometry_beyond_either_end(tmp_path: Path) -> None:
     # Knots from 0 to 200 ms. The SDK clamps to the end, or extrapolates.
     log = opened(
         tmp_path,
-        sweeps=dict.fromkeys((-0.001, 0, 200, 200.001), ONE),
+        sweeps=dict.fromkeys((-0.002, 0, 200, 200.002), ONE),
         vo=vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0)),
         ins=ins_text(*(ins_row(t) for t in range(-100, 400, 100))),
     )
