@@ -77,12 +77,14 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
 def sweep_points(message: Any) -> NDArray[np.float64]:
     """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from range_min to range_max.
 
-    Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
-    Raises LogError for angles or limits that no scanner has.
+    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it out. Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
+    Raises LogError for angles that no scanner has.
     """
     start, step, near, far = message.angle_min, message.angle_increment, message.range_min, message.range_max
-    if not np.isfinite([start, step, near, far]).all() or max(abs(start), abs(step)) > 1e3:
-        raise LogError(f"a LaserScan from {start} rad in steps of {step} rad, {near} to {far} m: no such scanner")
+    if not np.isfinite([start, step]).all() or max(abs(start), abs(step)) > 1e3:
+        raise LogError(f"a LaserScan from {start} rad in steps of {step} rad: no such scanner")
+    near = near if np.isfinite(near) else 0.0
+    far = far if np.isfinite(far) and far > 0 else np.inf
     with np.errstate(invalid="ignore"):
         ranges_m = message.ranges.astype(np.float64)
         kept = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))

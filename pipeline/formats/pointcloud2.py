@@ -43,8 +43,7 @@ def decode(message: PointCloud2) -> NDArray[np.floating]:
     for sizes that do not fit.
     """
     columns = [_column(message, name) for name in "xyz"]
-    _check_sizes(message)
-    shape, strides = (message.height, message.width), (message.row_step, message.point_step)
+    shape, strides = (message.height, message.width), (_row_bytes(message), message.point_step)
     x, y, z = (np.ndarray(shape, kind, message.data, offset, strides).reshape(-1) for kind, offset in columns)
     if not all(kind == np.dtype(np.float32) for kind, _ in columns):
         x, y, z = _float64(x), _float64(y), _float64(z)
@@ -62,7 +61,9 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
     return np.dtype((">" if message.is_bigendian else "<") + DATATYPES[field.datatype]), field.offset
 
 
-def _check_sizes(message: PointCloud2) -> None:
+def _row_bytes(message: PointCloud2) -> int:
+    """Bytes from row to row. A row_step that does not fit is passed over where the points fill the data without it, as some
+    drivers write there the size of all. Raises LogError for sizes that do not fit."""
     height, width, step, row = message.height, message.width, message.point_step, message.row_step
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
@@ -70,11 +71,17 @@ def _check_sizes(message: PointCloud2) -> None:
         size = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize * max(field.count, 1)
         if field.offset < 0 or field.offset + size > step:
             raise LogError(f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of points of {step} bytes")
-    if height > 1 and row < width * step:
+    packed, held = width * step, len(message.data)
+    if height == 1 and held >= packed:
+        return packed
+    needed = (height - 1) * row + packed  # the last row may lack its padding
+    if row >= packed and held >= needed:
+        return row
+    if held == height * packed:
+        return packed
+    if row < packed:
         raise LogError(f"PointCloud2 with rows of {row} bytes for {width} points of {step}; the message is damaged")
-    needed = max(height * row, width * step)
-    if len(message.data) < needed:
-        raise LogError(f"PointCloud2 of {height} × {width} points needs {needed} bytes, has {len(message.data)}; it is cut short")
+    raise LogError(f"PointCloud2 of {height} × {width} points needs {needed} bytes, has {held}; it is cut short")
 
 
 def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:

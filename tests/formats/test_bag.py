@@ -106,6 +106,13 @@ def test_a_laser_scan_from_bytes_made_by_hand() -> None:
     np.testing.assert_allclose(found, [[2, 0, 0], [0, -4, 0]], atol=1e-6)
 
 
+@pytest.mark.parametrize("far", [float("inf"), 0.0, float("nan")], ids=["infinite", "left out", "not a number"])
+def test_a_limit_that_is_none_leaves_every_finite_range(far: float) -> None:
+    sizes = {"angle_min": 0.0, "angle_increment": np.pi / 2, "range_min": 0.1, "range_max": far}
+    found = sweep_points(SimpleNamespace(**sizes, ranges=np.array([2, np.inf, 300, 0.05], np.float32)))
+    np.testing.assert_allclose(found, [[2, 0, 0], [-300, 0, 0]], atol=1e-4)
+
+
 @pytest.mark.parametrize("wrong", [{"angle_min": float("nan")}, {"angle_increment": float("inf")}, {"angle_min": 1e30}])
 def test_a_laser_scan_of_no_scanner_is_refused(wrong: dict[str, float]) -> None:
     sizes = {"angle_min": 0.0, "angle_increment": 0.1, "range_min": 0.1, "range_max": 30.0} | wrong

@@ -55,9 +55,16 @@ def message(data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, 
         (message(struct.pack("<Bfdh", 9, 3, 1, -2), 1, ODD, point_step=15), [[1, -2, 3]], np.float64),
         (message(struct.pack(">6f", 1, 2, 3, 4, 5, 6), 2, is_bigendian=True), [[1, 2, 3], [4, 5, 6]], np.float64),
         (message(struct.pack("<3f3x3f3x", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15), [[1, 2, 3], [4, 5, 6]], np.float32),
+        (message(struct.pack("<3f3x3f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15), [[1, 2, 3], [4, 5, 6]], np.float32),
+        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=24), [[1, 2, 3], [4, 5, 6]], np.float32),
+        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=0), [[1, 2, 3], [4, 5, 6]], np.float32),
+        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 2, row_step=0), [[1, 2, 3], [4, 5, 6]], np.float32),
         (message(struct.pack("<6d", 1e300, 0, 0, 1, 2, 3), 2, DOUBLES, point_step=24), [[1, 2, 3]], np.float64),
     ],
-    ids=["plain", "not finite", "another order at odd offsets", "big-endian", "padded rows", "beyond float32"],
+    ids=[
+        *("plain", "not finite", "another order at odd offsets", "big-endian", "padded rows", "no padding behind the last row"),
+        *("the size of all as row_step", "no row_step", "one row without row_step", "beyond float32"),
+    ],
 )
 def test_finite_points_of_any_layout_are_read(message: Message, points: list[list[float]], kind: type) -> None:
     found = decode(message)
@@ -69,7 +76,7 @@ def test_finite_points_of_any_layout_are_read(message: Message, points: list[lis
     ("made", "says"),
     [
         (message(bytes(12), 2), "needs 24 bytes, has 12"),
-        (message(bytes(24), 1, height=2, row_step=13), "needs 26 bytes, has 24"),
+        (message(bytes(23), 1, height=2, row_step=13), "needs 25 bytes, has 23"),
         (message(bytes(24), 2, height=2, row_step=12), "rows of 12 bytes for 2 points of 12"),
         (message(bytes(12), 1, point_step=11), "field 'z' ends at byte 12 of points of 11 bytes"),
         (message(bytes(12), 1, (*XYZ, field("ring", 11, 4, 3))), "field 'ring' ends at byte 17"),
