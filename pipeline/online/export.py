@@ -82,7 +82,7 @@ def export(source: Path, out: Path) -> str:
             scratch.write_bytes(data)
         beside = {"views": parity.views, "largest_difference": parity.largest, "same_first": parity.same_first}
         with replaced(out.with_suffix(".parity.json")) as scratch:
-            scratch.write_text(json.dumps({"site": about["name"], **beside}, indent=1) + "\n", encoding="utf-8")
+            scratch.write_text(json.dumps({"site": about["name"], **beside}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {found}"
 
 

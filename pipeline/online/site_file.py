@@ -45,7 +45,7 @@ class Parts(NamedTuple):
 def write(path: Path, parts: Parts) -> None:
     """Write a site file, whole or not at all; with a network that was exported, `model` has no weights."""
     held = {MODEL: parts.model, MAP: parts.arrays} | ({VIEWS: parts.views} if parts.views else {})
-    content = {ABOUT: json.dumps({"version": VERSION, **parts.about}, indent=1).encode()}
+    content = {ABOUT: json.dumps({"version": VERSION, **parts.about}, indent=1, allow_nan=False).encode()}
     content |= {name: save({key: np.require(one, requirements="C") for key, one in part.items()}) for name, part in held.items()}
     content |= {} if parts.network is None else {NETWORK: parts.network}
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:

@@ -62,7 +62,7 @@ class Verdict:
         """The same chance as numbers that a file can hold."""
         outcomes = np.unique(self.evidence.right)
         if len(outcomes) < 2:
-            return Chances((0.0,) * 3, np.inf if outcomes.any() else -np.inf)
+            return Chances((0.0,) * 3, SURE if outcomes.any() else -SURE)
         scaler, regression = self._model[0], self._model[-1]
         weights = regression.coef_[0] / scaler.scale_
         return Chances(tuple(map(float, weights)), float(regression.intercept_[0] - weights @ scaler.mean_))
@@ -74,7 +74,7 @@ class Verdict:
         """
         outcomes = np.unique(self.evidence.right)
         if len(outcomes) < 2:
-            return np.full(len(features), float(outcomes.any()))
+            return np.where(features[:, 0] > 0, float(outcomes.any()), 0.0)
         return np.where(features[:, 0] > 0, self._model.predict_proba(features)[:, 1], 0.0)
 
     def threshold(self, novelty: NDArray[np.float64], promise: float) -> float:
@@ -85,6 +85,10 @@ class Verdict:
         """
         rounded = novelty.astype(np.float32).astype(np.float64)
         return threshold_for(promise, rounded, self.evidence.right, self.weight, wrong_besides=1.0)
+
+
+SURE = 40.0
+"""Log-odds of a chance that float64 rounds to 1, and −SURE to 0 beside 1; a file of JSON holds no infinity."""
 
 
 @dataclass(frozen=True)

@@ -94,3 +94,12 @@ def test_evidence_without_a_right_fix_accepts_nothing(n: int) -> None:
     hopeless = Verdict(Evidence(known.features, np.zeros(2 * n, bool)), 0.2)
     assert hopeless.threshold(1 - known.features[:, 0], 0.9) == ACCEPT_NOTHING
     assert hopeless.chance(np.ones((3, 4))).tolist() == [0, 0, 0]
+
+
+def test_where_all_held_out_fixes_were_right_a_query_without_a_pose_is_not() -> None:
+    known = evidence(10)
+    sure = Verdict(Evidence(known.features, np.ones(20, bool)), 0.2)
+    asked = np.array([[0.8, 0.6, -2, 0.5], [0.0, 0.0, 0.0, 0.5]])
+    assert sure.chance(asked).tolist() == [1, 0]
+    assert sure.chances.of(FIXES).tolist() == [1, 0, 1]
+    assert np.isfinite(sure.chances.offset)  # a site's json holds no infinity
