@@ -1,14 +1,18 @@
 """`yearloc picture`: a moving picture of one test day."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.cli.localize import check_folder
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def add_command(commands: Any) -> None:
@@ -78,12 +82,17 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     if test_day and test_day not in days:
         raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
     table = results.read(artifacts, {name: study})
-    age = dict(zip(table["sequence"], table["days"], strict=True))
-    sequence = test_day or max(study["tests"], key=lambda test: age.get(test, 0))
+    sequence = test_day or last_day(table, study["tests"])
     drive = Drive.of(Study(artifacts, name, study, grid, table), model, sequence)
     frames, _ = moving.write(drive, out, Bar())
     counted, right = drive.counted[:, -1].tolist()
     return Drawn(out, drive.title, right, counted, drive.correct_m, drive.simulated, frames)
+
+
+def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
+    """The test day farthest from training, of a table of results some of whose rows are of no day."""
+    age = table[table["days"].notna()].drop_duplicates("sequence").set_index("sequence")["days"].to_dict()
+    return max(tests, key=lambda test: age.get(test, 0.0))
 
 
 def _parts(name: str) -> tuple[str, str, str]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from matplotlib.colors import to_rgb
@@ -12,6 +13,7 @@ from PIL import Image
 
 from pipeline import schemas, store
 from pipeline.cli import main
+from pipeline.cli.picture import last_day
 from pipeline.report.figures.animation import END_MS, FRAME_MS
 from pipeline.report.figures.drive import NOT_COUNTED, RIGHT, WRONG, Drive, Views, walls
 from pipeline.report.figures.picture import FRAMES, TINTS, Canvas, frames, queries, write
@@ -222,3 +224,10 @@ def test_what_is_not_built_yet_is_one_line(project: Path, capsys: pytest.Capture
         main(["picture", "campus/10m/sci", "-o", "a.gif"])
     (line,) = capsys.readouterr().err.splitlines()
     assert "no results yet; `dvc repro` gathers them" in line
+
+
+def test_the_last_day_is_found_though_some_rows_are_of_no_day() -> None:
+    days = {"2012-02-04": 20.0, "2013-04-05": 446.0}
+    rows = [{"sequence": day, "days": age} for day, age in days.items()] + [{"sequence": day, "days": np.nan} for day in days]
+    assert last_day(pd.DataFrame(rows), [*days]) == "2013-04-05"
+    assert last_day(pd.DataFrame(rows[::-1]), [*days]) == "2013-04-05"
