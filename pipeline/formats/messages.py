@@ -77,7 +77,8 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
 def sweep_points(message: Any) -> NDArray[np.float64]:
     """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from range_min to range_max.
 
-    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it out. Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
+    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it out. Angles run
+    counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
     Raises LogError for angles that no scanner has.
     """
     start, step, near, far = message.angle_min, message.angle_increment, message.range_min, message.range_max

@@ -73,7 +73,7 @@ class Summary:
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
-    """A row a model, a column a test day; then what it answers of the last day, how much of that is right, and its time if any."""
+    """A row a model, a column a test day; then what it answers of the last day, how much of it is right, and its time."""
 
     def share(row: Row, i: int) -> Cell:
         cell = number(row.right[i], 3, row.bounds[i])
