@@ -14,17 +14,17 @@ from xdist.scheduler import LoadScopeScheduling
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
 from tests.clone import Clone
 
-CHAIN, SWEEP = "tests/test_chain.py", "tests/test_sweep.py"
+CHAIN, SWEEP, SESSION = "tests/test_chain.py", "tests/test_sweep.py", "tests/test_dvc_session.py"
 """Each goes to one worker, as its tests share what the first of them builds."""
 LONG = ("tests/test_repair.py", "tests/test_sweep_jobs.py")
 """Each test alone, and at the end: they need the built chain, and take up to minutes."""
 
 
 class Shared(LoadScopeScheduling):  # type: ignore[misc]
-    """Whole files for CHAIN and SWEEP (xdist's own groups do not hold with pytest 9), other tests one by one."""
+    """Whole files for CHAIN, SWEEP and SESSION (xdist's own groups do not hold with pytest 9), other tests one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return next((file for file in (CHAIN, SWEEP) if nodeid.startswith(file)), nodeid)
+        return next((file for file in (CHAIN, SWEEP, SESSION) if nodeid.startswith(file)), nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)

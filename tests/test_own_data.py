@@ -26,6 +26,7 @@ def commands(heading: str) -> list[list[str]]:
 def clone(tmp_path: Path) -> Clone:
     """The project, and in it a robot's bags: a folder a day."""
     clone = Clone(tmp_path)
+    clone.draw_small()
     settings = yaml.safe_load((ROOT / "conf/world/campus_tiny.yaml").read_text()) | {"logs": "mcap"}
     settings.pop("_target_")
     for date, day in DAYS.items():

@@ -31,7 +31,8 @@ def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_pa
 def test_a_kill_at_any_moment_is_repaired_by_the_next_run(built, tmp_path):
     """The group is killed once in the simulation and once in training; the artifacts end bit for bit as undisturbed."""
     clone = Clone(tmp_path)
-    clone.run("yearloc", "use", "campus", "world=tiny", "tests=2012-06-15", "methods=sci")
+    clone.draw_small()
+    clone.run("yearloc", "use", "campus", "world=tiny", "tests=2012-06-15", "methods=sci", "latency=no")
     for sign in ("artifacts/logs/campus/.2012-06-15.*.scratch", ".checkpoints/*.safetensors"):
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         running = subprocess.Popen([str(BIN / "dvc"), "repro"], cwd=tmp_path, env=clone.env, start_new_session=True, **silent)

@@ -64,7 +64,7 @@ class Job:
         if self.is_built(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
-        names = [PurePosixPath(out).name for out in step.outs]
+        names = own_names(step.outs)
 
         def build(folder: Path) -> None:
             paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs[step.command]}
@@ -92,3 +92,11 @@ class Job:
             return gather(parts) if parts else value
 
         return {field: other(value) for field, value in step.fields.items() if value not in step.outs or value in stands_for}
+
+
+def own_names(outs: Sequence[str]) -> list[str]:
+    """A name for each artifact of one step: its own, or with its kind before it where an earlier one has that name."""
+    names: list[str] = []
+    for path in map(PurePosixPath, outs):
+        names.append(f"{path.parts[1]}-{path.name}" if path.name in names else path.name)
+    return names
