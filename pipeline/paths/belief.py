@@ -45,19 +45,13 @@ class Belief:
         Of a robot that may be anywhere the chance stays what it was. A hypothesis that the pose agrees with is for it, but wrong
         poses repeat themselves, as the next scan shows the same look-alike: REPEATS of them agree too. A `tracked` pose was
         sought where it was believed: that it agrees says nothing, only its chance does, against that of a usual fix.
-
-        To agree is no looser than to be right. A hypothesis counts as far as it is still right after its drift; what it may have
-        drifted allows a right pose beside it, but speaks for none.
         """
         elsewhere = 1 - float(self.chances.sum())
         away_m, turn_deg = apart(self.poses, np.broadcast_to(world_T_robot, self.poses.shape))
         near_m, near_deg = (DEVIATIONS * drift * self.driven_m for drift in (DRIFT, TURN_DEG_PER_M))
-        agrees = (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG)
-        drifted = ~agrees & (away_m < RIGHT_M + near_m) & (turn_deg < RIGHT_DEG + near_deg)
-        still = self.chances * still_right(self.driven_m)
+        agrees = (away_m < RIGHT_M + near_m) & (turn_deg < RIGHT_DEG + near_deg)
         repeated = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
-        allowed = elsewhere + float((self.chances - still)[drifted].sum())
-        right = chance * (allowed + float(still[agrees].sum()) / repeated)
+        right = chance * (elsewhere + float(self.chances[agrees].sum()) / repeated)
         others = (1 - chance) * self.chances
         whole = right + float(others[~agrees].sum()) + (1 - chance) * elsewhere
         kept = ~agrees & (others > FORGOTTEN * whole)
