@@ -73,7 +73,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     for outcome in ("passed", "failed"):
         for report in terminalreporter.getreports(outcome):
             known = [tuple(value) for name, value in report.user_properties if name == "margin"]
-            margins[re.sub(r"\[\d+-?|-?\d+\]$", "", report.nodeid)] += known if report.when == "call" else []
+            margins[re.sub(r"(?<=\[)\d+-|-\d+(?=\])|\[\d+\]", "", report.nodeid)] += known if report.when == "call" else []
     terminalreporter.section(f"smallest margins over {config.getoption('seeds')} seeds")
     for test, found in sorted(margins.items()):
         for bar in sorted({bar for _, bar in found}):
