@@ -93,7 +93,8 @@ STAGES = {
 }
 
 
-@pytest.mark.parametrize("way", ["processes", pytest.param("cluster", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("way", STAGES)
 def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(built, tmp_path, monkeypatch, way):
     monkeypatch.setenv("YEARLOC_COMPUTE", way)
     recorded, workers = DvcLock.read(built.folder / "dvc.lock").stages, 2 if way == "cluster" else 0

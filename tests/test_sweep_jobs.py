@@ -9,6 +9,7 @@ from tests.clone import BIN, Clone
 from tests.swept import Swept, outcome
 
 
+@pytest.mark.slow
 def test_a_views_field_builds_its_own_views_and_nothing_before_them(built: Clone) -> None:
     swept = Swept(built, "view.rings=20")
     assert swept.built == {"views", "train", "localize", "evaluate"}
