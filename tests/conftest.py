@@ -45,7 +45,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "seed" in metafunc.fixturenames and (seeds := metafunc.config.getoption("seeds")) > 1:
-        metafunc.parametrize("seed", range(seeds), indirect=True, scope="session")
+        metafunc.parametrize("seed", range(seeds), indirect=True, ids="seed{}".format, scope="session")
 
 
 @pytest.fixture(scope="session")
@@ -72,8 +72,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     margins: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for outcome in ("passed", "failed"):
         for report in terminalreporter.getreports(outcome):
-            known = [tuple(value) for name, value in report.user_properties if name == "margin"]
-            margins[re.sub(r"(?<=\[)\d+-|-\d+(?=\])|\[\d+\]", "", report.nodeid)] += known if report.when == "call" else []
+            test = re.sub(r"\[seed\d+\]|(?<=\[)seed\d+-|-seed\d+(?=\])", "", report.nodeid)
+            margins[test] += [tuple(value) for name, value in report.user_properties if name == "margin"]
     terminalreporter.section(f"smallest margins over {config.getoption('seeds')} seeds")
     for test, found in sorted(margins.items()):
         for bar in sorted({bar for _, bar in found}):

@@ -85,8 +85,8 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     sequence = test_day or last_day(table, study["tests"])
     drive = Drive.of(Study(artifacts, name, study, grid, table), model, sequence)
     frames, _ = moving.write(drive, out, Bar())
-    counted, right = drive.counted[:, -1].tolist()
-    return Drawn(out, drive.title, right, counted, drive.correct_m, drive.simulated, frames)
+    counted = drive.counted[:, -1].tolist()
+    return Drawn(out, drive.title, counted[1], counted[0], drive.correct_m, drive.simulated, frames)
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:

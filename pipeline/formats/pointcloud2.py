@@ -62,8 +62,10 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
 
 
 def _row_bytes(message: PointCloud2) -> int:
-    """Bytes from row to row. A row_step that does not fit is passed over where the points fill the data without it, as some
-    drivers write there the size of all. Raises LogError for sizes that do not fit."""
+    """Bytes from row to row; raises LogError for sizes that do not fit.
+
+    Some drivers write the size of all as row_step, or nothing: where the points fill the data without it, it is passed over.
+    """
     height, width, step, row = message.height, message.width, message.point_step, message.row_step
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
@@ -71,7 +73,8 @@ def _row_bytes(message: PointCloud2) -> int:
         size = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize * max(field.count, 1)
         if field.offset < 0 or field.offset + size > step:
             raise LogError(f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of points of {step} bytes")
-    packed, held = width * step, len(message.data)
+    packed = width * step
+    held = len(message.data)
     if height == 1 and held >= packed:
         return packed
     needed = (height - 1) * row + packed  # the last row may lack its padding

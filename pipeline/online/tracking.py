@@ -30,7 +30,10 @@ class Motion:
         self._usual_s = 0.0
 
     def onwards(self, took_s: float) -> NDArray[np.float64]:
-        """The step (4, 4) in so many seconds; where the clock jumped back or far ahead, that of the usual time between fixes."""
+        """The step (4, 4) in so many seconds.
+
+        Where the clock jumped back or far ahead, it is the step of the time between the last two fixes that told a speed.
+        """
         seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
         step = np.eye(4)
         step[:3, 3] = seconds * self._moved_m
@@ -39,11 +42,14 @@ class Motion:
 
     def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
         """A fix was believed at that time."""
-        last, self._last = self._last, (world_T_robot, time_s)
+        last = self._last
+        self._last = (world_T_robot, time_s)
         if last is None or not SHORTEST <= time_s - last[1] <= LONGEST:
             return
-        seconds, step = time_s - last[1], np.linalg.inv(last[0]) @ world_T_robot
-        moved_m, turned_rad = step[:3, 3] / seconds, Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
+        seconds = time_s - last[1]
+        step = np.linalg.inv(last[0]) @ world_T_robot
+        moved_m = step[:3, 3] / seconds
+        turned_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
         if np.linalg.norm(moved_m) <= FASTEST_M and np.linalg.norm(turned_rad) <= np.deg2rad(FASTEST_DEG):
             self._moved_m, self._turned_rad, self._usual_s = moved_m, turned_rad, seconds
 
@@ -76,6 +82,7 @@ class Tracker:
         guessed = step is None or not np.isfinite(step).all()
         if guessed and took_s is not None and took_s > LONGEST:
             self._pose = None
+            self.belief = Belief(self.belief.unseen_share)  # what was believed of a robot says nothing of where it went
         step = self._onwards(took_s) if step is None or guessed else step
         self.belief.move(step, guessed)
         guess = None if self._pose is None else self._pose @ step

@@ -74,10 +74,12 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
     tracker = Tracker(site)
     for i in range(3):
         tracker.localize(seen(0, 0.5 * i), None, i * SECOND)
-    modes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
-    poses = np.array([fix.world_T_sensor for fix in modes])
+    alone = Tracker(site).localize(seen(2, 0.0), None, 60 * SECOND)
+    fixes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
+    poses = np.array([fix.world_T_sensor for fix in fixes])
+    assert fixes[0].novelty == pytest.approx(alone.novelty)  # what was believed before speaks neither for it nor against
     assert (np.linalg.norm(poses[:, :2, 3] - ANCHORS[2, :2, 3], axis=1) < 10).all()
-    assert modes[-1].verdict == "accepted"
+    assert fixes[-1].verdict == "accepted"
 
 
 def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
