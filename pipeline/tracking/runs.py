@@ -147,7 +147,12 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
 
-    quiet = {"alembic": logging.WARNING, "mlflow": logging.WARNING, "sqlalchemy.pool": logging.CRITICAL}
+    quiet = {
+        "alembic": logging.WARNING,
+        "mlflow": logging.WARNING,
+        "mlflow.store.db.utils": logging.CRITICAL,  # it logs the error that it raises, which we tell in one line
+        "sqlalchemy.pool": logging.CRITICAL,
+    }
     levels = {name: logging.getLogger(name).level for name in quiet}
     try:
         for name, level in quiet.items():

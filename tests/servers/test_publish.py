@@ -223,7 +223,7 @@ def test_a_bucket_that_goes_while_runs_are_written_is_told_in_one_line(
     own, write = Shared(postgres.database("without-files"), shared.files), runs._write
 
     def write_to_nobody(*given: Any) -> None:
-        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{free_port()}")
+        monkeypatch.setenv("MLFLOW_S3_ENDPOINT_URL", f"http://127.0.0.1:{free_port()}")  # MLflow keeps a client for each address
         write(*given)
 
     monkeypatch.setattr(runs, "_write", write_to_nobody)
