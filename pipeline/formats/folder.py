@@ -4,6 +4,7 @@ import io
 import math
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ TIMES = "times.txt"
 """The file beside KITTI poses with the time of each row in seconds."""
 LARGEST_BYTES = 2**28
 """Limit for the file of one scan, packed and unpacked: a larger one is damaged, or is a map."""
+MOST_COLUMNS = 32
+"""Of an array of points; one with more is turned, or an image."""
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
@@ -67,6 +70,20 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     return stamps, numbers
 
 
+def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
+    """Raise LogError for an array that holds no points along its last axis, with what to do where it may hold them otherwise."""
+    found = f"found {kind}{shape}"
+    if kind.kind not in "fiu" or kind.itemsize > 8 or len(shape) < 2:
+        raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}")
+    if 3 <= shape[-1] <= MOST_COLUMNS:
+        return
+    if 3 <= shape[0] <= MOST_COLUMNS:
+        advice = f"save `numpy.moveaxis(array, 0, -1)`, if the {shape[0]} are x, y, z first"
+        raise LogError(f"{path}: expected points (n, 3 or more), {found}: its columns are its points; {advice}")
+    advice = "a range image has no x, y, z: save the points that it was made of" if shape[-1] > 2 else "x, y and z are needed"
+    raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}; {advice}")
+
+
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
     file = io.BytesIO(data)
     try:
@@ -74,8 +91,7 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
         shape, by_columns, kind = read(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
-    if len(shape) < 2 or shape[-1] < 3 or kind.kind not in "fiu" or kind.itemsize > 8:
-        raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {kind}{shape}")
+    refuse_array(path, kind, shape)
     body, wanted = memoryview(data)[file.tell() :], math.prod(shape) * kind.itemsize
     if len(body) != wanted:
         raise LogError(f"{path}: {len(body)} bytes of points, {wanted} for its shape {shape}; the file is damaged")

@@ -4,6 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import scipy  # loads a part of it when that is first used
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
@@ -18,10 +19,16 @@ WIDTHS = range(12, 65)
 FARTHEST_M, LEAST_M = 500.0, 1e-6
 HEAD_BYTES = 2**20
 LASERS = 32  # of NCLT's sensor
+COLUMNS = (4, 3, 5, 6, 7, 8)
+"""Numbers of a point in a .bin that holds all x first, the commonest first."""
+ALIKE = 0.1
+"""Numbers of one distribution differ by less than this (Kolmogorov and Smirnov's distance), if they are many."""
 
 
 def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.float32]:
     """Points (n, 3) of a .bin whose records, `width` bytes each, begin with x, y, z; raises LogError where they cannot."""
+    if not width:
+        refuse_planar(data, path)
     width = width or point_bytes(data) or 0
     if width == NCLT_BYTES:
         raise LogError(f"{path}: scaled 16-bit integers as NCLT's; the dataset nclt reads them from velodyne_sync/UTIME.bin")
@@ -35,16 +42,43 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
 def point_bytes(data: bytes) -> int | None:
     """Bytes of a point in a .bin whose points begin with x, y, z as 32-bit floats in metres; 8: NCLT's; None: none fits.
 
-    Where several widths fit, neighbours in the file tell: they lie nearest to each other in the right one.
+    Where several widths fit, the numbers tell: in the right one heights are spread unlike positions ahead, and neighbours in the
+    file lie nearest to each other. Where they do not (`is_told`), it is the commonest that fits.
     """
     words = np.frombuffer(data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2").reshape(-1, 4)
     if len(data) % NCLT_BYTES == 0 and len(words) and (words[:, 3] >> 8).max() < LASERS and (words[:, :3] > 0).all():
         return NCLT_BYTES
-    apart = {width: _apart(xyz_m) for width in WIDTHS if (xyz_m := _points(data, width)) is not None}
-    if len(data) < FEW * max(apart, default=0):
-        return next((width for width in NAMES if width in apart), None) or next(iter(apart), None)
+    fitting = _fitting(data)
+    telling = {width: xyz_m for width, xyz_m in fitting.items() if _heights_differ(xyz_m)}
+    if not telling and len(data) < FEW * max(fitting, default=0):
+        return next((width for width in NAMES if width in fitting), None) or next(iter(fitting), None)
+    apart = {width: _apart(xyz_m) for width, xyz_m in (telling or fitting).items()}
     likely = [width for width in apart if apart[width] <= 1.2 * min(apart.values())]  # two points on are not much farther
     return likely[0] if likely else None
+
+
+def is_told(data: bytes) -> bool:
+    """Whether the content of a .bin, or its size alone, tells the bytes of a point, so that `point_bytes` is no guess."""
+    fitting = _fitting(data)
+    return len(fitting) < 2 or any(_heights_differ(xyz_m) for xyz_m in fitting.values())
+
+
+def refuse_planar(data: bytes, path: Path) -> None:
+    """Raise LogError for a .bin that holds all x first, then all y, then all z, as those of RobotCar's radar data set do."""
+    if any(_heights_differ(xyz_m) for xyz_m in _fitting(data).values()):
+        return
+    for columns in COLUMNS:
+        if not data or len(data) % (4 * columns):
+            continue
+        xyz_m = np.frombuffer(data, "<f4").reshape(columns, -1)[:3].T
+        if _may_be_points(xyz_m) and _heights_differ(xyz_m):
+            turned = f"with N numbers a point, {columns} perhaps, `numpy.fromfile(FILE, '<f4').reshape(N, -1).T.tofile(FILE)`"
+            raise LogError(f"{path}: holds all x, then all y, then all z; {turned} puts point after point")
+
+
+def _fitting(data: bytes) -> dict[int, NDArray[np.float32]]:
+    """The first points (n, 3) of a .bin by each width of a record that fits."""
+    return {width: xyz_m for width in WIDTHS if (xyz_m := _points(data, width)) is not None}
 
 
 def _points(data: bytes, width: int) -> NDArray[np.float32] | None:
@@ -53,11 +87,25 @@ def _points(data: bytes, width: int) -> NDArray[np.float32] | None:
         return None
     rows = np.frombuffer(data[: max(HEAD_BYTES // width, 1) * width], np.uint8).reshape(-1, width)
     xyz_m = rows[:, :12].copy().view("<f4")
+    return xyz_m if _may_be_points(xyz_m) else None
+
+
+def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
+    """Whether numbers (n, 3) are such as points have."""
     size_m = np.abs(xyz_m)
     with np.errstate(invalid="ignore"):
         likely = (size_m < FARTHEST_M) & ((size_m > LEAST_M) | (size_m == 0))
     varied = len(xyz_m) < FEW or all((a != b).any() for a, b in pairwise(xyz_m.T))
-    return xyz_m if likely.mean() > 0.95 and (xyz_m != 0).any() and varied else None
+    return bool(likely.mean() > 0.95 and (xyz_m != 0).any() and varied)
+
+
+def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
+    """Whether the z of points (n, 3) are spread unlike their x, as in any place, and never where the numbers are mixed up."""
+    known = xyz_m[np.isfinite(xyz_m).all(axis=1)]
+    if len(known) < FEW:
+        return False
+    away = scipy.stats.ks_2samp(known[:, 0], known[:, 2], method="asymp").statistic
+    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(known)))
 
 
 def _apart(xyz_m: NDArray[np.float32]) -> float:

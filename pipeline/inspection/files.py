@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.errors import LogError
 from pipeline.formats import kitti, nclt, pcd, records
-from pipeline.formats.folder import LARGEST_BYTES
+from pipeline.formats.folder import LARGEST_BYTES, refuse_array
 from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
@@ -137,8 +137,9 @@ def array_file(path: Path, found: Inspection) -> None:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
-    if array.ndim < 2 or array.shape[-1] < 3 or array.dtype.kind not in "fiu" or not array.size:
-        raise LogError(f"{path}: expected points (n, 3 or more) as numbers, found {array.dtype}{array.shape}")
+    refuse_array(path, array.dtype, array.shape)
+    if not array.size:
+        raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
     shape, array = array.shape, array.reshape(-1, array.shape[-1])
     stride = max(1, len(array) // MOST_POINTS)
     found.describe(

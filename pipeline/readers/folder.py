@@ -9,6 +9,7 @@ or scans named by number: scan n belongs to row n of a KITTI pose file and of ti
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +27,8 @@ from pipeline.running.settings import Positive, check
 
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""
+LOOKED_AT = 20
+"""Files from whose content the bytes of a point are found."""
 FARTHEST_M = 1e6
 """Points beyond this are dropped: no lidar sees 1,000 km."""
 
@@ -72,14 +75,14 @@ class Folder:
             raise LogError(f"{folder}: no such folder of a sequence")
         truth = self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
-        paths, width = self._paths(folder, truth.stamps_ns, skipped)
+        paths, width, notes = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         apart = f"is reader.stamps={self.stamps} the unit of the scans' names?"
         rows, world_T_body, odom_T_body = log.posed(folder, stamps_ns, truth, odometry, skipped, apart)
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
         vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped)
+        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
@@ -90,11 +93,13 @@ class Folder:
         found = folder.glob(self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*")
         return [path for path in found if path.suffix in files.SCANS]
 
-    def _paths(self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]) -> tuple[dict[int, Path], int | None]:
-        """Scan files by stamp in ns, and the bytes of a point in a .bin; counts in `skipped` the files that are not used."""
+    def _paths(
+        self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]
+    ) -> tuple[dict[int, Path], int | None, tuple[str, ...]]:
+        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped` the files that are not used."""
         found: dict[int, Path] = {}
         there = sorted(self._files(folder))
-        width = self.point_bytes or self._width(there)
+        width, notes = self._width(there)
         for path in there:
             stamp = self._stamp(path.stem, pose_stamps_ns)
             if stamp is None or not path.is_file():
@@ -111,14 +116,31 @@ class Folder:
             names = f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
             odd = next((f"; {path.name} is none" for path in there), "")
             raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{odd})")
-        return found, width
+        return found, width, notes
 
-    def _width(self, paths: Sequence[Path]) -> int | None:
-        """Bytes of a point, by the first .bin that tells; None of none."""
+    def _width(self, paths: Sequence[Path]) -> tuple[int | None, tuple[str, ...]]:
+        """Bytes of a point, None of none, by the first .bin that tells; and a note where none does, so that it is a guess.
+
+        Raises LogError for a file that holds all x first.
+        """
         whole = (
-            path for path in paths if path.suffix == ".bin" and path.is_file() and path.stat().st_size <= files.LARGEST_BYTES
+            path for path in paths if path.suffix == ".bin" and path.is_file() and 0 < path.stat().st_size <= files.LARGEST_BYTES
         )
-        return next(filter(None, (records.point_bytes(path.read_bytes()) for path in whole)), None)
+        guess: tuple[int, Path] | None = None
+        for path in islice(whole, LOOKED_AT):
+            data = path.read_bytes()
+            records.refuse_planar(data, path)
+            if self.point_bytes:
+                return self.point_bytes, ()
+            width = records.point_bytes(data)
+            if width and records.is_told(data):
+                return width, ()
+            if width and guess is None:
+                guess = (width, path)
+        if self.point_bytes or guess is None:
+            return self.point_bytes or None, ()
+        width, path = guess
+        return width, (f"{path.name} fits points of several sizes: {width} bytes are assumed; say reader.point_bytes",)
 
     def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
         if not stem.isascii() or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal() or len(stem) > 40:

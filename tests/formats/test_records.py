@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import LogError
-from pipeline.formats.records import point_bytes, points
+from pipeline.formats.records import is_told, point_bytes, points, refuse_planar
 
 EXTRA = {
     12: [],
@@ -41,6 +41,34 @@ def test_the_width_of_a_record_is_found_and_its_points_are_read(width: int) -> N
 def test_few_points_have_the_commonest_layout_that_fits() -> None:
     few, _ = sweep(16, 10)
     assert point_bytes(few) == 16
+
+
+@pytest.mark.parametrize("width", [12, 16, 20])
+def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: int) -> None:
+    """1,980 points are as many bytes as whole records of 12, 16 and 20 bytes; neighbours in the file tell nothing."""
+    data, _ = sweep(width, 1980)
+    rows = np.frombuffer(data, np.uint8).reshape(-1, width)
+    mixed = np.random.default_rng(1).permutation(rows).tobytes()
+    assert point_bytes(mixed) == width
+    assert is_told(mixed)
+
+
+def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
+    """A cube filled evenly: heights are spread as positions are, and 500 points of 16 bytes are 400 of 20."""
+    cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
+    assert point_bytes(cube) == 16
+    assert not is_told(cube)
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+@pytest.mark.parametrize("width", [12, 16, 20])
+def test_a_file_of_all_x_then_all_y_is_refused_with_what_to_do(width: int, ordered: bool) -> None:
+    data, _ = sweep(width)
+    rows = np.frombuffer(data, "<f4").reshape(-1, width // 4)
+    rows = rows if ordered else np.random.default_rng(1).permutation(rows)
+    with pytest.raises(LogError, match=r"1.bin: holds all x, then all y, then all z; with N numbers .*reshape\(N, -1\)"):
+        points(rows.T.tobytes(), Path("1.bin"))
+    refuse_planar(rows.tobytes(), Path("1.bin"))
 
 
 @pytest.mark.parametrize(
