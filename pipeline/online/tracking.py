@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.frames import apart
 from pipeline.online.site import Fix, Site, finite
 from pipeline.paths.belief import Belief
 from pipeline.posing.fix import Fix as Registered
@@ -19,6 +20,12 @@ SHORTEST, LONGEST = 0.02, 5.0
 without stamps so many scans."""
 FASTEST_M, FASTEST_DEG = 40.0, 180.0
 """No robot moves or turns faster in a second: two such fixes tell no speed."""
+GAINS = np.array([2.0, 15.0])
+"""What a robot does otherwise than before, in metres and degrees a second squared: standard deviations, until it has shown it."""
+UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
+"""Standard deviations a second of a robot of unknown speed."""
+LIKELY = 0.9
+"""A pose believed so much tells how fast the robot moves, though it may not be accepted."""
 
 
 class Motion:
@@ -28,6 +35,8 @@ class Motion:
         self._last: tuple[NDArray[np.float64], float] | None = None
         self._moved_m, self._turned_rad = np.zeros(3), np.zeros(3)  # in a second, or from scan to scan
         self._usual_s = 0.0
+        self._since_s = 0.0
+        self._squares, self._fixes = GAINS**2, 1
 
     def onwards(self, took_s: float) -> NDArray[np.float64]:
         """The step (4, 4) in so many seconds.
@@ -40,18 +49,39 @@ class Motion:
         step[:3, :3] = Rotation.from_rotvec(seconds * self._turned_rad).as_matrix()
         return step
 
+    def doubt(self, took_s: float) -> tuple[float, float]:
+        """The standard deviations of the step in so many seconds, in metres and degrees: more with each since the last fix."""
+        seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
+        if not self._usual_s:
+            away_m, turn_deg = UNKNOWN * max(seconds, SHORTEST)
+            return float(away_m), float(turn_deg)
+        stood = np.zeros(2)
+        if seconds < SHORTEST:  # the same scan again, or a clock that stands still
+            stood = self._usual_s * np.array([np.linalg.norm(self._moved_m), np.rad2deg(np.linalg.norm(self._turned_rad))])
+            seconds = self._usual_s
+        before_s = self._since_s
+        self._since_s = before_s + seconds
+        away_m, turn_deg = stood + np.sqrt(self._squares / self._fixes) / 2 * (self._since_s**2 - before_s**2)
+        return float(away_m), float(turn_deg)
+
     def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """A fix was believed at that time."""
+        """A pose was believed at that time."""
         last = self._last
         self._last = (world_T_robot, time_s)
+        self._since_s = 0.0
         if last is None or not SHORTEST <= time_s - last[1] <= LONGEST:
             return
         seconds = time_s - last[1]
         step = np.linalg.inv(last[0]) @ world_T_robot
         moved_m = step[:3, 3] / seconds
         turned_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
-        if np.linalg.norm(moved_m) <= FASTEST_M and np.linalg.norm(turned_rad) <= np.deg2rad(FASTEST_DEG):
-            self._moved_m, self._turned_rad, self._usual_s = moved_m, turned_rad, seconds
+        if np.linalg.norm(moved_m) > FASTEST_M or np.linalg.norm(turned_rad) > np.deg2rad(FASTEST_DEG):
+            return
+        if self._usual_s:
+            off_m, off_deg = apart(self.onwards(seconds)[None], step[None])
+            self._squares = self._squares + (2 * np.array([off_m[0], off_deg[0]]) / seconds**2) ** 2
+            self._fixes += 1
+        self._moved_m, self._turned_rad, self._usual_s = moved_m, turned_rad, seconds
 
 
 class Tracker:
@@ -83,13 +113,17 @@ class Tracker:
         if guessed and took_s is not None and took_s > LONGEST:
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)  # what was believed of a robot says nothing of where it went
-        step = self._onwards(took_s) if step is None or guessed else step
-        self.belief.move(step, guessed)
+        if step is None or guessed:
+            step = self._onwards(took_s)
+            self.belief.move(step, self._motion.doubt(_passed_s(took_s)))
+        else:
+            self.belief.move(step)
         guess = None if self._pose is None else self._pose @ step
         found, tracked = self._find(points_m, guess)
         fix = self._judge(found, tracked)
-        if fix.verdict == "accepted":
+        if fix.verdict != "no pose" and 1 - fix.novelty >= LIKELY:
             self._motion.fixed(fix.world_T_sensor, self._time_s)
+        if fix.verdict == "accepted":
             self._pose, self._misses, self.mode = fix.world_T_sensor, 0, "tracking"
         elif guess is not None:
             self._misses += 1
@@ -98,8 +132,8 @@ class Tracker:
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _onwards(self, took_s: float | None) -> NDArray[np.float64]:
-        """The step since the last scan; from scan to scan where there are no stamps."""
-        return self._motion.onwards(1.0 if took_s is None else took_s)
+        """The step (4, 4) since the last scan."""
+        return self._motion.onwards(_passed_s(took_s))
 
     def _find(self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None) -> tuple[Registered, bool]:
         """Hypotheses, and whether they were found from the predicted pose alone."""
@@ -122,3 +156,8 @@ class Tracker:
         kept = [promise for promise, reject_from in self.site.promises.items() if reject_from > 0 and believed >= promise]
         verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
         return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=max(kept, default=None))
+
+
+def _passed_s(took_s: float | None) -> float:
+    """The time since the last scan; where there are no stamps it counts as a second."""
+    return 1.0 if took_s is None else took_s

@@ -14,10 +14,8 @@ DRIFT, TURN_DEG_PER_M = 0.05, 0.1
 JUMPS = 0.001
 """Chance a scan to be carried anywhere."""
 REPEATS = 0.3
-"""How often a wrong pose is followed by one that agrees with it: assumed, not learned."""
+"""How often a wrong pose lies where one was believed, repeating it or having slipped from it: assumed, not learned."""
 FORGOTTEN = 1e-5
-GUESS_M = 40.0
-"""A guessed step is as uncertain as so much odometry."""
 DEVIATIONS = 3.0
 
 
@@ -31,32 +29,46 @@ class Belief:
     """(hypothesis, 4, 4) in the world, each carried on by odometry since its last fix."""
     chances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) that the robot is there, give or take the drift since; what lacks of 1 is anywhere else."""
-    driven_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) since that fix."""
+    drift_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(hypothesis,) how far it may have drifted since that fix: a standard deviation."""
+    drift_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(hypothesis,) and turned."""
 
-    def move(self, step: Poses, guessed: bool = False) -> None:
-        """After the robot moved by `step` (4, 4), its new pose in the old one's frame, by odometry or guessed."""
-        self.poses, self.chances = self.poses @ step, (1 - JUMPS) * self.chances
-        self.driven_m = self.driven_m + (GUESS_M if guessed else float(np.linalg.norm(step[:3, 3])))
+    def move(self, step: Poses, doubt: tuple[float, float] | None = None) -> None:
+        """After the robot moved by `step` (4, 4), its new pose in the old one's frame, by odometry.
+
+        A step that was guessed has standard deviations of its own: `doubt` in metres and degrees.
+        """
+        step_m = float(np.linalg.norm(step[:3, 3]))
+        doubt_m, doubt_deg = (DRIFT * step_m, TURN_DEG_PER_M * step_m) if doubt is None else doubt
+        self.poses = self.poses @ step
+        self.chances = (1 - JUMPS) * self.chances
+        self.drift_m = self.drift_m + doubt_m
+        self.drift_deg = self.drift_deg + doubt_deg
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
         """A pose was measured that is right with this chance; returns the chance that it is right now, given all before.
 
-        Of a robot that may be anywhere the chance stays what it was. A hypothesis that the pose agrees with is for it, but wrong
-        poses repeat themselves, as the next scan shows the same look-alike: REPEATS of them agree too. A `tracked` pose was
-        sought where it was believed: that it agrees says nothing, only its chance does, against that of a usual fix.
+        Of a robot that may be anywhere the chance stays what it was. A hypothesis that may have drifted to the pose is for it,
+        but wrong poses repeat themselves, as the next scan shows the same look-alike: REPEATS of them lie there too. A `tracked`
+        pose was sought where it was believed: that it lies there says nothing, only its chance does, against that of a usual fix.
+        And a pose may have slipped along a street, wrong though the robot is where it was believed: all but one that lies within
+        RIGHT_M of a hypothesis that drift has left right.
         """
         elsewhere = 1 - float(self.chances.sum())
         away_m, turn_deg = apart(self.poses, np.broadcast_to(world_T_robot, self.poses.shape))
-        near_m, near_deg = (DEVIATIONS * drift * self.driven_m for drift in (DRIFT, TURN_DEG_PER_M))
-        agrees = (away_m < RIGHT_M + near_m) & (turn_deg < RIGHT_DEG + near_deg)
+        near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg)
+        agrees = near & (away_m < RIGHT_M)
         repeated = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
-        right = chance * (elsewhere + float(self.chances[agrees].sum()) / repeated)
+        right = chance * (elsewhere + float(self.chances[near].sum()) / repeated)
         others = (1 - chance) * self.chances
-        whole = right + float(others[~agrees].sum()) + (1 - chance) * elsewhere
+        others[near] *= REPEATS / repeated
+        others[agrees] *= 1 - still_right(self.drift_m[agrees])
+        whole = right + (1 - chance) * elsewhere + float(others.sum())
         kept = ~agrees & (others > FORGOTTEN * whole)
         self.poses = np.concatenate([self.poses[kept], world_T_robot[None]])
-        self.driven_m = np.append(self.driven_m[kept], 0.0)
+        self.drift_m = np.append(self.drift_m[kept], 0.0)
+        self.drift_deg = np.append(self.drift_deg[kept], 0.0)
         self.chances = np.append(others[kept], right) / whole
         return right / whole
 
@@ -64,11 +76,11 @@ class Belief:
         """The pose that is likeliest within RIGHT_M of the robot's, drift heeded, and the chance that it is; None at first."""
         if not len(self.chances):
             return None
-        chances = self.chances * still_right(self.driven_m)
+        chances = self.chances * still_right(self.drift_m)
         likeliest = int(chances.argmax())
         return self.poses[likeliest], float(chances[likeliest])
 
 
-def still_right(driven_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The chance that a pose carried so far by drifting odometry is still within RIGHT_M, the way that it drifts most."""
-    return np.asarray(erf(RIGHT_M / (np.sqrt(2) * DRIFT * np.maximum(driven_m, 1e-9))))
+def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The chance that a pose of this standard deviation, the way that it drifts most, is still within RIGHT_M."""
+    return np.asarray(erf(RIGHT_M / (np.sqrt(2) * np.maximum(drift_m, 1e-9))))

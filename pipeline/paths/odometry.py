@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.paths.belief import still_right
+from pipeline.paths.belief import DRIFT, still_right
 from pipeline.paths.tracks import Estimates, Track
 
 
@@ -20,7 +20,7 @@ class Odometry:
             carried = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
             if np.isfinite(carried).all():
                 poses[row], driven_m = carried, driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
-                chances[row] = chance * float(still_right(np.array(driven_m)))
+                chances[row] = chance * float(still_right(np.array(DRIFT * driven_m)))
             elif track.accepted[row]:
                 poses[row], driven_m, chance = track.world_T_query[row], 0.0, float(track.chance[row])
                 chances[row] = chance
