@@ -22,6 +22,8 @@ from pipeline.errors import LogError, YearlocError
 from pipeline.formats.bag import TRANSFORMS, typestore
 
 SUFFIXES = (".bag", ".mcap", ".db3")
+MCAP = b"\x89MCAP0\r\n"
+"""The first bytes of an MCAP."""
 ALIASES = {"tf/msg/tfMessage": TRANSFORMS}
 """Older names of message types."""
 
@@ -162,14 +164,23 @@ def _why(path: Path, error: Exception) -> str:
         return "no such bag"
     if path.is_file():
         with path.open("rb") as file:
-            head = file.read(32)
+            head = file.read(64)
         if not head:
             return "an empty file; record or fetch it anew"
         version = re.match(rb"#ROS[A-Z]+ V(\d+\.\d+)", head)
         if version and version[1] != b"2.0":
             return f"a ROS 1 bag of version {version[1].decode()}; only 2.0 can be read: convert it with `rosbag fix`"
+        if head.startswith(MCAP) and (profile := _profile(head)) != "ros2":
+            advice = "give the ROS 1 .bag that it was made from" if profile == "ros1" else "let `ros2 bag record` write it"
+            return f"an MCAP of profile {profile!a}; only those of ROS 2 can be read: {advice}"
     reason = _reason(error)
     return f"cannot be read as a bag: {reason}; if it is cut short or unindexed, `rosbag|ros2 bag reindex` or `mcap recover` it"
+
+
+def _profile(head: bytes) -> str:
+    """The profile that the header of an MCAP names, which is what wrote its messages."""
+    size = int.from_bytes(head[17:21], "little")
+    return plain(head[21 : 21 + size].decode("utf-8", "replace"), 40)
 
 
 def _reason(error: Exception) -> str:

@@ -2,6 +2,7 @@
 
 import io
 import math
+from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,13 @@ LARGEST_BYTES = 2**28
 MOST_COLUMNS = 32
 """Of an array of points; one with more is turned, or an image."""
 NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+LAYOUTS = {
+    12: "12 numbers a row are KITTI's: reader.poses_format: kitti, with the seconds in times.txt",
+    13: "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns: write its rotation as a quaternion",
+}
+"""What rows of a pose file are by the count of their numbers."""
+UNITS = {18: "nanoseconds", 15: "microseconds", 12: "milliseconds"}
+"""By the digits of a stamp since 1970."""
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
@@ -61,7 +69,8 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     for row, words in enumerate(rows):
         stamp = stamp_ns(words[0], "s")
         if len(words) != 8 or stamp is None:
-            raise LogError(f"{path}: row {row + 1} is '{' '.join(words)[:60]}'; expected stamp x y z qx qy qz qw, in s and m")
+            given = f"row {row + 1} is '{' '.join(words)[:60]}'"
+            raise LogError(f"{path}: {given}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}")
         try:
             numbers[row] = [float(word) for word in words[1:]]
         except ValueError:
@@ -77,11 +86,20 @@ def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> Non
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}")
     if 3 <= shape[-1] <= MOST_COLUMNS:
         return
-    if 3 <= shape[0] <= MOST_COLUMNS:
+    if 3 <= shape[0] <= MOST_COLUMNS < shape[-1]:
         advice = f"save `numpy.moveaxis(array, 0, -1)`, if the {shape[0]} are x, y, z first"
         raise LogError(f"{path}: expected points (n, 3 or more), {found}: its columns are its points; {advice}")
     advice = "a range image has no x, y, z: save the points that it was made of" if shape[-1] > 2 else "x, y and z are needed"
     raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}; {advice}")
+
+
+def no_tum(words: Sequence[str]) -> str:
+    """What a row of a pose file is that is no row of a TUM trajectory, and what to do; nothing where that is not known."""
+    if len(words) in LAYOUTS:
+        return f"; {LAYOUTS[len(words)]}"
+    digits = len(words[0].partition(".")[0]) if words and words[0].replace(".", "", 1).isdecimal() else 0
+    unit = next((unit for least, unit in UNITS.items() if digits >= least), None)
+    return f"; its stamp is in {unit}: divide the stamps to have seconds" if len(words) == 8 and unit else ""
 
 
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:

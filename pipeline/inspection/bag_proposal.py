@@ -27,14 +27,15 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
 
     Raises LogError for bags without points.
     """
-    points = next(iter(contents.of(CLOUD) or contents.of(SWEEP)), None)
+    truth, odometry = _poses(contents)
+    sources = contents.of(CLOUD) or contents.of(SWEEP)
+    points = min(sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None)
     if points is None:
         held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
         packed = next((topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS), "")
         advice = f"; let the lidar's driver make PointCloud2 of {packed} while `ros2 bag record` runs" if packed else ""
         lacking = f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}{advice}"
         raise LogError(f"{contents.files[0].path}: {lacking}")
-    truth, odometry = _poses(contents)
     flat = points.kind == SWEEP
     warnings: list[str] = []
     if truth is None:
@@ -110,6 +111,8 @@ def _extrinsic(
             warnings.append(f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as body_T_lidar")
         return None, f"the posed frame is unknown: {ask}"
     found = np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
+    if found is None and points.frame == truth.frame:
+        return None, f"the points lie in {points.frame} already, the world of the poses: name another topic"
     if found is None:
         warnings.append(f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar")
         return None, f"no fixed transforms lead from {truth.child} to {points.frame}: {ask}"

@@ -3,12 +3,21 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import yaml
+
 from pipeline.errors import LogError
-from pipeline.formats.bag_file import find, plain
+from pipeline.formats.bag import CLOUD
+from pipeline.formats.bag_file import find, is_bag, plain
 from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import propose
+from pipeline.inspection.drives import VEHICLE
+from pipeline.inspection.folders import describe_log, survey_log
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import size
+from pipeline.readers.bag import Bag
+
+TRIED_BYTES = 8 * 10**9
+"""A drive's bags of more bytes are not opened to see whether the proposed yaml works."""
 
 
 def below(path: Path) -> list[Path]:
@@ -47,6 +56,29 @@ def bags(path: Path, found: Inspection) -> None:
     found.kind = f"ROS bag{'s' if len(paths) > 1 else ''}"
     found.add("proposed for conf/dataset; root is the folder that the bags lie in", *((line,) for line in text.splitlines()))
     found.warnings += tuple(warnings)
+    if not any("body_T_lidar" in warning for warning in warnings):  # that has to be given first
+        _try(path, text, contents, found)
+
+
+def _try(path: Path, text: str, contents: Contents, found: Inspection) -> None:
+    """Open the bag as the proposed yaml says and look at a few clouds; what its reader refuses is a warning."""
+    reader = yaml.safe_load(text)["reader"]
+    del reader["_target_"]
+    if reader["truth"] is None:
+        return
+    whole = path.resolve()
+    drive = whole if is_bag(whole) else next(child for child in sorted(whole.iterdir()) if find(child))
+    held = sum(map(size, find(drive)))
+    if held > TRIED_BYTES:
+        found.warn(True, f"not tried: {nbytes(held)} of {drive.name} would be read to open it as proposed")
+        return
+    try:
+        log = Bag(**reader).open(drive.parent, drive.name)
+        describe_log(found, log, f"{drive.name}, as its reader opens it", "messages")
+        if any(topic.name == reader["points"] for topic in contents.of(CLOUD)):
+            survey_log(found, log, VEHICLE)
+    except LogError as error:
+        found.warn(True, f"the reader refuses the bag as proposed: {error}")
 
 
 def proposal(paths: Sequence[Path]) -> str:

@@ -6,21 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import LogError
-from pipeline.formats import carmen, kitti, nclt, records
-from pipeline.inspection.cloud import survey
+from pipeline.formats import carmen, folder, kitti, nclt, records
+from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.files import FORMATS, format_of
 from pipeline.inspection.inspection import Inspection, clock, duration, metres, nbytes
 from pipeline.readers import log
 from pipeline.readers.carmen import Carmen
+from pipeline.readers.folder import Folder
 from pipeline.readers.keyframes import KeyFrames
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.readers.log import Log, Reader
 from pipeline.readers.nclt import Nclt, read_velodyne_sync
 from pipeline.readers.robotcar import RobotCar
 
-FRAMES = "key frames"
+FRAMES, OWN = "key frames", "another robot's"
 SHOWN = 20  # names of a folder
+FAR_M = 50.0
+"""A robot so far from the origin of its world tells whether a cloud lies around itself or around the origin."""
 RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 
 
@@ -63,27 +66,36 @@ def scan_folder(path: Path, as_format: str | None, found: Inspection) -> None:
 
 def _own_scans(path: Path, found: Inspection) -> None:
     """A folder of another robot's scans."""
-    files = sorted(file for file in path.glob("*.bin") if file.stat().st_size)
+    files = sorted(file for file in path.iterdir() if file.suffix in folder.SCANS and file.stat().st_size)
     if not files:
-        raise LogError(f"{path}: all of its .bin files are empty; fetch them anew")
-    width = records.point_bytes(files[0].read_bytes())
-    found.describe(
-        "scans of points of 32-bit floats",
+        raise LogError(f"{path}: all of its scans are empty; fetch them anew")
+    rows = [
         ("scans", f"{len(files):,}, {nbytes(sum(file.stat().st_size for file in files))}"),
-        ("records", f"of {width or 'unknown'} bytes, found from the content of {files[0].name}"),
         ("read by", "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"),
-    )
-    survey(found, len(files), lambda row: records.points(files[row].read_bytes(), files[row], width), "as stored")
+    ]
+    plain = next((file for file in files if file.suffix == ".bin"), None)
+    width = records.point_bytes(plain.read_bytes()) if plain else None
+    if plain:
+        rows.insert(1, ("records", f"of {width or 'unknown'} bytes, found from the content of {plain.name}"))
+    found.describe("scans of another robot", *rows)
+    survey(found, len(files), lambda row: folder.points(files[row].read_bytes(), files[row], width), "as stored")
+
+
+def own_sequence(path: Path, found: Inspection) -> None:
+    """A folder with scans/ and poses.txt, as conf/dataset/folder.yaml has it, opened by its reader."""
+    if log := describe_opened(found, OWN, path.resolve().parent, Folder(), "as its reader opens it"):
+        survey_log(found, log, VEHICLE)
 
 
 def sequence(path: Path, found: Inspection) -> None:
     """The folder of a sequence of NCLT or KITTI, opened by its reader; a LogError of the reader becomes a warning."""
-    is_nclt, folder = (path / "velodyne_sync").is_dir(), path.resolve()
-    scans, root = (path / "velodyne_sync", folder.parent) if is_nclt else (path / "velodyne", folder.parents[1])
+    is_nclt = (path / "velodyne_sync").is_dir()
+    whole = path.resolve()
+    scans, root = (path / "velodyne_sync", whole.parent) if is_nclt else (path / "velodyne", whole.parents[1])
     reader: Reader = Nclt() if is_nclt else Kitti()
     opened = describe_opened(found, FORMATS[scans.name].upper(), root, reader, "as its reader opens it")
     if opened is not None:
-        survey(found, len(opened.stamps_ns), opened.points, VEHICLE)
+        survey_log(found, opened, VEHICLE)
         return
     part = Inspection(scans)
     scan_folder(scans, None, part)
@@ -99,6 +111,7 @@ def root(path: Path, found: Inspection) -> None:
         "RobotCar": RobotCar(),
         "CARMEN": Carmen(),
         FRAMES: KeyFrames(),
+        OWN: Folder(),
     }
     held = {name: reader.sequences(path) for name, reader in readers.items()}
     name, sequences = next((item for item in held.items() if item[1]), ("", {}))
@@ -137,7 +150,7 @@ def describe_opened(found: Inspection, kind: str, root: Path, reader: Reader, ti
 def key_frames(path: Path, found: Inspection) -> None:
     """A folder with keyframes.txt and its clouds, as they lie in the file."""
     if log := describe_opened(found, FRAMES, path.resolve().parent, KeyFrames(), "as its reader opens it"):
-        survey(found, len(log.stamps_ns), log.points, "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them")
+        survey_log(found, log, "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them")
 
 
 def carmen_log(path: Path, found: Inspection) -> None:
@@ -164,6 +177,20 @@ def describe_log(found: Inspection, log: Log, title: str, scans: str) -> None:
         ("odometry", f"at {posed:.3g} % of the {scans}"),
     )
     found.warn(not placed, "no scan has a true pose: such a log can neither be learned nor judge answers")
+
+
+def survey_log(found: Inspection, log: Log, frame: str) -> None:
+    """Add the diagnoses of a few clouds of a log; warns where they lie in the world already, so that poses move them twice."""
+    survey(found, len(log.stamps_ns), log.points, frame)
+    far = [row for row in spread(len(log.stamps_ns)) if np.linalg.norm(log.world_T_scan[row, :2, 3]) > FAR_M]
+    places_m = log.world_T_scan[far, :2, 3]
+    centres_m = np.array([np.median(log.points(row)[:, :2], axis=0) for row in far]).reshape(-1, 2)
+    off_m = np.linalg.norm(centres_m - places_m, axis=1)
+    found.warn(
+        len(far) > 1 and (off_m < 0.3 * np.linalg.norm(places_m, axis=1)).all(),
+        "clouds in the world already: their points lie around where the robot was, not around itself; poses would move them "
+        "twice: use the clouds in the frame of the LiDAR or the body",
+    )
 
 
 def rate(found: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:

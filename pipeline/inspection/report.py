@@ -6,11 +6,13 @@ from pathlib import Path
 from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.formats import carmen
 from pipeline.formats.bag_file import SUFFIXES, find
+from pipeline.formats.folder import SCANS
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection import artifacts, bags, files, folders, robotcar, tracks
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.origin import add_provenance
 from pipeline.readers import keyframes
+from pipeline.readers.folder import Folder
 
 KNOWN = (
     ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib; TUM poses), .npy, .pcd, "
@@ -23,20 +25,23 @@ FOREIGN = {
     ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
 }
 FOREIGN[".laz"] = FOREIGN[".las"]
+FOREIGN |= dict.fromkeys(
+    (".zst", ".zstd"), "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`"
+)
+FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
 """What files that are no scans of ours hold, and what to do."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
     "*.safetensors": artifacts.model,
     **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
     "*.pcd": files.pcd_file,
     "*.npy": files.array_file,
-    "groundtruth*.csv": tracks.nclt_poses,
-    "odometry*.csv": tracks.nclt_poses,
+    "odometry_cov*.csv": tracks.nclt_poses,
     "vo.csv": robotcar.vo,
     "ins.csv": robotcar.ins,
-    "times.txt": tracks.kitti_times,
     "calib.txt": tracks.kitti_calib,
 }
-"""By the names of the files; .bin, poses of KITTI and TUM trajectories need a closer look."""
+"""By the names of the files; a .bin, and a text of poses or times, is told by its content."""
+TEXTS = (".txt", ".tum", ".csv")
 
 
 def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
@@ -63,7 +68,7 @@ def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.loc
 
 
 def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
-    is_scans = path.name in files.FORMATS or any(path.glob("*.bin"))
+    is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
     if any((path / name).is_dir() for name in files.FORMATS):
         folders.sequence(path, found)
     elif any((path / laser).is_dir() for laser in LASERS):
@@ -72,6 +77,8 @@ def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
         robotcar.sweeps(path, found)
     elif (path / keyframes.FILE).is_file():
         folders.key_frames(path, found)
+    elif (path / Folder().scans).is_dir():
+        folders.own_sequence(path, found)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
         bags.bags(path, found)
     elif is_scans:
@@ -88,10 +95,8 @@ def _file(path: Path, as_format: str | None, found: Inspection) -> None:
         robotcar.sweep(path, found)
     elif path.suffix == ".bin":
         files.scan_file(path, as_format, found)
-    elif path.suffix == ".txt" and path.stem.isdecimal():
-        tracks.kitti_poses(path, found)
-    elif path.suffix in (".txt", ".tum") and tracks.is_tum(path):
-        tracks.tum_poses(path, found)
+    elif path.suffix in TEXTS:
+        tracks.numbers(path, found)
     elif path.name.endswith(carmen.SUFFIXES):
         folders.carmen_log(path, found)
     elif path.suffix in FOREIGN:

@@ -5,12 +5,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.errors import ConfigError, LogError
 from pipeline.formats import kitti
+from pipeline.frames import Trajectory
 from pipeline.inspection.inspection import Inspection, box, clock, duration, path_length
-from pipeline.readers import log
-from pipeline.readers.folder import read_tum
-from pipeline.readers.nclt import Nclt
+from pipeline.readers import log, vehicle
+from pipeline.readers.folder import BODY_T_CAMERA, read_tum
+from pipeline.readers.nclt import Nclt, read_poses
+
+GAP_S = 1.0
+"""Poses further apart than this are not held against each other."""
+SCAN_NS = 100_000_000
 
 
 def nclt_poses(path: Path, found: Inspection) -> None:
@@ -34,6 +39,8 @@ def nclt_poses(path: Path, found: Inspection) -> None:
         *([] if relative else [("box", box(xyz, ("north", "east", "down")))]),
     )
     _warn_of_order(found, times_s)
+    if not relative and not _back(times_s):
+        found.warnings += vehicle.doubts("the poses", read_poses(path))
     found.warn(
         (gaps > gap_s).any(),
         f"{int((gaps > gap_s).sum())} gaps over {gap_s} s, the longest {duration(float(gaps.max(initial=0)))}: scans there have "
@@ -57,6 +64,8 @@ def kitti_poses(path: Path, found: Inspection) -> None:
         ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
     )
     found.warn_of_small_site(xyz, (0, 2))
+    scan_s = np.arange(len(rows)) * SCAN_NS  # KITTI's are ten a second; a jump is one at any rate
+    found.warnings += vehicle.doubts("the poses", Trajectory(scan_s[finite], BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S))
     found.warn(lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off")
     off = f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew"
     found.warn(skew > 1e-3, off)
@@ -67,11 +76,32 @@ def kitti_poses(path: Path, found: Inspection) -> None:
         found.warn(count != len(rows), wrong)
 
 
-def is_tum(path: Path) -> bool:
-    """Whether the first row that is not a comment has the eight words of a TUM trajectory."""
+def first_row(path: Path) -> list[str]:
+    """The words of the first row that is not a comment; none of a file without rows."""
     with path.open(encoding="utf-8", errors="replace") as file:
         rows = (line.split("#")[0].replace(",", " ").split() for line in file)
-        return len(next((words for words in rows if words), [])) == 8
+        return next((words for words in rows if words), [])
+
+
+def numbers(path: Path, found: Inspection) -> None:
+    """A text of poses or times, told by the count of its columns, else by its name; raises ConfigError for any other."""
+    words = first_row(path)
+    try:
+        [float(word) for word in words]
+    except ValueError:
+        words = []
+    by_columns = {1: kitti_times, 7: nclt_poses, 8: tum_poses, 12: kitti_poses, 13: tum_poses}
+    by_name = {
+        "groundtruth*.csv": nclt_poses,
+        "odometry*.csv": nclt_poses,
+        "times.txt": kitti_times,
+        "[0-9][0-9].txt": kitti_poses,
+    }
+    look = by_columns.get(len(words)) or next((look for name, look in by_name.items() if path.match(name)), None)
+    if look is None:
+        expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
+        raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
+    look(path, found)
 
 
 def tum_poses(path: Path, found: Inspection) -> None:
@@ -88,6 +118,7 @@ def tum_poses(path: Path, found: Inspection) -> None:
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
     found.warn_of_small_site(xyz)
+    found.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, GAP_S))
 
 
 def kitti_times(path: Path, found: Inspection) -> None:
@@ -126,7 +157,12 @@ def _skew(poses: NDArray[np.float64]) -> float:
     return float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(initial=0.0))
 
 
+def _back(times_s: NDArray[np.float64]) -> list[int]:
+    """The rows, from 1 on, whose stamps are not after the row before."""
+    return [int(row) for row in np.flatnonzero(~(np.diff(times_s) > 0)) + 2]
+
+
 def _warn_of_order(found: Inspection, times_s: NDArray[np.float64]) -> None:
-    back = (np.flatnonzero(~(np.diff(times_s) > 0)) + 2).tolist()
+    back = _back(times_s)
     rows = f"row {back[0]} and {len(back) - 1} more" if back else ""
     found.warn(back, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows")

@@ -6,7 +6,7 @@ forward, y left, z up.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,8 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import Poses
-from pipeline.readers import log
+from pipeline.frames import ROUNDED_NS, Poses
+from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
 from pipeline.readers.log import Log
@@ -63,7 +63,7 @@ class Bag:
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         truth = track(files, self.truth, self.max_gap_s)
-        odometry = track(files, self.odometry, self.max_gap_s) if self.odometry else None
+        odometry = _parted(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth)
         rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
         if not len(rows):
@@ -79,7 +79,8 @@ class Bag:
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        notes = (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *notes)
+        doubts = vehicle.doubts(truth.name, truth.trajectory)
+        notes = (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *doubts, *notes)
         return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -110,6 +111,11 @@ class Bag:
     def _extrinsic(self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track) -> NDArray[np.float64]:
         if self.body_T_lidar is not None:
             return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        if truth.parent and frames == {truth.parent} and truth.child != truth.parent:
+            raise LogError(
+                f"{where}: {self.points} lies in {truth.parent} already, the world of {truth.name}: its points were moved there; "
+                "name a topic in the frame of the LiDAR or the body as reader.points"
+            )
         if truth.child is None:
             raise LogError(f"{where}: {truth.name} does not name the frame that it poses; give reader.body_T_lidar")
         if len(frames) != 1:
@@ -127,6 +133,12 @@ def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> N
     raise LogError(f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose of that frame")
 
 
+def _parted(odometry: Track) -> Track:
+    """Odometry that starts anew where it was set back."""
+    trajectory, notes = vehicle.parted(odometry.name, odometry.trajectory)
+    return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
+
+
 def _rows_with_poses(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
@@ -138,9 +150,8 @@ def _rows_with_poses(
     log.count_unknown(stamps_ns[~kept], truth.trajectory, skipped)
     chain = np.zeros(len(stamps_ns), int)
     if odometry:
-        posed_ns = odometry.trajectory.stamps_ns[np.isfinite(odometry.trajectory.world_T_body[:, 0, 0])]
-        breaks_ns = posed_ns[1:][np.diff(posed_ns) > odometry.trajectory.max_gap_s * 1e9]
-        chain = np.searchsorted(breaks_ns, stamps_ns, side="right")
+        breaks_ns = vehicle.breaks_ns(odometry.trajectory)
+        chain = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
     for link in np.unique(chain[kept])[1:]:
         rows = np.flatnonzero(kept & (chain == link))
         first = int(known[rows].argmax()) if known[rows].any() else len(rows)

@@ -28,6 +28,8 @@ class Track:
     name: str
     """The topic, or tf:PARENT>CHILD."""
     trajectory: Trajectory
+    parent: str | None
+    """The frame of the world; None where the messages do not name it."""
     child: str | None
     """The frame of the body; None where the messages do not name it."""
     notes: tuple[str, ...]
@@ -62,7 +64,7 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     times, notes = message_stamps(name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent])
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
     found, left_out = trajectory(name, times, poses([numbers for _, _, numbers in sent]), max_gap_s)
-    return Track(name, found, next(iter(children), "") or None, notes + left_out)
+    return Track(name, found, next(iter(frames), "") or None, next(iter(children), "") or None, notes + left_out)
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class Tree:
         for edge, forward in way:
             steps = trajectories[edge].at(stamps_ns)[0] if edge in trajectories else self.edges[edge][1][-1:]
             parent_T_child = parent_T_child @ (steps if forward else np.linalg.inv(steps))
-        return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), child, notes)
+        return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
 
     @staticmethod
     def _way(edges: set[tuple[str, str]], a: str, b: str) -> list[tuple[tuple[str, str], bool]] | None:

@@ -78,11 +78,11 @@ class Folder:
         paths, width, notes = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         apart = f"is reader.stamps={self.stamps} the unit of the scans' names?"
-        rows, world_T_body, odom_T_body = log.posed(folder, stamps_ns, truth, odometry, skipped, apart)
+        rows, world_T_body, odom_T_body, doubts = log.posed(folder, stamps_ns, truth, odometry, skipped, apart)
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
         vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped, notes)
+        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped, notes + doubts)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
@@ -96,7 +96,7 @@ class Folder:
     def _paths(
         self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]
     ) -> tuple[dict[int, Path], int | None, tuple[str, ...]]:
-        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped` the files that are not used."""
+        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped` what is not used."""
         found: dict[int, Path] = {}
         there = sorted(self._files(folder))
         width, notes = self._width(there)

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from pipeline.errors import LogError
-from pipeline.readers import log
+from pipeline.frames import Trajectory
+from pipeline.readers import log, vehicle
 from pipeline.readers.folder import from_quaternions, read_scan
 from pipeline.readers.log import Log
 from pipeline.running import settings
@@ -59,7 +60,8 @@ class KeyFrames:
         world_T_lidar = (from_quaternions(folder / FILE, rows[:, POSES[name] :][:, :7]) for name in (self.truth, "odometry"))
         truth, odometry = (log.lifted(poses @ np.linalg.inv(body_T_lidar), self.lift_m) for poses in world_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
-        return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], vehicle_T_lidar), +skipped)
+        notes = vehicle.doubts("the true poses", Trajectory(stamps_ns, truth, np.inf))
+        return Log(stamps_ns, truth, odometry, lambda row: read_scan(kept[row], vehicle_T_lidar), +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}

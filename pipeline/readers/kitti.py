@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats import kitti
-from pipeline.readers import log
+from pipeline.frames import Trajectory
+from pipeline.readers import log, vehicle
 from pipeline.readers.log import Log
 from pipeline.running.settings import Positive, Share, check
+
+POSES_PLACES = ("poses/{sequence}.txt", "sequences/{sequence}/poses.txt")
+"""Where the poses of a log are: KITTI's place, and SemanticKITTI's."""
+USUAL_GAP_S = 1.0
+"""Scans further apart than this were left out of a log."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +44,19 @@ class Kitti:
         name, dash, part = sequence.partition("-")
         if part not in ("a", "b") and dash:
             raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
-        poses = read_poses(root / kitti.POSES.format(log=name), root / kitti.CALIB.format(log=name))
+        poses_path = log.located(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
+        poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
         times_path = root / kitti.TIMES.format(log=name)
         times_s = log.table(times_path, 1)[:, 0]
         stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
         if len(times_s) != len(poses):
-            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {root / kitti.POSES.format(log=name)}")
+            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {poses_path}")
         folder, skipped = root / kitti.SCANS.format(log=name), Counter[str]()
         rows = _scan_rows(folder, len(poses), skipped)
-        notes = (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",) if len(rows) < len(poses) else ()
+        notes: tuple[str, ...] = (
+            (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",) if len(rows) < len(poses) else ()
+        )
+        notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, USUAL_GAP_S))
         path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))])
         first = path_m <= self.split * path_m[-1]
         rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
@@ -65,8 +75,10 @@ class Kitti:
             found = {folder: single.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
             return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
         names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
-        needed = {name: [place.format(log=name) for place in (kitti.POSES, kitti.CALIB, kitti.TIMES)] for name in names}
-        return {name: [file for file in files if not (root / file).is_file()] for name, files in needed.items()}
+        needed = {name: [place.format(log=name) for place in (kitti.CALIB, kitti.TIMES)] for name in names}
+        posed = {name: log.located(root, POSES_PLACES, name) is not None for name in names}
+        lacking = {name: [] if posed[name] else [kitti.POSES.format(log=name)] for name in names}
+        return {name: lacking[name] + [file for file in needed[name] if not (root / file).is_file()] for name in names}
 
 
 def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
-from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, pose
+from pipeline.readers import vehicle
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
     """The bytes of a file of records; raises LogError if it is missing or does not hold a whole number of records."""
     try:
         data = path.read_bytes()
-    except (FileNotFoundError, IsADirectoryError):
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
     if len(data) % record_bytes:
         raise LogError(f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {what}; the file is cut short")
@@ -75,12 +76,14 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
     try:
         with path.open(encoding="utf-8") as file, warnings.catch_warnings(action="ignore"):  # numpy warns of an empty file
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
-    except (FileNotFoundError, IsADirectoryError):
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except ValueError as error:  # UnicodeDecodeError is one
         raise LogError(f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}") from None
     if rows.size and rows.shape[1] != columns:
-        raise LogError(f"{path}: expected {columns} numbers a row, found {rows.shape[1]}")
+        is_tum = columns == 12 and rows.shape[1] == 8
+        hint = "; 8 numbers a row are a TUM trajectory's: reader.poses_format: tum" if is_tum else ""
+        raise LogError(f"{path}: expected {columns} numbers a row, found {rows.shape[1]}{hint}")
     if not rows.size:
         raise LogError(f"{path}: holds no rows")
     return rows
@@ -197,15 +200,22 @@ def _span(stamps_ns: Stamps) -> str:
 
 def posed(
     where: Path, stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str], apart: str
-) -> tuple[NDArray[np.int64], Poses, Poses]:
-    """Rows of `stamps_ns` with a true pose, these poses, and the odometry at these rows; counts the other rows in `skipped`.
+) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
+    """Rows of `stamps_ns` with a true pose, these poses, the odometry at these rows, and notes on what no vehicle does.
 
-    Raises LogError where there is none, with the question `apart` where no scan lies in the time of the poses.
+    Counts the other rows in `skipped`. Raises LogError where there is none with a pose, with the question `apart` where no scan
+    lies in the time of the poses.
     """
     world_T_scan, known = truth.at(stamps_ns)
     count_unknown(stamps_ns[~known], truth, skipped)
     rows = np.flatnonzero(known)
     if not len(rows):
         refuse_unposed(where, "scans", stamps_ns, truth, skipped, apart)
-    odom_T_scan = np.full((len(rows), 4, 4), np.nan) if odometry is None else odometry.at(stamps_ns[rows])[0]
-    return rows, world_T_scan[rows], odom_T_scan
+    notes = vehicle.doubts("the true poses", truth)
+    if odometry is None:
+        return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
+    odometry, parted = vehicle.parted("the odometry", odometry)
+    odom_T_scan = odometry.at(stamps_ns[rows])[0]
+    first = np.searchsorted(stamps_ns[rows], vehicle.breaks_ns(odometry) - ROUNDED_NS)
+    odom_T_scan[first[first < len(rows)]] = np.nan
+    return rows, world_T_scan[rows], odom_T_scan, notes + parted

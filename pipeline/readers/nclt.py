@@ -48,9 +48,9 @@ class Nclt:
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth, apart = read_poses(truth_path, self.max_gap_s), f"is {truth_path.name} of this date?"
-        rows, world_T_scan, odom_T_scan = log.posed(folder, utimes * 1000, truth, odometry, skipped, apart)
+        rows, world_T_scan, odom_T_scan, doubts = log.posed(folder, utimes * 1000, truth, odometry, skipped, apart)
         utimes = utimes[rows]
-        notes = () if odometry_path is not None else ("no odometry_mu_100hz.csv",)
+        notes = doubts if odometry_path is not None else (*doubts, "no odometry_mu_100hz.csv")
 
         def points(row: int) -> NDArray[np.float64]:
             return read_velodyne_sync(folder / f"{utimes[row]}.bin", self.lift_m)

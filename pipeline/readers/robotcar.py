@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats import robotcar
 from pipeline.frames import NED_FLIP
-from pipeline.readers import log
+from pipeline.readers import log, vehicle
 from pipeline.readers.columns import utimes_ns
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
@@ -54,6 +54,7 @@ class RobotCar:
         zup_T_lasers = [NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers]
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
         truth = read_ins(root / sequence / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
+        notes += vehicle.doubts("the true poses", truth)
         odometry = read_vo(root / sequence / robotcar.VO, self.max_vo_gap_s)
         merged = np.unique(np.concatenate(utimes))
         world_T_scan, placed = truth.at(merged * 1000)

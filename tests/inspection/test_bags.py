@@ -43,13 +43,42 @@ def proposed(*paths: Path) -> dict:
 def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str) -> None:
     path = drive(bag_path(tmp_path, kind), kind, clouds=40)
     found = inspect(path)
-    assert found.warnings == ()
+    assert all("looked at)" in warning for warning in found.warnings)  # of clouds of two points
+    assert_says(found, "as its reader opens it", "messages  40, 40 with a true pose", "odometry  at 100 % of the messages")
     assert_says(found, "/points     40        10 a second", "sensor_msgs/PointCloud2, in lidar", "span  4 s")
     assert_says(found, "nav_msgs/Odometry, in map, of base_link", "base_link > lidar  1  fixed, at x 0.500, y 0.000, z 1.500 m")
     keys = proposed(path)
     assert (keys["truth"], keys["odometry"], keys.pop("submap")) == ("/truth", "/odom", "single")
     assert len(Bag(**keys).open(tmp_path, "drive").stamps_ns) == 40
-    assert inspect(tmp_path).sections == found.sections
+    assert inspect(tmp_path).sections == found.sections  # the folder that it lies in
+
+
+def test_clouds_that_lie_in_the_world_already_are_refused_as_proposed(tmp_path: Path) -> None:
+    """As a SLAM publishes them: the reader would move every point twice, wherever body_T_lidar puts it."""
+    with BagWriter(tmp_path / "drive", "mcap") as bag:
+        for i in range(20):
+            bag.odometry(START_NS + i * STEP_NS, "camera_init", "body", at(i))
+            bag.points(START_NS + i * STEP_NS, "camera_init", np.ones((5, 3), np.float32), np.ones(5), np.arange(5))
+    found = inspect(tmp_path / "drive")
+    (warning,) = found.warnings
+    assert "refuses the bag as proposed" in warning
+    assert "/points lies in camera_init already, the world of /odom" in warning
+
+
+def test_a_cloud_in_the_robots_frame_is_proposed_before_one_in_the_world(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive", "mcap") as bag:
+        for i in range(20):
+            bag.odometry(START_NS + i * STEP_NS, "map", "body", at(i))
+            for topic, frame in (("/a_map", "map"), ("/body", "body")):
+                stamp_ns = START_NS + i * STEP_NS
+                bag.points(stamp_ns, frame, np.ones((5, 3), np.float32), np.ones(5), np.arange(5), topic)
+    assert proposed(tmp_path / "drive")["points"] == "/body"
+
+
+def test_a_bag_too_large_to_be_tried_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.inspection.bags.TRIED_BYTES", 100)
+    (warning,) = inspect(drive(tmp_path / "drive", "mcap")).warnings
+    assert warning.startswith("not tried: ")
 
 
 def test_the_ground_of_the_first_cloud_is_lifted_to_zero(tmp_path: Path) -> None:

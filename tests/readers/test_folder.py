@@ -48,6 +48,30 @@ def test_arrays_come_back(tmp_path: Path, kind: str, order: str) -> None:
     np.testing.assert_array_equal(read_scan(tmp_path / "1.npy", np.eye(4), 16), points[:, :3].astype(float))
 
 
+@pytest.mark.parametrize(
+    ("shape", "says"),
+    [
+        ((4, 2000), r"found float32\(4, 2000\): its columns are its points; save `numpy.moveaxis\(array, 0, -1\)`"),
+        ((3, 16, 64), r"found float32\(3, 16, 64\): its columns are its points"),
+        ((64, 1024), r"found float32\(64, 1024\); a range image has no x, y, z"),
+        ((20, 2), r"found float32\(20, 2\); x, y and z are needed"),
+    ],
+)
+def test_an_array_that_holds_no_points_along_its_last_axis_is_refused(tmp_path: Path, shape: tuple[int, ...], says: str) -> None:
+    np.save(tmp_path / "1.npy", np.ones(shape, np.float32))
+    with pytest.raises(LogError, match=f"1.npy: expected points .*{says}"):
+        read_scan(tmp_path / "1.npy", np.eye(4))
+
+
+def test_a_guess_of_how_wide_points_are_is_said(tmp_path: Path) -> None:
+    """500 points of a cube filled evenly are as well 400 of 20 bytes; a number that is given is no guess."""
+    cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
+    root = folder_log(tmp_path, scans={f"scans/{START}.150.bin": cube})
+    (note,) = Folder().open(root, "drive").notes
+    assert f"{START}.150.bin fits points of several sizes: 16 bytes are assumed; say reader.point_bytes" in note
+    assert Folder(point_bytes=16).open(root, "drive").notes == ()
+
+
 def test_a_file_as_large_as_a_map_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "LARGEST_BYTES", 31)
     (tmp_path / "1.bin").write_bytes(bytes(32))
@@ -95,6 +119,28 @@ def test_kitti_poses_that_cannot_be_are_one_line(tmp_path: Path, poses: str, tim
     (tmp_path / "poses.txt").write_text(poses)
     (tmp_path / "times.txt").write_text(times)
     with one_line(LogError, says):
+        read_kitti(tmp_path / "poses.txt", tmp_path / "times.txt")
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        (f"{POSE}0", "12 numbers a row are KITTI's: reader.poses_format: kitti"),
+        (f"{START} {POSE}0", "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns"),
+        (f"{START}123456789 1 0 0 0 0 0 1", "its stamp is in nanoseconds"),
+        (f"{START}123456 1 0 0 0 0 0 1", "its stamp is in microseconds"),
+        (f"{START}123 1 0 0 0 0 0 1", "its stamp is in milliseconds"),
+    ],
+)
+def test_poses_of_another_layout_are_told_by_their_numbers(tmp_path: Path, row: str, says: str) -> None:
+    (tmp_path / "poses.txt").write_text(f"{row}\n")
+    with one_line(LogError, f"expected stamp x y z qx qy qz qw, in s and m; {says}"):
+        read_tum(tmp_path / "poses.txt")
+
+
+def test_a_tum_trajectory_is_told_where_kitti_poses_are_wanted(tmp_path: Path) -> None:
+    (tmp_path / "poses.txt").write_text(f"{START} 1 0 0 0 0 0 1\n")
+    with one_line(LogError, "8 numbers a row are a TUM trajectory's: reader.poses_format: tum"):
         read_kitti(tmp_path / "poses.txt", tmp_path / "times.txt")
 
 

@@ -213,7 +213,7 @@ READS: dict[str, Callable[[Path], object]] = {
         ("1.npy", npy_header("(2, 3)", body=bytes(23)), "23 bytes of points, 24 for its shape"),
         ("1.npy", npy_header("(2, 3)", body=bytes(25)), "25 bytes of points, 24 for its shape"),
         ("1.npy", npy_header("(1000000000000, 3)"), "24 bytes of points, 12000000000000 for its shape"),
-        ("1.npy", npy_header("(99999999999999999999, 99999999999999999999)"), "24 bytes of points"),
+        ("1.npy", npy_header("(99999999999999999999, 4)"), "24 bytes of points"),
         ("poses.txt", "", "holds no rows"),
         ("poses.txt", tum("0 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1.1"), "row 2 has a quaternion qx qy qz qw whose length is not 1"),
         ("poses.txt", tum("0 0 0 0 0 0 0 0"), "row 1 has a quaternion"),

@@ -15,6 +15,13 @@ from tests.readers.logs import TR, kitti_log
 POSE = "1 0 0 0 0 1 0 0 0 0 1 "
 
 
+def test_poses_may_lie_beside_the_scans_as_semantickittis_do(tmp_path: Path) -> None:
+    root = kitti_log(tmp_path)
+    (root / "poses/07.txt").rename(root / "sequences/07/poses.txt")
+    assert Kitti().sequences(root) == {"07": []}
+    assert Kitti().open(root, "07").world_T_scan[:, 0, 3].tolist() == [0, 2, 4, 6, 8, 10]
+
+
 def test_a_scan_stands_on_the_road(tmp_path: Path) -> None:
     # The camera moves 2 m along its z a frame, which is forward; the lidar's point 1.73 m below it lies on the ground.
     log = Kitti().open(kitti_log(tmp_path), "07")

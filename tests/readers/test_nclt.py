@@ -111,11 +111,11 @@ def test_files_that_are_no_scans_are_counted(tmp_path: Path) -> None:
 
 
 def test_odometry_is_given_at_the_scans(tmp_path: Path) -> None:
-    # The wheels say 1.2 m a tenth, and a quarter turn (clockwise in the file) from the second row to the third.
-    odometry = row(0) + row(1, 1.2, 0, 0, 0, 0, 0) + row(2, 2.4, 0, 0, 0, 0, np.pi / 2)
+    # The wheels say 1.2 m a tenth, and 30° (clockwise in the file) from the second row to the third.
+    odometry = row(0) + row(1, 1.2, 0, 0, 0, 0, 0) + row(2, 2.4, 0, 0, 0, 0, np.pi / 6)
     log = Nclt().open(nclt_log(tmp_path, odometry=odometry), DATE)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1.8, 0, 0])
-    np.testing.assert_allclose(np.rad2deg(yaw(log.odom_T_scan)), [-45])
+    np.testing.assert_allclose(np.rad2deg(yaw(log.odom_T_scan)), [-15])
     assert log.notes == ()
 
 
