@@ -22,15 +22,16 @@ def failures(given: argparse.Namespace) -> None:
     check_folder(given.out)
     if given.of.count("/") == 2 and not Path(given.of).exists():
         targets, judged, simulated = _judged_of_study(given)
-        told = f"promise {given.promise:g}"
+        told = "nothing was promised" if given.promise is None else f"promise {given.promise:g}"
     else:
         from pipeline.online.site import Site
 
         site = Site.open(Path(given.of))
         check(site, given.promise, given.out)
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
-        reject_from, all_rejected = site.promises[given.promise], f"all rejected: a promise of {given.promise:g} is not kept"
-        told = f"rejected from {reject_from:.3f} on (promise {given.promise:g})" if reject_from > 0 else all_rejected
+        told = "nothing was promised"
+        if given.promise is not None:
+            told = f"rejected from {site.promises[given.promise]:.3f} on (promise {given.promise:g})"
     every = list(judged)
     found = cards.failures(every)
     given.out.mkdir(parents=True, exist_ok=True)

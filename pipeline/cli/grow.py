@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pipeline.cli.localize import check, check_folder
+from pipeline.cli.localize import check_folder
 from pipeline.cli.progress import Lines
 from pipeline.errors import ConfigError
 
@@ -37,6 +37,7 @@ def grow(given: argparse.Namespace) -> None:
     from pipeline.frames import Trajectory
     from pipeline.lifelong import adoption, growth
     from pipeline.online import site_file
+    from pipeline.online.description import first_day
     from pipeline.online.inputs import scans
     from pipeline.online.site import Site
     from pipeline.readers.folder import read_tum
@@ -46,7 +47,8 @@ def grow(given: argparse.Namespace) -> None:
     if not parts.views:
         raise ConfigError(f"{given.site}: holds no views to learn from; only a site of `yearloc pack` of this version can grow")
     site, about = Site(parts, threads=2), parts.about["sensor"]
-    check(site, given.promise, given.out)
+    if not given.poses:
+        site.check(given.promise)
     found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry)]
     if given.poses:
         poses = None if given.poses == LOG else Trajectory(*read_tum(Path(given.poses)), GAP_S)
@@ -58,7 +60,8 @@ def grow(given: argparse.Namespace) -> None:
     if given.out is None:
         print(f"nothing was written; `-o FILE` learns it, {given.site} stays as it is", file=sys.stderr)
         return
-    site_file.write(
-        given.out, growth.grown(site, parts, plan, Path(given.log).name, Lines(parts.about["method"].get("budget", 1.0)))
-    )
+    after = growth.grown(site, parts, plan, Path(given.log).name, Lines(parts.about["method"].get("budget", 1.0)))
+    site_file.write(given.out, after)
     print(f"{given.out}: {len(plan.places.cells)} places, {given.out.stat().st_size / 1e6:.1f} MB; {given.site} stays as it was")
+    verdict = after.about["verdict"]
+    print(f"its promises are by {verdict['held_out']} held-out queries{first_day(after.about)}")

@@ -20,13 +20,15 @@ KINDS = {
 }
 
 
-def check(site: "Site", promise: float, out: Path | None) -> None:
-    """Refuse a promise that the site does not make and a file in no folder; say if nothing will be accepted."""
-    if promise not in site.promises:
-        raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, site.promises))}")
+def share_or_none(word: str) -> float | None:
+    """What `--promise` takes."""
+    return None if word == "none" else float(word)
+
+
+def check(site: "Site", promise: float | None, out: Path | None) -> None:
+    """Refuse a promise that the site cannot make and a file in no folder."""
+    site.check(promise)
     check_folder(out)
-    if not site.promises[promise] > 0:
-        print(f"  no threshold keeps a promise of {promise:g}: every fix will be rejected (`yearloc inspect`)", file=sys.stderr)
 
 
 def check_folder(out: Path | None) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pipeline.cli.localize import KINDS, Summary, check, check_folder
+from pipeline.cli.localize import KINDS, Summary, check, check_folder, share_or_none
 from pipeline.cli.progress import Lines
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, LogError
@@ -16,6 +16,7 @@ from pipeline.errors import ConfigError, LogError
 
 def add_commands(commands: Any) -> None:
     """Add these commands to the parser."""
+    promised: Any = {"type": share_or_none, "default": 0.99, "metavar": "SHARE"}
     pack = commands.add_parser("pack", help="one file of all that it takes to localise in a place")
     pack.add_argument("name", metavar="STUDY/GRID/METHOD", help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT")
     pack.add_argument("-o", "--out", type=Path, required=True, metavar="FILE")
@@ -26,7 +27,7 @@ def add_commands(commands: Any) -> None:
     for kind, what in KINDS.items():
         kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
     find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
-    find.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="of right ones among the accepted (0.99)")
+    find.add_argument("--promise", help="of right ones among the accepted (0.99); none accepts nothing", **promised)
     find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--odometry", metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD")
@@ -52,14 +53,14 @@ def add_commands(commands: Any) -> None:
     watch.add_argument("site", type=Path, metavar="SITE")
     watch.add_argument("log", metavar="LOG", help="as of localize")
     watch.add_argument("--save", type=Path, metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove")
-    watch.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
+    watch.add_argument("--promise", **promised)
     watch.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th scan (1)")
     bad = commands.add_parser("failures", help="a picture of each fix that the verdict got wrong")
     bad.add_argument("of", metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses")
     bad.add_argument("log", nargs="?", metavar="LOG|DAY", help="of a site a log with true poses; of a study one test day (all)")
     bad.add_argument("--worst", type=int, default=20, metavar="N")
     bad.add_argument("-o", "--out", type=Path, default=Path("failures"), metavar="FOLDER")
-    bad.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
+    bad.add_argument("--promise", **promised)
 
 
 def watch(given: argparse.Namespace) -> None:
@@ -110,7 +111,8 @@ def serve(given: argparse.Namespace) -> None:
         raise ConfigError(f"--workers {given.workers}: expected at least 1")
     from pipeline.online.site_file import read
 
-    read(given.site)
+    limits = read(given.site).about["verdict"]
+    kept = [promise for promise, reject_from in zip(limits["promises"], limits["promised"], strict=True) if reject_from > 0]
     try:
         with socket.create_server((given.host, given.port)):
             pass
@@ -121,7 +123,9 @@ def serve(given: argparse.Namespace) -> None:
         if given.workers > 1:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = shared
         options = {"host": given.host, "port": given.port, "workers": given.workers, "log_level": "warning"}
-        print(f"serving {given.site} at http://{given.host}:{given.port}/localize; Ctrl-C stops it", file=sys.stderr, flush=True)
+        promises = f"promises {', '.join(map(str, kept)) or 'nothing'}"
+        way = f"serving {given.site} at http://{given.host}:{given.port}/localize, {promises}; Ctrl-C stops it"
+        print(way, file=sys.stderr, flush=True)
         uvicorn.run(application, factory=True, timeout_keep_alive=10, limit_concurrency=256, server_header=False, **options)
 
 

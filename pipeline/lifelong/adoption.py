@@ -50,8 +50,10 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
     """The scans of one drive whose fixes keep a promise; without a promise every scan that has any pose.
 
     The drive is followed there and back. Scans between two fixes are adopted where odometry leads from one to the other. Raises
-    NothingAdoptedError where there is none.
+    NothingAdoptedError where there is none, as where the site cannot make that promise.
     """
+    if promise is not None and promise not in site.promises:
+        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}")
     both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
     believed = [[fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)]
     best = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed]
@@ -71,7 +73,7 @@ def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption
 
 def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
     """The fix of each scan, along the drive in this direction."""
-    tracker, before, fixes = Tracker(site, promise or min(site.promises)), NO_POSE, []
+    tracker, before, fixes = Tracker(site, promise or min(site.promises, default=None)), NO_POSE, []
     for scan in scans:
         known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
         step = np.linalg.inv(before) @ scan.odom_T_scan if known else None

@@ -36,7 +36,7 @@ def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
 
 
 def run(
-    site: Site, session: zenoh.Session, key: str, promise: float, ready: Callable[[], None], tell: Callable[[str], None]
+    site: Site, session: zenoh.Session, key: str, promise: float | None, ready: Callable[[], None], tell: Callable[[str], None]
 ) -> None:
     """Answer until the session is closed, after calling `ready`. While one scan is localised the newest waits."""
     tracker, lift_m = Tracker(site, promise), float(site.about["sensor"]["lift_m"])

@@ -23,7 +23,7 @@ VERDICTS = ("accepted", "rejected")
 class Recording:
     """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the accepted ones)."""
 
-    def __init__(self, site: Site, out: Path | None, promise: float) -> None:
+    def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         assert out is not None
         self._out, self._map_m, self._scratch = out, whole_map(site).astype(np.float32), TemporaryDirectory()
         self._folder = Path(self._scratch.name, "day")

@@ -23,7 +23,7 @@ WALL_M = 0.3
 class Recording:
     """Writes what a person looks at into FILE.rrd, or shows it in rerun's viewer where no file is given."""
 
-    def __init__(self, site: Site, out: Path | None, promise: float) -> None:
+    def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         """Raises ConfigError where rerun is not installed."""
         try:
             import rerun
@@ -40,13 +40,12 @@ class Recording:
         self._stream.log("world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.08), static=True)
         anchors_m = site.targets.world_T_anchor[:, :3, 3]
         self._stream.log("world/training", rerun.LineStrips3D([anchors_m], colors=TRUTH, radii=0.15), static=True)
-        limit = site.promises[promise]
+        self._limit = None if promise is None else site.promises[promise]
         for path, colour, name in (
             ("novelty/scan", SNAPPED, "novelty"),
             ("novelty/threshold", (198, 40, 40), "threshold"),
         ):
             self._stream.log(path, rerun.SeriesLines(colors=colour, names=name), static=True)
-        self._limit = limit
 
     def __enter__(self) -> Self:
         return self
@@ -79,7 +78,8 @@ class Recording:
         chances = np.nan_to_num(1 - ranking.costs[0, :LIKELIEST].astype(np.float64), posinf=0, neginf=0)
         stream.log("places", rerun.BarChart(chances))
         stream.log("novelty/scan", rerun.Scalars(fix.novelty))
-        stream.log("novelty/threshold", rerun.Scalars(self._limit))
+        if self._limit is not None:
+            stream.log("novelty/threshold", rerun.Scalars(self._limit))
         stream.log("verdict", rerun.TextLog(f"{fix.verdict}: place {fix.place}, overlap {fix.overlap:.2f}", level=_level(fix)))
 
     def _blueprint(self) -> Any:

@@ -165,7 +165,7 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
     [
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
-        (["1.bin", "--promise", "0.5"], "--promise 0.5: expected one of"),
+        (["1.bin", "--promise", "0.5"], "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],

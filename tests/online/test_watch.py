@@ -48,7 +48,7 @@ def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
     [
         (["--save", "day.txt"], "--save day.txt: expected FILE.rrd or FILE.mcap"),
         (["--save", "day.rrd", "--every", "0"], "--every 0: expected at least 1"),
-        (["--save", "day.rrd", "--promise", "1"], "--promise 1: expected one of 0.95"),
+        (["--save", "day.rrd", "--promise", "1"], "promise=1: this site cannot promise that, it can 0.95 and 0.99"),
     ],
 )
 def test_a_mistake_is_one_line(drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:
