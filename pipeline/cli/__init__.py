@@ -13,6 +13,7 @@ from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.replacing import replace
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import WRITTEN, check_files, one_line, print_anywhere, read_yaml, terminal_width
 
@@ -154,7 +155,8 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.save:
         from pipeline.inspection.bags import proposal
 
-        given.save.write_text(proposal([given.path]), encoding="utf-8")
+        with replace(given.save) as scratch:
+            scratch.write_text(proposal([given.path]), encoding="utf-8")
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 

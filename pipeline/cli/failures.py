@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.cli.localize import check, check_folder
+from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
 
@@ -27,7 +27,7 @@ def failures(given: argparse.Namespace) -> None:
         from pipeline.online.site import Site
 
         site = Site.open(Path(given.of))
-        check(site, given.promise, given.out)
+        site.check(given.promise)
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
         told = "nothing was promised"
         if given.promise is not None:

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from pipeline.cli.localize import check_folder
+from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.errors import ConfigError
 
@@ -42,7 +42,7 @@ def grow(given: argparse.Namespace) -> None:
     from pipeline.online.site import Site
     from pipeline.readers.folder import read_tum
 
-    check_folder(given.out)
+    check_file(given.out)
     parts = site_file.read(given.site, views=True)
     if not parts.views:
         raise ConfigError(f"{given.site}: holds no views to learn from; only a site of `yearloc pack` of this version can grow")

@@ -6,11 +6,12 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     from pipeline.online.inputs import Scan
-    from pipeline.online.site import Fix, Site
+    from pipeline.online.site import Fix
 
 KINDS = {
     "json": "an object a scan, each on a line",
@@ -23,18 +24,6 @@ KINDS = {
 def share_or_none(word: str) -> float | None:
     """What `--promise` takes."""
     return None if word == "none" else float(word)
-
-
-def check(site: "Site", promise: float | None, out: Path | None) -> None:
-    """Refuse a promise that the site cannot make and a file in no folder."""
-    site.check(promise)
-    check_folder(out)
-
-
-def check_folder(out: Path | None) -> None:
-    """Refuse a file in a folder that is not there."""
-    if out is not None and not out.parent.is_dir():
-        raise ConfigError(f"{out}: no folder {out.parent}")
 
 
 def localize(given: argparse.Namespace) -> None:
@@ -53,7 +42,8 @@ def localize(given: argparse.Namespace) -> None:
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
-    check(site, given.promise, given.out)
+    site.check(given.promise)
+    check_file(given.out, whole=given.kind == "mcap")
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
     told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE

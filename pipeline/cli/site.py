@@ -8,7 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pipeline.cli.localize import KINDS, Summary, check, check_folder, share_or_none
+from pipeline.cli.localize import KINDS, Summary, share_or_none
+from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, LogError
@@ -75,7 +76,8 @@ def watch(given: argparse.Namespace) -> None:
     if given.save is not None and given.save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {given.save}: expected FILE.rrd or FILE.mcap")
     site, told = Site.open(given.site), Summary()
-    check(site, given.promise, given.save)
+    site.check(given.promise)
+    check_file(given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
     with recorder(site, given.save, given.promise) as recording:
         for number, scan in enumerate(scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])):
@@ -147,7 +149,7 @@ def export(given: argparse.Namespace) -> None:
     """Write an ONNX file, or a site with one."""
     from pipeline.online.export import export
 
-    check_folder(given.out)
+    check_file(given.out)
     print(export(given.site, given.out))
 
 
@@ -155,5 +157,5 @@ def pack(given: argparse.Namespace) -> None:
     """Write a site file."""
     from pipeline.online.pack import Packing
 
-    check_folder(given.out)
+    check_file(given.out)
     print(Packing(conf_folder(), Path("artifacts"), read_studies()).pack(given.name, given.out, Lines()))

@@ -14,6 +14,7 @@ from pipeline.online.inputs import Scan
 from pipeline.online.outputs import in_world
 from pipeline.online.site import Fix, Site
 from pipeline.online.watch import whole_map
+from pipeline.replacing import replace
 
 FRAME = "map"
 VERDICTS = ("accepted", "rejected")
@@ -35,12 +36,12 @@ class Recording:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bag.__exit__(kind, error, trace)
-        if kind is None:
-            (found,) = self._folder.glob("*.mcap")
-            self._out.unlink(missing_ok=True)
-            shutil.move(found, self._out)
-        self._scratch.cleanup()
+        with self._scratch:
+            self._bag.__exit__(kind, error, trace)
+            if kind is None:
+                (found,) = self._folder.glob("*.mcap")
+                with replace(self._out) as whole:
+                    shutil.move(found, whole)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """One more scan, at its stamp, or at its number in seconds."""

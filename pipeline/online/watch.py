@@ -1,6 +1,7 @@
 """Eyes on a site: the map, each scan where it was placed, the likeliest places, novelty and verdict, as a recording for rerun."""
 
 from collections.abc import Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.errors import ConfigError
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
+from pipeline.replacing import replace
 
 COLOURS = {"accepted": (46, 125, 50), "rejected": (198, 40, 40), "no pose": (120, 120, 120)}
 MAP_GREY, TRUTH, SNAPPED = (150, 150, 150), (240, 200, 60), (90, 170, 255)
@@ -21,7 +23,7 @@ WALL_M = 0.3
 
 
 class Recording:
-    """Writes what a person looks at into FILE.rrd, or shows it in rerun's viewer where no file is given."""
+    """Writes what a person looks at into FILE.rrd, whole or not at all, or shows it in rerun's viewer where no file is given."""
 
     def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         """Raises ConfigError where rerun is not installed."""
@@ -31,11 +33,12 @@ class Recording:
             raise ConfigError("rerun: not installed; `pip install 'yearloc[watch]'` (490 MB)") from None
         self._rerun, self._site, self._paths = rerun, site, dict[str, list[NDArray[np.float64]]]()
         self._title = f"{site.name}{', simulated' if site.about['simulated'] else ''}"
+        self._file = ExitStack()
         self._stream = rerun.RecordingStream(f"yearloc {site.name}")
         if out is None:
             self._stream.spawn(default_blueprint=self._blueprint())
         else:
-            self._stream.save(out, default_blueprint=self._blueprint())
+            self._stream.save(self._file.enter_context(replace(out)), default_blueprint=self._blueprint())
         points_m = whole_map(site)
         self._stream.log("world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.08), static=True)
         anchors_m = site.targets.world_T_anchor[:, :3, 3]
@@ -53,6 +56,7 @@ class Recording:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._stream.flush()
         self._stream.disconnect()
+        self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """One more scan, at its stamp or its number on the timeline."""

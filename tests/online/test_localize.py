@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import replacing
 from pipeline.cli import main
 from pipeline.formats import nclt
 from pipeline.formats.bag import POSE_COVARIANCE, BagWriter
@@ -143,6 +144,26 @@ def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytes
     assert "--mcap: expected -o FILE.mcap" in refused(capsys, site, path, "--mcap")
 
 
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [(["localize", "--mcap", "-o"], "a.mcap"), (["watch", "--save"], "a.mcap"), (["watch", "--save"], "a.rrd")],
+)
+def test_a_recording_cut_short_leaves_the_one_of_before(
+    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
+) -> None:
+    out = tmp_path / name
+    out.write_text("of before")
+    scan_file = str(floats(tmp_path))
+
+    def cut(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(replacing, "_fsync", cut)
+    with pytest.raises(SystemExit):
+        main([words[0], site, scan_file, *words[1:], str(out)])
+    assert out.read_text() == "of before"
+
+
 def test_a_broken_scan_among_others_is_counted(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
@@ -167,6 +188,10 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
         (["."], "no scan there"),
         (["1.bin", "--promise", "0.5"], "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
+        (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),
+        (["1.bin", "-o", "/proc/x.csv"], "/proc/x.csv: cannot be written (no such file or directory)"),
+        (["1.bin", "--mcap", "-o", "/proc/x.mcap"], "/proc/x.mcap: cannot be written"),
+        (["1.bin", "--mcap", "-o", "/dev/null"], "/dev/null: is no plain file"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )
