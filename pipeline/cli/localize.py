@@ -28,10 +28,9 @@ def share_or_none(word: str) -> float | None:
 
 def localize(given: argparse.Namespace) -> None:
     """Print a fix of each scan, and what became of them all."""
-    import numpy as np
-
     from pipeline.online.follow import Following
-    from pipeline.online.inputs import NO_POSE, scans
+    from pipeline.online.inputs import scans
+    from pipeline.online.odometry import step
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
     from pipeline.online.site import Site
@@ -46,10 +45,11 @@ def localize(given: argparse.Namespace) -> None:
     check_file(given.out, whole=given.kind == "mcap")
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
-    told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
+    told, tracker = Summary(), Tracker(site, given.promise) if given.track else None
+    before: Scan | None = None
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
-            follower = Following(Path(source), given.topic, lift_m, given.idle) if given.follow else None
+            follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry) if given.follow else None
             found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic, given.odometry)
             for scan in found:
                 try:
@@ -63,10 +63,10 @@ def localize(given: argparse.Namespace) -> None:
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)
                 else:
-                    known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
-                    told.steps[known] += 1
-                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None, scan.stamp_ns)
-                    before = scan.odom_T_scan
+                    driven = step(before, scan)
+                    told.steps[driven is not None] += 1
+                    fix = tracker.localize(points_m, driven, scan.stamp_ns)
+                    before = scan
                 write(scan, fix)
                 told.add(scan, fix)
             if follower:

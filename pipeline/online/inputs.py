@@ -44,6 +44,8 @@ class Scan:
     """(4, 4) by the log's odometry, NaN where there is none."""
     world_T_scan: NDArray[np.float64]
     """(4, 4) true pose, NaN where it is unknown."""
+    recording: str = ""
+    """What the scan was read from: another recording has another odometry."""
 
 
 def scans(
@@ -65,7 +67,7 @@ def scans(
     if log := _log(path.resolve(), reader):
         for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
             points = _of_log(log, row)
-            yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row])
+            yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row], str(path))
     elif bags := find(path):
         yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m)
     else:
@@ -141,7 +143,7 @@ def _messages(path: Path, files: list[BagFile], topic: str | None, odometry: str
             return np.asarray(clouds.points(row), np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
 
         read = lambda points=points: _raised(points(), lift_m)  # noqa: E731
-        yield Scan(f"{path.name} {row}", stamp_ns, read, odom_T_body[row], NO_POSE)
+        yield Scan(f"{path.name} {row}", stamp_ns, read, odom_T_body[row], NO_POSE, str(clouds.keys[row][0].path))
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
@@ -158,6 +160,10 @@ def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, st
     if name not in held and not name.startswith("tf:"):
         raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
     found = track(files, name, ODOMETRY_GAP_S)
-    bodies = (tree.fixed(found.child, body) for body in BODIES if found.child)
-    child_T_body = next((known for known in bodies if known is not None), np.eye(4))
-    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body)
+    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body(tree, found.child))
+
+
+def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
+    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms; else it is the same."""
+    bodies = (tree.fixed(child, body) for body in BODIES if child)
+    return next((known for known in bodies if known is not None), np.eye(4))

@@ -125,6 +125,30 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
     assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
 
 
+def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> Path:
+    """A bag of three scans a tenth of a second apart, whose odometry starts anywhere."""
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(folder / name, "mcap") as bag:
+        for i in range(3):
+            stamp_ns = UTIME * 1000 + from_ns + i * 10**8
+            for around_ns in (-(10**7), 10**7):
+                bag.odometry(stamp_ns + around_ns, "odom", "base_link", odom_T_start, "/wheels")
+            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    return folder / name
+
+
+def test_the_odometry_of_another_recording_starts_anew(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = driven(tmp_path / "days", "a", 0, planar(5, 0, 0))
+    onwards, later = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0)), driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
+    track = ("--track", "--odometry", "/wheels")
+    assert "6 accepted" in run(capsys, site, first, later, *track)[1]
+    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, first, later, *track)[1]
+    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, tmp_path / "days", *track)[1]
+    assert (
+        "by odometry over 5 steps, by constant motion over 1" in run(capsys, site, first, onwards, *track)[1]
+    )  # one drive, split
+
+
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = floats(tmp_path)
     np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
