@@ -1,10 +1,13 @@
 """`yearloc failures`: pictures of what the verdict got wrong."""
 
 import argparse
+import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.cli.localize import left_out_text
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
@@ -51,8 +54,11 @@ def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]
 
     if given.log is None:
         raise ConfigError(f"{given.of} is a site: say which log, `yearloc failures {given.of} LOG`")
-    every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])
+    skipped: Counter[str] = Counter()
+    every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"], skipped=skipped)
     log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
+    if left_out := left_out_text(skipped):
+        print(f"  {left_out}", file=sys.stderr)
     if not log:
         raise LogError(f"{given.log}: no scan with a true pose: a log that the reader of this site's data set opens has them")
     return of_log(log, [site.localize(scan.points(), given.promise) for scan in log])

@@ -2,9 +2,11 @@
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from pipeline.cli.localize import left_out_text
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.errors import ConfigError
@@ -49,7 +51,10 @@ def grow(given: argparse.Namespace) -> None:
     site, about = Site(parts, threads=2), parts.about["sensor"]
     if not given.poses:
         site.check(given.promise)
-    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry)]
+    skipped: Counter[str] = Counter()
+    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry, skipped)]
+    if left_out := left_out_text(skipped):
+        print(f"  {left_out}", file=sys.stderr)
     if given.poses:
         poses = None if given.poses == LOG else Trajectory(*read_tum(Path(given.poses)), GAP_S)
         learned = adoption.surveyed(found, poses)

@@ -50,8 +50,8 @@ def localize(given: argparse.Namespace) -> None:
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry) if given.follow else None
-            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic, given.odometry)
-            for scan in found:
+            how = (site.about["reader"], lift_m, given.topic, given.odometry, told.skipped)
+            for scan in follower.scans() if follower else scans(source, *how):
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
@@ -71,6 +71,7 @@ def localize(given: argparse.Namespace) -> None:
                 told.add(scan, fix)
             if follower:
                 told.dropped += follower.dropped
+                told.skipped += follower.skipped
                 told.broken += filter(None, [follower.damage])
     if not told.fixes:
         raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
@@ -86,6 +87,7 @@ class Summary:
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
         self.dropped, self.steps = 0, Counter[bool]()
+        self.skipped: Counter[str] = Counter()
         self._ms: list[float] = []
         self._right = Counter[bool]()
 
@@ -114,6 +116,14 @@ class Summary:
             lines.append(f"followed by odometry over {self.steps[True]} steps, by constant motion over {self.steps[False]}")
         if self.dropped:
             lines.append(f"{self.dropped} more came while another was localised, and were dropped")
+        if left_out := left_out_text(self.skipped):
+            lines.append(left_out)
         if self.broken:
             lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
         return "\n".join(lines)
+
+
+def left_out_text(skipped: Counter[str]) -> str:
+    """How many scans a log or a bag holds besides that cannot be used, and why; nothing of none."""
+    why = ", ".join(f"{reason} ({count})" for reason, count in skipped.most_common() if count)
+    return f"{skipped.total()} more were left out: {why}" if why else ""

@@ -79,8 +79,9 @@ def watch(given: argparse.Namespace) -> None:
     site.check(given.promise)
     check_file(given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
+    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, told.skipped)
     with recorder(site, given.save, given.promise) as recording:
-        for number, scan in enumerate(scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])):
+        for number, scan in enumerate(scans(given.log, *how)):
             if number % given.every:
                 continue
             try:

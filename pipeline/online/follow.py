@@ -1,7 +1,7 @@
 """The clouds of an MCAP recording that is still being written; those that wait too long are dropped and counted."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -56,6 +56,8 @@ class Following:
     """A topic of poses, or tf:PARENT>CHILD, of one transform that is sent as such."""
     dropped: int = field(default=0, init=False)
     """Clouds that were pushed out by newer ones."""
+    skipped: Counter[str] = field(default_factory=Counter, init=False)
+    """Clouds that cannot be taken: reason to count."""
     damage: str = field(default="", init=False)
     """Why reading ended before the recording did; empty where it did not."""
 
@@ -175,6 +177,7 @@ class Following:
         try:
             stamp_ns = header(record.data, 2)[0] or int(record.log_time)
         except LogError:
+            self.skipped["broken message"] += 1
             return
         with self._changed:
             self.dropped += len(self._waiting) == WAITING

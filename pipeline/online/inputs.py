@@ -49,27 +49,34 @@ class Scan:
 
 
 def scans(
-    source: str, reader: Mapping[str, Any], lift_m: float, topic: str | None = None, odometry: str | None = None
+    source: str,
+    reader: Mapping[str, Any],
+    lift_m: float,
+    topic: str | None = None,
+    odometry: str | None = None,
+    skipped: Counter[str] | None = None,
 ) -> Iterator[Scan]:
     """The scans of a path, or of standard input for `-`.
 
     A log that the site's own reader can open has its poses with it. Otherwise files and messages are taken as x forward, y left,
-    z up, and raised by `lift_m`; of a bag, `odometry` is a topic of poses or tf:PARENT>CHILD. Raises LogError where there is no
-    scan, ConfigError for a topic that a bag has not.
+    z up, and raised by `lift_m`; of a bag, `odometry` is a topic of poses or tf:PARENT>CHILD. What a log or a bag leaves out is
+    counted in `skipped`, by reason. Raises LogError where there is no scan, ConfigError for a topic that a bag has not.
     """
     if source == "-":
         data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
         yield _unposed("-", None, lambda: _raised(decoded(data, Path("standard input.bin")), lift_m))
         return
     path = Path(source).expanduser()
+    skipped = Counter() if skipped is None else skipped
     if not path.exists():
         raise LogError(f"{source}: no such file or folder")
     if log := _log(path.resolve(), reader):
+        skipped.update(log.skipped)
         for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
             points = _of_log(log, row)
             yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row], str(path))
     elif bags := find(path):
-        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m)
+        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m, skipped)
     else:
         files = [path] if path.is_file() else _files(path)
         for file in files:
@@ -126,14 +133,16 @@ def _stamp_ns(stem: str) -> int | None:
     return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
 
 
-def _messages(path: Path, files: list[BagFile], topic: str | None, odometry: str | None, lift_m: float) -> Iterator[Scan]:
+def _messages(
+    path: Path, files: list[BagFile], topic: str | None, odometry: str | None, lift_m: float, skipped: Counter[str]
+) -> Iterator[Scan]:
     """The clouds of bags, with the odometry interpolated at their stamps."""
     held = Counter({name: one.count for file in files for name, one in file.topics.items() if one.kind == CLOUD})
     if topic is None and not held:
         raise LogError(f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds")
     if topic is not None and topic not in held:
         raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
-    clouds = Clouds.read(files, topic or held.most_common(1)[0][0], Counter())
+    clouds = Clouds.read(files, topic or held.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)
     body_T_lidar = extrinsic(tree, clouds.frames)
     odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)

@@ -125,6 +125,21 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
     assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
 
 
+@pytest.mark.parametrize("command", ["localize", "watch"])
+def test_clouds_that_a_bag_leaves_out_are_counted(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """A driver that stamps in whole seconds: of five clouds in two seconds three repeat the stamp of an earlier one."""
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(tmp_path / "day", "mcap") as bag:
+        for i in range(5):
+            bag.points((1000 + i // 3) * 10**9, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    main([command, site, str(tmp_path / "day"), *(["--save", str(tmp_path / "a.mcap")] if command == "watch" else [])])
+    told = capsys.readouterr().err
+    assert "2 scans: 2 accepted" in told
+    assert "3 more were left out: stamp of an earlier one (3)" in told
+
+
 def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> Path:
     """A bag of three scans a tenth of a second apart, whose odometry starts anywhere."""
     points_m = scan()[0].astype(np.float32)
