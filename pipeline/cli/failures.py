@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.cli.localize import left_out_text
+from pipeline.cli.localize import left_out_text, lidar_of
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
@@ -55,7 +55,8 @@ def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]
     if given.log is None:
         raise ConfigError(f"{given.of} is a site: say which log, `yearloc failures {given.of} LOG`")
     skipped: Counter[str] = Counter()
-    every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"], skipped=skipped)
+    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, skipped, lidar_of(given))
+    every = scans(given.log, *how)
     log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
     if left_out := left_out_text(skipped):
         print(f"  {left_out}", file=sys.stderr)

@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from pipeline.cli.localize import left_out_text
+from pipeline.cli.localize import add_lidar, left_out_text, lidar_of
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.errors import ConfigError
@@ -30,6 +30,7 @@ def add_command(commands: Any) -> None:
         "--poses", metavar="FILE", help="surveyed poses of the scans, TUM's columns; or the word log: the log's own"
     )
     more.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="that a fix must keep to be learned (0.99)")
+    add_lidar(more)
     more.add_argument("--topic", help="of a bag, where it has several clouds")
     more.add_argument("--odometry", metavar="TOPIC", help="of a bag: poses, or tf:PARENT>CHILD")
 
@@ -52,7 +53,8 @@ def grow(given: argparse.Namespace) -> None:
     if not given.poses:
         site.check(given.promise)
     skipped: Counter[str] = Counter()
-    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry, skipped)]
+    lidar = lidar_of(given)
+    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry, skipped, lidar)]
     if left_out := left_out_text(skipped):
         print(f"  {left_out}", file=sys.stderr)
     if given.poses:

@@ -4,12 +4,13 @@ import argparse
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
+    from pipeline.frames import Poses
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
 
@@ -24,6 +25,19 @@ KINDS = {
 def share_or_none(word: str) -> float | None:
     """What `--promise` takes."""
     return None if word == "none" else float(word)
+
+
+def add_lidar(command: Any) -> None:
+    """Add the option that places points."""
+    how = "turns and raises the points, by metres and degrees; in place of a bag's transforms, but not of logs"
+    command.add_argument("--body-T-lidar", dest="body_T_lidar", metavar="X,Y,Z,ROLL,PITCH,YAW", help=how)
+
+
+def lidar_of(given: argparse.Namespace) -> "Poses | None":
+    """What that option gives."""
+    from pipeline.online.inputs import placement
+
+    return None if given.body_T_lidar is None else placement("--body-T-lidar", given.body_T_lidar)
 
 
 def localize(given: argparse.Namespace) -> None:
@@ -45,12 +59,15 @@ def localize(given: argparse.Namespace) -> None:
     check_file(given.out, whole=given.kind == "mcap")
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
+    body_T_lidar = lidar_of(given)
     told, tracker = Summary(), Tracker(site, given.promise) if given.track else None
     before: Scan | None = None
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
-            follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry) if given.follow else None
-            how = (site.about["reader"], lift_m, given.topic, given.odometry, told.skipped)
+            follower = None
+            if given.follow:
+                follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry, body_T_lidar)
+            how = (site.about["reader"], lift_m, given.topic, given.odometry, told.skipped, body_T_lidar)
             for scan in follower.scans() if follower else scans(source, *how):
                 try:
                     points_m = scan.points()
@@ -58,7 +75,7 @@ def localize(given: argparse.Namespace) -> None:
                     told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
                     continue
                 if not told.fixes:
-                    for line in unlike(points_m, about, lift_m):
+                    for line in unlike(points_m, about, scan.body_T_lidar):
                         print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)

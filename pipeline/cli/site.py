@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pipeline.cli.localize import KINDS, Summary, share_or_none
+from pipeline.cli.localize import KINDS, Summary, add_lidar, lidar_of, share_or_none
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.cli.project import conf_folder, read_studies
@@ -29,7 +29,11 @@ def add_commands(commands: Any) -> None:
         kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
     find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
     find.add_argument("--promise", help="of right ones among the accepted (0.99); none accepts nothing", **promised)
-    find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
+    place = find.add_mutually_exclusive_group()
+    place.add_argument(
+        "--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained"
+    )
+    add_lidar(place)
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--odometry", metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD")
     find.add_argument("--track", action="store_true", help="scans are one path: follow it, by odometry where the log has some")
@@ -55,10 +59,12 @@ def add_commands(commands: Any) -> None:
     watch.add_argument("log", metavar="LOG", help="as of localize")
     watch.add_argument("--save", type=Path, metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove")
     watch.add_argument("--promise", **promised)
+    add_lidar(watch)
     watch.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th scan (1)")
     bad = commands.add_parser("failures", help="a picture of each fix that the verdict got wrong")
     bad.add_argument("of", metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses")
     bad.add_argument("log", nargs="?", metavar="LOG|DAY", help="of a site a log with true poses; of a study one test day (all)")
+    add_lidar(bad)
     bad.add_argument("--worst", type=int, default=20, metavar="N")
     bad.add_argument("-o", "--out", type=Path, default=Path("failures"), metavar="FOLDER")
     bad.add_argument("--promise", **promised)
@@ -79,7 +85,7 @@ def watch(given: argparse.Namespace) -> None:
     site.check(given.promise)
     check_file(given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
-    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, told.skipped)
+    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, told.skipped, lidar_of(given))
     with recorder(site, given.save, given.promise) as recording:
         for number, scan in enumerate(scans(given.log, *how)):
             if number % given.every:

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,11 @@ from pipeline.errors import ConfigError, LogError
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
 from pipeline.formats.messages import frame_name, from_cdr, header, pose_numbers, poses, transform_numbers
 from pipeline.formats.pointcloud2 import decode
-from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic
+from pipeline.frames import Poses
+from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, Tree
+from pipeline.readers.log import raised
 
 POLL_S = 0.02
 WAITING = 8
@@ -54,6 +56,8 @@ class Following:
     idle_s: float
     odometry: str | None = None
     """A topic of poses, or tf:PARENT>CHILD, of one transform that is sent as such."""
+    body_T_lidar: Poses | None = None
+    """(4, 4) places the points, in place of the transforms and of `lift_m`."""
     dropped: int = field(default=0, init=False)
     """Clouds that were pushed out by newer ones."""
     skipped: Counter[str] = field(default_factory=Counter, init=False)
@@ -95,18 +99,14 @@ class Following:
         tree = Tree(str(self.path), dict(self._edges), 0)
         with self._changed:
             odom_T_body = self._driven.at(stamp_ns) @ child_T_body(tree, self._child)
-        return Scan(f"{self.path.name} {number}", stamp_ns, self._reader(data, tree), odom_T_body, NO_POSE, str(self.path))
+        body_T_lidar = self.body_T_lidar
+        if body_T_lidar is None:
+            body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
+        name, points = f"{self.path.name} {number}", partial(_points, data, body_T_lidar)
+        return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
     def _driven_until(self, stamp_ns: int) -> bool:
         return bool(self._ended) or self._driven.stamp_ns >= stamp_ns
-
-    def _reader(self, data: bytes, tree: Tree) -> Callable[[], NDArray[np.float64]]:
-        def points() -> NDArray[np.float64]:
-            body_T_lidar = extrinsic(tree, {header(data, 2)[1]})
-            cloud = np.asarray(decode(from_cdr(data, CLOUD)), np.float64)
-            return np.asarray(cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] + np.array([0.0, 0.0, self.lift_m]))
-
-        return points
 
     def _reading(self, file: Path) -> None:
         """Keep the newest clouds and all fixed transforms, until the file grows no more or is damaged."""
@@ -183,6 +183,10 @@ class Following:
             self.dropped += len(self._waiting) == WAITING
             self._waiting.append((stamp_ns, record.data))
             self._changed.notify()
+
+
+def _points(data: bytes, body_T_lidar: Poses) -> NDArray[np.float64]:
+    return placed(decode(from_cdr(data, CLOUD)), body_T_lidar)
 
 
 def _edge(transform: Any) -> tuple[str, str]:

@@ -19,11 +19,13 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from pipeline.errors import ConfigError, InputError, LogError, YearlocError
+from pipeline.frames import Poses
 from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
-from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.inputs import NO_POSE, Scan, placed, placement
 from pipeline.online.outputs import record
 from pipeline.online.site import Fix, Site
+from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
 BODY_S, ANSWER_S = 10.0, 30.0
@@ -32,6 +34,8 @@ WAITING = 16
 GONE = 499
 LEFT = "the client is gone"
 """What the metrics call a request whose client does not wait any more, and what nobody reads of it."""
+WAYS = "lift_m={:.2f}", "body_T_lidar={}"
+"""How a request raises points, or places them."""
 SITE, TOKEN = "YEARLOC_SITE", "YEARLOC_TOKEN"
 
 
@@ -80,22 +84,22 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
-        if unknown := sorted({*request.query_params} - {"promise", "lift_m"}):
-            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise or lift_m")
-        promise, lift_m = _promise(request, site), _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
+        if unknown := sorted({*request.query_params} - {"promise", "lift_m", "body_T_lidar"}):
+            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise, lift_m or body_T_lidar")
+        promise, body_T_lidar = _promise(request, site), _placement(request, site)
         nonlocal unlike, usual_ms
         if waiting.locked():
             raise RequestError(503, f"{WAITING} scans wait already; ask again", ceil(WAITING * usual_ms / 1e3))
         async with waiting:
             stamp_ns, points_m = _points(await _body(request), request.headers.get("content-type", FLOATS))
-            points_m = points_m + np.array([0.0, 0.0, lift_m])
+            points_m = placed(points_m, body_T_lidar)
             try:
                 fix = await _while_there(request, lane.submit(site.localize, points_m, promise))
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
         usual_ms = fix.ms
         if unlike is None and fix.verdict != "no pose":  # the first scan tells of the sensor
-            unlike = sensor.unlike(points_m, site.about["sensor"], lift_m, "lift_m")
+            unlike = sensor.unlike(points_m, site.about["sensor"], body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
         took.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
@@ -134,6 +138,19 @@ def _promise(request: Request, site: Site) -> float | None:
     except InputError as error:
         raise RequestError(400, str(error)) from None
     return promise
+
+
+def _placement(request: Request, site: Site) -> Poses:
+    """The pose (4, 4) of the points in the body."""
+    lift_m = _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
+    if (text := request.query_params.get("body_T_lidar")) is None:
+        return raised(lift_m)
+    if "lift_m" in request.query_params:
+        raise RequestError(400, "lift_m: not with body_T_lidar, whose z raises the points")
+    try:
+        return placement("body_T_lidar", text)
+    except ConfigError as error:
+        raise RequestError(400, str(error)) from None
 
 
 def _number(request: Request, name: str, usual: float) -> float:

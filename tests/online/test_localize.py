@@ -16,8 +16,9 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.frames import pose
 from pipeline.inspection.report import inspect
 from pipeline.online.outputs import COLUMNS
+from pipeline.online.tilt import lean
 from tests.online.made import packed, scan
-from tests.posing.scene import planar, seen_from
+from tests.posing.scene import planar, scene, seen_from
 
 UTIME = 1_326_652_795_280_148
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
@@ -221,8 +222,43 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize(
+    ("rpy_deg", "says", "turn"),
+    [
+        ((10, 0, 0), "tilted by about 10°: it would stand upright with", "-10.0,0.0,0.0"),
+        ((0, -20, 0), "tilted by about 20°: it would stand upright with", "0.0,20.0,0.0"),
+        ((180, 0, 0), "upside down: it would stand upright with", "180.0,0.0,0.0"),
+        ((190, 0, 0), "upside down and tilted by about 10°: it would stand upright with", "170.0,0.0,0.0"),
+    ],
+)
+def test_a_scan_that_leans_is_told_by_how_much_and_how_to_turn_it(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], rpy_deg: tuple[float, ...], says: str, turn: str
+) -> None:
+    """A lidar 1.5 m over the ground that is mounted so."""
+    lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
+    points_m = (scan()[0] - (0, 0, 1.5)) @ lidar_T_level[:3, :3].T
+    np.save(tmp_path / "1.npy", points_m)
+    told = run(capsys, site, tmp_path / "1.npy")[1]
+    assert says in told
+    assert "the ground lies" not in told
+    (option,) = [word for word in told.split() if word.startswith("--body-T-lidar=")]
+    given_deg = np.array([float(word) for word in option.partition("=")[2].split(",")])
+    wanted_deg = np.array([float(word) for word in turn.split(",")])
+    off_deg = (given_deg[3:] - wanted_deg + 180) % 360 - 180
+    assert np.abs(off_deg).max() < 1
+    assert given_deg[2] == pytest.approx(1.5, abs=0.1)
+    line, told = run(capsys, site, tmp_path / "1.npy", option, "--json")
+    assert json.loads(line)["verdict"] == "accepted"
+    assert "upright" not in told
+
+
+def test_level_scans_of_other_places_do_not_lean() -> None:
+    assert [lean(scene(seed) - (0, 0, 1.5)) for seed in range(5)] == [None] * 5
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
+        (["1.bin", "--body-T-lidar", "0,0,1"], "--body-T-lidar=0,0,1: expected x,y,z,roll,pitch,yaw in metres and degrees"),
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
         (["1.bin", "--promise", "0.5"], "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),

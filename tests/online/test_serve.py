@@ -73,6 +73,8 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert server.ask(b"").json()["verdict"] == "no pose"
     lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
     assert server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"] == "accepted"
+    upside_down = ((scan()[0] - (0, 0, 1.3)) * (1, -1, -1)).astype("<f4").tobytes()
+    assert server.ask(upside_down, body_T_lidar="0,0,1.3,180,0,0").json()["verdict"] == "accepted"
 
 
 def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
@@ -93,7 +95,9 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected a number"),
         (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
         (b"\0" * 12, FLOATS, {"promise": "0.999"}, 400, "promise=0.999: this site cannot promise that, it can 0.95 and 0.99"),
-        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise or lift_m"),
+        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise, lift_m or body_T_lidar"),
+        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,x"}, 400, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
+        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,1,0,0,0", "lift_m": "1"}, 400, "lift_m: not with body_T_lidar"),
         (b"\0" * 12, FLOATS, {"lift_m": "nan"}, 400, "lift_m='nan': expected a number"),
         (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
     ],
