@@ -17,6 +17,7 @@ from pipeline.errors import YearlocError
 from pipeline.formats.bag import ODOMETRY
 from pipeline.formats.messages import pose_numbers, poses
 from pipeline.formats.pointcloud2 import decode
+from pipeline.kernel_cache import cold
 from pipeline.online.inputs import NO_POSE, placed, placement
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
@@ -111,6 +112,8 @@ def main() -> None:
             fill(leads.transform.translation, leads.transform.rotation, map_T_odom)
             broadcaster.sendTransform(leads)
 
+    if cold():
+        node.get_logger().info("compiling kernels, once per machine: about a minute")
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     node.create_subscription(PointCloud2, "points", arrived, newest)
     if odometry:

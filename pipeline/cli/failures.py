@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.cli.kernels import tell_cold
 from pipeline.cli.localize import left_out_text, lidar_of
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
@@ -31,6 +32,7 @@ def failures(given: argparse.Namespace) -> None:
 
         site = Site.open(Path(given.of))
         site.check(given.promise)
+        tell_cold()
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
         told = "nothing was promised"
         if given.promise is not None:

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from pipeline.cli.kernels import tell_cold
 from pipeline.cli.localize import add_lidar, left_out_text, lidar_of
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
@@ -52,6 +53,7 @@ def grow(given: argparse.Namespace) -> None:
     site, about = Site(parts, threads=2), parts.about["sensor"]
     if not given.poses:
         site.check(given.promise)
+    tell_cold()
     skipped: Counter[str] = Counter()
     lidar = lidar_of(given)
     found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry, skipped, lidar)]

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pipeline.cli.kernels import tell_cold
 from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
@@ -62,6 +63,7 @@ def localize(given: argparse.Namespace) -> None:
     body_T_lidar = lidar_of(given)
     told, tracker = Summary(), Tracker(site, given.promise) if given.track else None
     before: Scan | None = None
+    tell_cold()
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             follower = None

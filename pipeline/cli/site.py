@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from pipeline.cli.kernels import tell_cold
 from pipeline.cli.localize import KINDS, Summary, add_lidar, lidar_of, share_or_none
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
@@ -85,6 +86,7 @@ def watch(given: argparse.Namespace) -> None:
     site.check(given.promise)
     check_file(given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
+    tell_cold()
     how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, told.skipped, lidar_of(given))
     with recorder(site, given.save, given.promise) as recording:
         for number, scan in enumerate(scans(given.log, *how)):
@@ -135,6 +137,7 @@ def serve(given: argparse.Namespace) -> None:
         promises = f"promises {', '.join(map(str, kept)) or 'nothing'}"
         way = f"serving {given.site} at http://{given.host}:{given.port}/localize, {promises}; Ctrl-C stops it"
         print(way, file=sys.stderr, flush=True)
+        tell_cold()
         uvicorn.run(application, factory=True, timeout_keep_alive=10, limit_concurrency=256, server_header=False, **options)
 
 
@@ -147,6 +150,7 @@ def _bridge(given: argparse.Namespace) -> None:
     except ImportError as error:
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
     site = Site.open(given.site)
+    tell_cold()
     with bridge.connected(given.zenoh) as session:
         way = f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
         bridge.run(site, session, given.key, 0.99, lambda: print(way, file=sys.stderr, flush=True), print)
