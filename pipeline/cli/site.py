@@ -54,6 +54,10 @@ def add_commands(commands: Any) -> None:
     serve.add_argument("--host", default="127.0.0.1", help="another one needs a token in YEARLOC_TOKEN (127.0.0.1)")
     serve.add_argument("--workers", type=int, default=1, help="processes, one a core (1)")
     serve.add_argument("--zenoh", metavar="ENDPOINT", help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447")
+    serve.add_argument(
+        "--promise", help="of --zenoh: what accepted fixes keep (0.99); over HTTP each request says it", **promised
+    )
+    add_lidar(serve)
     serve.add_argument("--key", default="yearloc", help="scans of KEY/points are followed, fixes go to KEY/fix (yearloc)")
     watch = commands.add_parser("watch", help="see scans snapped onto the map, with verdicts, in rerun's viewer or as a file")
     watch.add_argument("site", type=Path, metavar="SITE")
@@ -107,6 +111,8 @@ def watch(given: argparse.Namespace) -> None:
 
 def serve(given: argparse.Namespace) -> None:
     """Serve until it is stopped."""
+    if given.body_T_lidar and not given.zenoh:
+        raise ConfigError("--body-T-lidar: of --zenoh; over HTTP each request says it, ?body_T_lidar=")
     if given.zenoh:
         _bridge(given)
         return
@@ -153,7 +159,8 @@ def _bridge(given: argparse.Namespace) -> None:
     tell_cold()
     with bridge.connected(given.zenoh) as session:
         way = f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
-        bridge.run(site, session, given.key, 0.99, lambda: print(way, file=sys.stderr, flush=True), print)
+        placed = lidar_of(given)
+        bridge.run(site, session, given.key, given.promise, lambda: print(way, file=sys.stderr, flush=True), print, placed)
 
 
 def export(given: argparse.Namespace) -> None:
