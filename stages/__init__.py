@@ -22,6 +22,7 @@ from rich.progress import Progress as RichProgress
 
 from pipeline.errors import ConfigError, YearlocError, refusal
 from pipeline.running.building import TARGET, target_class
+from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
@@ -100,6 +101,7 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
 
         @wraps(function)
         def main() -> None:
+            end_when_asked()
             with reported(name):
                 sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
                 composed()

@@ -1,9 +1,11 @@
-"""A ROS 2 node: PointCloud2 in, PoseWithCovarianceStamped out where a fix is accepted.
+"""A ROS 2 node: PointCloud2 in, PoseWithCovarianceStamped out where a fix is accepted, with the stamp of the cloud.
 
-    python localizer.py campus.site --ros-args -r points:=/velodyne_points
+    python localizer.py campus.site --ros-args -r points:=/velodyne_points -p odometry:=/odom -p tf:=true
 
-Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0), frame (map). Of the clouds that arrive
-while one is localised the newest is next, the others are dropped.
+Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0) or body_T_lidar (x,y,z,roll,pitch,yaw in m and
+degrees, from the body that the odometry is of), frame (map), odometry (a topic of Odometry; none is constant motion), tf (false:
+whether to broadcast frame to the odometry's frame). Of the clouds that arrive while one is localised the newest is next, the
+others are dropped.
 """
 
 import sys
@@ -12,41 +14,83 @@ from typing import Any
 import numpy as np
 
 from pipeline.errors import YearlocError
+from pipeline.formats.bag import ODOMETRY
+from pipeline.formats.messages import pose_numbers, poses
 from pipeline.formats.pointcloud2 import decode
+from pipeline.kernel_cache import cold
+from pipeline.online.inputs import NO_POSE, placed, placement
+from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
+from pipeline.readers.log import raised
 from pipeline.running.memory import keep_freed_memory
+
+
+def stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec * 10**9 + header.stamp.nanosec)
 
 
 class Localizer:
     """What the node does, without ROS: a cloud becomes the numbers of a pose message, or nothing."""
 
-    def __init__(self, site: Site, promise: float = 0.99, lift_m: float = 0.0) -> None:
-        self._tracker, self._lift_m = Tracker(site, promise), lift_m
+    def __init__(self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = "") -> None:
+        self._tracker = Tracker(site, promise)
+        self._odometry = Newest()
+        self._body_T_lidar = placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
+        self._before = NO_POSE
 
-    def pose(self, cloud: Any) -> tuple[np.ndarray, np.ndarray] | None:
-        """Pose (4, 4) and covariance (36,) as ROS has it, of a PointCloud2; None where no fix is accepted."""
-        fix = self._tracker.localize(np.asarray(decode(cloud), np.float64) + np.array([0.0, 0.0, self._lift_m]))
-        return (fix.world_T_sensor, in_world(fix).ravel()) if fix.verdict == "accepted" else None
+    def moved(self, odometry: Any) -> None:
+        """One more Odometry."""
+        self._odometry.add(stamp_ns(odometry.header), poses([pose_numbers(odometry, ODOMETRY)])[0])
+
+    def pose(self, cloud: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Pose (4, 4) and covariance (36,) of a PointCloud2 as ROS has them, and the pose (4, 4) of the odometry's frame in the
+        map, NaN without odometry; None where no fix is accepted."""
+        time_ns = stamp_ns(cloud.header)
+        odom_T_body = self._odometry.at(time_ns)
+        step = np.linalg.inv(self._before) @ odom_T_body if np.isfinite(self._before + odom_T_body).all() else None
+        fix = self._tracker.localize(placed(decode(cloud), self._body_T_lidar), step, time_ns or None)
+        self._before = odom_T_body
+        map_T_odom = fix.world_T_sensor @ np.linalg.inv(odom_T_body) if np.isfinite(odom_T_body).all() else NO_POSE
+        return (fix.world_T_sensor, in_world(fix).ravel(), map_T_odom) if fix.verdict == "accepted" else None
+
+
+def fill(position: Any, turn: Any, pose: np.ndarray) -> None:
+    """Write a pose (4, 4) into a message's position and quaternion."""
+    from scipy.spatial.transform import Rotation
+
+    position.x, position.y, position.z = map(float, pose[:3, 3])
+    turn.x, turn.y, turn.z, turn.w = map(float, Rotation.from_matrix(pose[:3, :3]).as_quat())
 
 
 def main() -> None:
     import rclpy
-    from geometry_msgs.msg import PoseWithCovarianceStamped
+    from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+    from nav_msgs.msg import Odometry
     from rclpy.node import Node
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from rclpy.utilities import remove_ros_args
-    from scipy.spatial.transform import Rotation
     from sensor_msgs.msg import PointCloud2
+    from tf2_ros import TransformBroadcaster
 
     keep_freed_memory()
     rclpy.init()
     node = Node("yearloc")
-    usual = {"promise": 0.99, "lift_m": 0.0, "frame": "map"}
-    promise, lift_m, frame = (node.declare_parameter(name, value).value for name, value in usual.items())
-    localizer = Localizer(Site.open(remove_ros_args(sys.argv)[1]), promise, lift_m)
+    odom_frame = ""
+    usual = {"promise": 0.99, "lift_m": 0.0, "body_T_lidar": "", "frame": "map", "odometry": "", "tf": False}
+    promise, lift_m, body_T_lidar, frame, odometry, tf = (node.declare_parameter(name, usual[name]).value for name in usual)
+    try:
+        localizer = Localizer(Site.open(remove_ros_args(sys.argv)[1]), promise, lift_m, body_T_lidar)
+    except YearlocError as error:
+        sys.exit(f"yearloc: {error}")
     publisher = node.create_publisher(PoseWithCovarianceStamped, "fix", 10)
+    broadcaster = TransformBroadcaster(node)
+
+    def moved(message: Any) -> None:
+        nonlocal odom_frame
+        odom_frame = message.header.frame_id
+        localizer.moved(message)
 
     def arrived(cloud: Any) -> None:
         try:
@@ -56,16 +100,24 @@ def main() -> None:
             return
         if found is None:
             return
-        message, (world_T_sensor, covariance) = PoseWithCovarianceStamped(), found
+        world_T_sensor, covariance, map_T_odom = found
+        message = PoseWithCovarianceStamped()
         message.header.stamp, message.header.frame_id = cloud.header.stamp, frame
-        position, turn = message.pose.pose.position, message.pose.pose.orientation
-        position.x, position.y, position.z = map(float, world_T_sensor[:3, 3])
-        turn.x, turn.y, turn.z, turn.w = map(float, Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat())
+        fill(message.pose.pose.position, message.pose.pose.orientation, world_T_sensor)
         message.pose.covariance = covariance.tolist()
         publisher.publish(message)
+        if tf and np.isfinite(map_T_odom).all():
+            leads = TransformStamped()
+            leads.header.stamp, leads.header.frame_id, leads.child_frame_id = cloud.header.stamp, frame, odom_frame
+            fill(leads.transform.translation, leads.transform.rotation, map_T_odom)
+            broadcaster.sendTransform(leads)
 
+    if cold():
+        node.get_logger().info("compiling kernels, once per machine: about a minute")
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     node.create_subscription(PointCloud2, "points", arrived, newest)
+    if odometry:
+        node.create_subscription(Odometry, odometry, moved, QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
     rclpy.spin(node)
 
 

@@ -13,6 +13,8 @@ from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.replacing import replace
+from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import WRITTEN, check_files, one_line, print_anywhere, read_yaml, terminal_width
 
@@ -39,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Parse, run, and turn an error that this project raises on purpose into one line and exit code 1."""
     print_anywhere()
     keep_freed_memory()
+    end_when_asked()
     parser = argparse.ArgumentParser("yearloc", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
@@ -154,7 +157,8 @@ def _inspect(given: argparse.Namespace) -> None:
     if given.save:
         from pipeline.inspection.bags import proposal
 
-        given.save.write_text(proposal([given.path]), encoding="utf-8")
+        with replace(given.save) as scratch:
+            scratch.write_text(proposal([given.path]), encoding="utf-8")
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 

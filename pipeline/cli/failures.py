@@ -1,11 +1,15 @@
 """`yearloc failures`: pictures of what the verdict got wrong."""
 
 import argparse
+import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.cli.localize import check, check_folder
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.localize import left_out_text, lidar_of
+from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
 
@@ -22,15 +26,17 @@ def failures(given: argparse.Namespace) -> None:
     check_folder(given.out)
     if given.of.count("/") == 2 and not Path(given.of).exists():
         targets, judged, simulated = _judged_of_study(given)
-        told = f"promise {given.promise:g}"
+        told = "nothing was promised" if given.promise is None else f"promise {given.promise:g}"
     else:
         from pipeline.online.site import Site
 
         site = Site.open(Path(given.of))
-        check(site, given.promise, given.out)
+        site.check(given.promise)
+        tell_cold()
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
-        reject_from, all_rejected = site.promises[given.promise], f"all rejected: a promise of {given.promise:g} is not kept"
-        told = f"rejected from {reject_from:.3f} on (promise {given.promise:g})" if reject_from > 0 else all_rejected
+        told = "nothing was promised"
+        if given.promise is not None:
+            told = f"rejected from {site.promises[given.promise]:.3f} on (promise {given.promise:g})"
     every = list(judged)
     found = cards.failures(every)
     given.out.mkdir(parents=True, exist_ok=True)
@@ -50,8 +56,12 @@ def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]
 
     if given.log is None:
         raise ConfigError(f"{given.of} is a site: say which log, `yearloc failures {given.of} LOG`")
-    every = scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])
+    skipped: Counter[str] = Counter()
+    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, skipped, lidar_of(given))
+    every = scans(given.log, *how)
     log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
+    if left_out := left_out_text(skipped):
+        print(f"  {left_out}", file=sys.stderr)
     if not log:
         raise LogError(f"{given.log}: no scan with a true pose: a log that the reader of this site's data set opens has them")
     return of_log(log, [site.localize(scan.points(), given.promise) for scan in log])

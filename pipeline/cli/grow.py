@@ -2,10 +2,13 @@
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from pipeline.cli.localize import check, check_folder
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.localize import add_lidar, left_out_text, lidar_of
+from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.errors import ConfigError
 
@@ -28,6 +31,7 @@ def add_command(commands: Any) -> None:
         "--poses", metavar="FILE", help="surveyed poses of the scans, TUM's columns; or the word log: the log's own"
     )
     more.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="that a fix must keep to be learned (0.99)")
+    add_lidar(more)
     more.add_argument("--topic", help="of a bag, where it has several clouds")
     more.add_argument("--odometry", metavar="TOPIC", help="of a bag: poses, or tf:PARENT>CHILD")
 
@@ -37,17 +41,24 @@ def grow(given: argparse.Namespace) -> None:
     from pipeline.frames import Trajectory
     from pipeline.lifelong import adoption, growth
     from pipeline.online import site_file
+    from pipeline.online.description import first_day
     from pipeline.online.inputs import scans
     from pipeline.online.site import Site
     from pipeline.readers.folder import read_tum
 
-    check_folder(given.out)
+    check_file(given.out)
     parts = site_file.read(given.site, views=True)
     if not parts.views:
         raise ConfigError(f"{given.site}: holds no views to learn from; only a site of `yearloc pack` of this version can grow")
     site, about = Site(parts, threads=2), parts.about["sensor"]
-    check(site, given.promise, given.out)
-    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry)]
+    if not given.poses:
+        site.check(given.promise)
+    tell_cold()
+    skipped: Counter[str] = Counter()
+    lidar = lidar_of(given)
+    found = [*scans(given.log, parts.about["reader"], about["lift_m"], given.topic, given.odometry, skipped, lidar)]
+    if left_out := left_out_text(skipped):
+        print(f"  {left_out}", file=sys.stderr)
     if given.poses:
         poses = None if given.poses == LOG else Trajectory(*read_tum(Path(given.poses)), GAP_S)
         learned = adoption.surveyed(found, poses)
@@ -58,7 +69,8 @@ def grow(given: argparse.Namespace) -> None:
     if given.out is None:
         print(f"nothing was written; `-o FILE` learns it, {given.site} stays as it is", file=sys.stderr)
         return
-    site_file.write(
-        given.out, growth.grown(site, parts, plan, Path(given.log).name, Lines(parts.about["method"].get("budget", 1.0)))
-    )
+    after = growth.grown(site, parts, plan, Path(given.log).name, Lines(parts.about["method"].get("budget", 1.0)))
+    site_file.write(given.out, after)
     print(f"{given.out}: {len(plan.places.cells)} places, {given.out.stat().st_size / 1e6:.1f} MB; {given.site} stays as it was")
+    verdict = after.about["verdict"]
+    print(f"its promises are by {verdict['held_out']} held-out queries{first_day(after.about)}")

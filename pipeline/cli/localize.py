@@ -4,13 +4,16 @@ import argparse
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
+    from pipeline.frames import Poses
     from pipeline.online.inputs import Scan
-    from pipeline.online.site import Fix, Site
+    from pipeline.online.site import Fix
 
 KINDS = {
     "json": "an object a scan, each on a line",
@@ -20,27 +23,29 @@ KINDS = {
 }
 
 
-def check(site: "Site", promise: float, out: Path | None) -> None:
-    """Refuse a promise that the site does not make and a file in no folder; say if nothing will be accepted."""
-    if promise not in site.promises:
-        raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, site.promises))}")
-    check_folder(out)
-    if not site.promises[promise] > 0:
-        print(f"  no threshold keeps a promise of {promise:g}: every fix will be rejected (`yearloc inspect`)", file=sys.stderr)
+def share_or_none(word: str) -> float | None:
+    """What `--promise` takes."""
+    return None if word == "none" else float(word)
 
 
-def check_folder(out: Path | None) -> None:
-    """Refuse a file in a folder that is not there."""
-    if out is not None and not out.parent.is_dir():
-        raise ConfigError(f"{out}: no folder {out.parent}")
+def add_lidar(command: Any) -> None:
+    """Add the option that places points."""
+    how = "turns and raises the points, by metres and degrees; in place of a bag's transforms, but not of logs"
+    command.add_argument("--body-T-lidar", dest="body_T_lidar", metavar="X,Y,Z,ROLL,PITCH,YAW", help=how)
+
+
+def lidar_of(given: argparse.Namespace) -> "Poses | None":
+    """What that option gives."""
+    from pipeline.online.inputs import placement
+
+    return None if given.body_T_lidar is None else placement("--body-T-lidar", given.body_T_lidar)
 
 
 def localize(given: argparse.Namespace) -> None:
     """Print a fix of each scan, and what became of them all."""
-    import numpy as np
-
     from pipeline.online.follow import Following
-    from pipeline.online.inputs import NO_POSE, scans
+    from pipeline.online.inputs import scans
+    from pipeline.online.odometry import step
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
     from pipeline.online.site import Site
@@ -51,34 +56,41 @@ def localize(given: argparse.Namespace) -> None:
     if given.threads < 1:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
-    check(site, given.promise, given.out)
+    site.check(given.promise)
+    check_file(given.out, whole=given.kind == "mcap")
     about = site.about["sensor"]
     lift_m = about["lift_m"] if given.lift is None else given.lift
-    told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
+    body_T_lidar = lidar_of(given)
+    told, tracker = Summary(), Tracker(site, given.promise) if given.track else None
+    before: Scan | None = None
+    tell_cold()
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
-            follower = Following(Path(source), given.topic, lift_m, given.idle) if given.follow else None
-            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic, given.odometry)
-            for scan in found:
+            follower = None
+            if given.follow:
+                follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry, body_T_lidar)
+            how = (site.about["reader"], lift_m, given.topic, given.odometry, told.skipped, body_T_lidar)
+            for scan in follower.scans() if follower else scans(source, *how):
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
                     told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
                     continue
                 if not told.fixes:
-                    for line in unlike(points_m, about, lift_m):
+                    for line in unlike(points_m, about, scan.body_T_lidar):
                         print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)
                 else:
-                    known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
-                    told.steps[known] += 1
-                    fix = tracker.localize(points_m, np.linalg.inv(before) @ scan.odom_T_scan if known else None, scan.stamp_ns)
-                    before = scan.odom_T_scan
+                    driven = step(before, scan)
+                    told.steps[driven is not None] += 1
+                    fix = tracker.localize(points_m, driven, scan.stamp_ns)
+                    before = scan
                 write(scan, fix)
                 told.add(scan, fix)
             if follower:
                 told.dropped += follower.dropped
+                told.skipped += follower.skipped
                 told.broken += filter(None, [follower.damage])
     if not told.fixes:
         raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
@@ -94,6 +106,7 @@ class Summary:
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
         self.dropped, self.steps = 0, Counter[bool]()
+        self.skipped: Counter[str] = Counter()
         self._ms: list[float] = []
         self._right = Counter[bool]()
 
@@ -122,6 +135,14 @@ class Summary:
             lines.append(f"followed by odometry over {self.steps[True]} steps, by constant motion over {self.steps[False]}")
         if self.dropped:
             lines.append(f"{self.dropped} more came while another was localised, and were dropped")
+        if left_out := left_out_text(self.skipped):
+            lines.append(left_out)
         if self.broken:
             lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
         return "\n".join(lines)
+
+
+def left_out_text(skipped: Counter[str]) -> str:
+    """How many scans a log or a bag holds besides that cannot be used, and why; nothing of none."""
+    why = ", ".join(f"{reason} ({count})" for reason, count in skipped.most_common() if count)
+    return f"{skipped.total()} more were left out: {why}" if why else ""

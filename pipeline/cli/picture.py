@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.cli.localize import check_folder
+from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError
@@ -66,7 +66,7 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     from pipeline.report.study import Study
     from pipeline.studies.expansion import answerers, asks_about_the_year
 
-    check_folder(out)
+    check_file(out)
     animation.check_ending(out)
     studies, (name, grid, model) = read_studies(), _parts(of)
     if name not in studies or grid not in studies[name]["grids"]:

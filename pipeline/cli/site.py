@@ -8,7 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pipeline.cli.localize import KINDS, Summary, check, check_folder
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.localize import KINDS, Summary, add_lidar, lidar_of, share_or_none
+from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, LogError
@@ -16,6 +18,7 @@ from pipeline.errors import ConfigError, LogError
 
 def add_commands(commands: Any) -> None:
     """Add these commands to the parser."""
+    promised: Any = {"type": share_or_none, "default": 0.99, "metavar": "SHARE"}
     pack = commands.add_parser("pack", help="one file of all that it takes to localise in a place")
     pack.add_argument("name", metavar="STUDY/GRID/METHOD", help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT")
     pack.add_argument("-o", "--out", type=Path, required=True, metavar="FILE")
@@ -26,8 +29,12 @@ def add_commands(commands: Any) -> None:
     for kind, what in KINDS.items():
         kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
     find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
-    find.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="of right ones among the accepted (0.99)")
-    find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
+    find.add_argument("--promise", help="of right ones among the accepted (0.99); none accepts nothing", **promised)
+    place = find.add_mutually_exclusive_group()
+    place.add_argument(
+        "--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained"
+    )
+    add_lidar(place)
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--odometry", metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD")
     find.add_argument("--track", action="store_true", help="scans are one path: follow it, by odometry where the log has some")
@@ -47,19 +54,25 @@ def add_commands(commands: Any) -> None:
     serve.add_argument("--host", default="127.0.0.1", help="another one needs a token in YEARLOC_TOKEN (127.0.0.1)")
     serve.add_argument("--workers", type=int, default=1, help="processes, one a core (1)")
     serve.add_argument("--zenoh", metavar="ENDPOINT", help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447")
+    serve.add_argument(
+        "--promise", help="of --zenoh: what accepted fixes keep (0.99); over HTTP each request says it", **promised
+    )
+    add_lidar(serve)
     serve.add_argument("--key", default="yearloc", help="scans of KEY/points are followed, fixes go to KEY/fix (yearloc)")
     watch = commands.add_parser("watch", help="see scans snapped onto the map, with verdicts, in rerun's viewer or as a file")
     watch.add_argument("site", type=Path, metavar="SITE")
     watch.add_argument("log", metavar="LOG", help="as of localize")
     watch.add_argument("--save", type=Path, metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove")
-    watch.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
+    watch.add_argument("--promise", **promised)
+    add_lidar(watch)
     watch.add_argument("--every", type=int, default=1, metavar="N", help="only every N-th scan (1)")
     bad = commands.add_parser("failures", help="a picture of each fix that the verdict got wrong")
     bad.add_argument("of", metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses")
     bad.add_argument("log", nargs="?", metavar="LOG|DAY", help="of a site a log with true poses; of a study one test day (all)")
+    add_lidar(bad)
     bad.add_argument("--worst", type=int, default=20, metavar="N")
     bad.add_argument("-o", "--out", type=Path, default=Path("failures"), metavar="FOLDER")
-    bad.add_argument("--promise", type=float, default=0.99, metavar="SHARE")
+    bad.add_argument("--promise", **promised)
 
 
 def watch(given: argparse.Namespace) -> None:
@@ -74,10 +87,13 @@ def watch(given: argparse.Namespace) -> None:
     if given.save is not None and given.save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {given.save}: expected FILE.rrd or FILE.mcap")
     site, told = Site.open(given.site), Summary()
-    check(site, given.promise, given.save)
+    site.check(given.promise)
+    check_file(given.save)
     recorder: Any = foxglove.Recording if given.save is not None and given.save.suffix == ".mcap" else rerun.Recording
+    tell_cold()
+    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, told.skipped, lidar_of(given))
     with recorder(site, given.save, given.promise) as recording:
-        for number, scan in enumerate(scans(given.log, site.about["reader"], site.about["sensor"]["lift_m"])):
+        for number, scan in enumerate(scans(given.log, *how)):
             if number % given.every:
                 continue
             try:
@@ -95,6 +111,8 @@ def watch(given: argparse.Namespace) -> None:
 
 def serve(given: argparse.Namespace) -> None:
     """Serve until it is stopped."""
+    if given.body_T_lidar and not given.zenoh:
+        raise ConfigError("--body-T-lidar: of --zenoh; over HTTP each request says it, ?body_T_lidar=")
     if given.zenoh:
         _bridge(given)
         return
@@ -110,7 +128,8 @@ def serve(given: argparse.Namespace) -> None:
         raise ConfigError(f"--workers {given.workers}: expected at least 1")
     from pipeline.online.site_file import read
 
-    read(given.site)
+    limits = read(given.site).about["verdict"]
+    kept = [promise for promise, reject_from in zip(limits["promises"], limits["promised"], strict=True) if reject_from > 0]
     try:
         with socket.create_server((given.host, given.port)):
             pass
@@ -121,7 +140,10 @@ def serve(given: argparse.Namespace) -> None:
         if given.workers > 1:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = shared
         options = {"host": given.host, "port": given.port, "workers": given.workers, "log_level": "warning"}
-        print(f"serving {given.site} at http://{given.host}:{given.port}/localize; Ctrl-C stops it", file=sys.stderr, flush=True)
+        promises = f"promises {', '.join(map(str, kept)) or 'nothing'}"
+        way = f"serving {given.site} at http://{given.host}:{given.port}/localize, {promises}; Ctrl-C stops it"
+        print(way, file=sys.stderr, flush=True)
+        tell_cold()
         uvicorn.run(application, factory=True, timeout_keep_alive=10, limit_concurrency=256, server_header=False, **options)
 
 
@@ -134,16 +156,18 @@ def _bridge(given: argparse.Namespace) -> None:
     except ImportError as error:
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
     site = Site.open(given.site)
+    tell_cold()
     with bridge.connected(given.zenoh) as session:
         way = f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
-        bridge.run(site, session, given.key, 0.99, lambda: print(way, file=sys.stderr, flush=True), print)
+        placed = lidar_of(given)
+        bridge.run(site, session, given.key, given.promise, lambda: print(way, file=sys.stderr, flush=True), print, placed)
 
 
 def export(given: argparse.Namespace) -> None:
     """Write an ONNX file, or a site with one."""
     from pipeline.online.export import export
 
-    check_folder(given.out)
+    check_file(given.out)
     print(export(given.site, given.out))
 
 
@@ -151,5 +175,5 @@ def pack(given: argparse.Namespace) -> None:
     """Write a site file."""
     from pipeline.online.pack import Packing
 
-    check_folder(given.out)
+    check_file(given.out)
     print(Packing(conf_folder(), Path("artifacts"), read_studies()).pack(given.name, given.out, Lines()))

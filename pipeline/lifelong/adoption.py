@@ -11,6 +11,7 @@ from pipeline.errors import LogError
 from pipeline.frames import Poses, Stamps, Trajectory, apart
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.odometry import step
 from pipeline.online.site import Fix, Site, finite
 from pipeline.online.tracking import Tracker
 from pipeline.posing.registration import Points
@@ -50,8 +51,10 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
     """The scans of one drive whose fixes keep a promise; without a promise every scan that has any pose.
 
     The drive is followed there and back. Scans between two fixes are adopted where odometry leads from one to the other. Raises
-    NothingAdoptedError where there is none.
+    NothingAdoptedError where there is none, as where the site cannot make that promise.
     """
+    if promise is not None and promise not in site.promises:
+        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}")
     both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
     believed = [[fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)]
     best = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed]
@@ -71,12 +74,12 @@ def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption
 
 def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
     """The fix of each scan, along the drive in this direction."""
-    tracker, before, fixes = Tracker(site, promise or min(site.promises)), NO_POSE, []
+    tracker = Tracker(site, promise or min(site.promises, default=None))
+    before: Scan | None = None
+    fixes: list[Fix] = []
     for scan in scans:
-        known = bool(np.isfinite(before).all() and np.isfinite(scan.odom_T_scan).all())
-        step = np.linalg.inv(before) @ scan.odom_T_scan if known else None
-        fixes.append(tracker.localize(scan.points(), step, scan.stamp_ns))
-        before = scan.odom_T_scan
+        fixes.append(tracker.localize(scan.points(), step(before, scan), scan.stamp_ns))
+        before = scan
     return fixes
 
 

@@ -3,15 +3,16 @@
 import json
 from collections.abc import Callable
 
-import numpy as np
 import zenoh
 
 from pipeline.errors import ConfigError, YearlocError
+from pipeline.frames import Poses
 from pipeline.online.bodies import CDR, FLOATS, points
-from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.inputs import NO_POSE, Scan, placed
 from pipeline.online.outputs import person, record
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
+from pipeline.readers.log import raised
 
 CONNECT_MS = 5000
 
@@ -36,17 +37,27 @@ def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
 
 
 def run(
-    site: Site, session: zenoh.Session, key: str, promise: float, ready: Callable[[], None], tell: Callable[[str], None]
+    site: Site,
+    session: zenoh.Session,
+    key: str,
+    promise: float | None,
+    ready: Callable[[], None],
+    tell: Callable[[str], None],
+    body_T_lidar: Poses | None = None,
 ) -> None:
-    """Answer until the session is closed, after calling `ready`. While one scan is localised the newest waits."""
-    tracker, lift_m = Tracker(site, promise), float(site.about["sensor"]["lift_m"])
+    """Answer until the session is closed, after calling `ready`. While one scan is localised the newest waits.
+
+    Points are placed by `body_T_lidar` (4, 4), or raised as those that the site was learned with.
+    """
+    body_T_lidar = raised(float(site.about["sensor"]["lift_m"])) if body_T_lidar is None else body_T_lidar
+    tracker = Tracker(site, promise)
     publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
     scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))
     ready()
     for number, sample in enumerate(scans):
         try:
             stamp_ns, points_m = points(sample.payload.to_bytes(), CDR if str(sample.encoding) == CDR else FLOATS)
-            points_m = points_m + np.array([0.0, 0.0, lift_m])
+            points_m = placed(points_m, body_T_lidar)
             fix = tracker.localize(points_m, None, stamp_ns)
         except YearlocError as error:
             tell(str(error))

@@ -27,6 +27,7 @@ def describe(path: Path) -> Inspection:
     )
     limits = zip(verdict["promises"], verdict["promised"], strict=True)
     title = f"promises, by {verdict['held_out']} held-out queries, of which {verdict['unseen_share']:g} are expected unseen"
+    title += first_day(about)
     found.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
     names = {
         "points": "points a scan",
@@ -40,6 +41,12 @@ def describe(path: Path) -> Inspection:
     found.add("with", *made["versions"].items())
     found.warn(not np.greater(verdict["promised"], 0).any(), "no promise can be kept: every fix will be rejected")
     return found
+
+
+def first_day(about: Mapping[str, Any]) -> str:
+    """Of a site that has grown, whose held-out queries its promises are by; nothing of any other."""
+    days: list[dict[str, Any]] = about["growth"]["days"] if "growth" in about else []
+    return f"; all of {days[0]['day']}, not of the days since" if len(days) > 1 else ""
 
 
 def _promise(limit: float) -> str:

@@ -77,16 +77,20 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[Judged]:
             yield Judged(scan.name, scan.points, fix.world_T_sensor, scan.world_T_scan, accepted, fix.overlap, fix.novelty)
 
 
-def of_study(fixes: Path, scans: Path, submaps: Path, promise: float) -> Iterator[Judged]:
-    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a promise that they lack."""
+def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> Iterator[Judged]:
+    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a promise that they cannot make.
+    None accepts nothing."""
     found, anchors = store.read(fixes, schemas.FIXES), store.read(submaps, schemas.SUBMAPS)
-    if promise not in found.attrs["promises"]:
-        raise ConfigError(f"--promise {promise:g}: expected one of {', '.join(map(str, found.attrs['promises']))}")
+    limits = zip(found.attrs["promises"], found.attrs["promised"], strict=True)
+    kept = {one: reject_from for one, reject_from in limits if reject_from > 0}
+    if promise is not None and promise not in kept:
+        can = f"they can {' and '.join(map(str, kept))}" if kept else "nor any other; --promise none draws them"
+        raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {can}")
     world_T_true, recorded = anchors.load("world_T_anchor"), store.read(scans, schemas.SCANS)
     driven = read_cases(found.attrs).index(Case())
     own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
     world_T_query, novelty = found.load("world_T_query")[own], found.load("novelty")[own].astype(np.float64)
-    reject_from = found.attrs["promised"][found.attrs["promises"].index(promise)]
+    reject_from = 0.0 if promise is None else kept[promise]
     overlap = 1 - novelty[:, found.attrs["kinds"].index("overlap")]
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
         known = (world_T_query[row], world_T_true[row], novelty[row, 0] < reject_from, overlap[row], novelty[row, 0])

@@ -1,9 +1,10 @@
 """The clouds of an MCAP recording that is still being written; those that wait too long are dropped and counted."""
 
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from threading import Condition, Thread
 from typing import Any, BinaryIO
@@ -12,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
-from pipeline.formats.bag import CLOUD, TRANSFORMS
-from pipeline.formats.messages import frame_name, from_cdr, header, poses, transform_numbers
+from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
+from pipeline.formats.messages import frame_name, from_cdr, header, pose_numbers, poses, transform_numbers
 from pipeline.formats.pointcloud2 import decode
-from pipeline.online.inputs import NO_POSE, Scan, extrinsic
-from pipeline.readers.bag_poses import Tree
+from pipeline.frames import Poses
+from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
+from pipeline.online.odometry import AHEAD_S, Newest
+from pipeline.readers.bag_poses import KINDS, Tree
+from pipeline.readers.log import raised
 
 POLL_S = 0.02
 WAITING = 8
@@ -50,8 +54,14 @@ class Following:
     topic: str | None
     lift_m: float
     idle_s: float
+    odometry: str | None = None
+    """A topic of poses, or tf:PARENT>CHILD, of one transform that is sent as such."""
+    body_T_lidar: Poses | None = None
+    """(4, 4) places the points, in place of the transforms and of `lift_m`."""
     dropped: int = field(default=0, init=False)
     """Clouds that were pushed out by newer ones."""
+    skipped: Counter[str] = field(default_factory=Counter, init=False)
+    """Clouds that cannot be taken: reason to count."""
     damage: str = field(default="", init=False)
     """Why reading ended before the recording did; empty where it did not."""
 
@@ -63,16 +73,21 @@ class Following:
         self._waiting = deque[tuple[int, bytes]](maxlen=WAITING)
         self._ended: Exception | bool = False
         self._changed, self._edges = Condition(), dict[tuple[str, str], tuple[Any, Any]]()
+        self._driven, self._child = Newest(), ""
         Thread(target=self._reading, args=(file,), daemon=True).start()
         number = 0
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._ended)
                 oldest = self._waiting.popleft() if self._waiting else None
+                if oldest and self.odometry:
+                    self._changed.wait_for(partial(self._driven_until, oldest[0]), AHEAD_S)
             if oldest is None:
                 break
             yield self._scan(number, *oldest)
             number += 1
+        if self.odometry and not self._driven.count:
+            self.damage = self.damage or f"{file}: no pose of {self.odometry} came"
         if isinstance(self._ended, ConfigError):
             raise self._ended
         if not number and self.damage:
@@ -82,15 +97,16 @@ class Following:
 
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
         tree = Tree(str(self.path), dict(self._edges), 0)
-        return Scan(f"{self.path.name} {number}", stamp_ns, self._reader(data, tree), NO_POSE, NO_POSE)
+        with self._changed:
+            odom_T_body = self._driven.at(stamp_ns) @ child_T_body(tree, self._child)
+        body_T_lidar = self.body_T_lidar
+        if body_T_lidar is None:
+            body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
+        name, points = f"{self.path.name} {number}", partial(_points, data, body_T_lidar)
+        return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
-    def _reader(self, data: bytes, tree: Tree) -> Callable[[], NDArray[np.float64]]:
-        def points() -> NDArray[np.float64]:
-            body_T_lidar = extrinsic(tree, {header(data, 2)[1]})
-            cloud = np.asarray(decode(from_cdr(data, CLOUD)), np.float64)
-            return np.asarray(cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] + np.array([0.0, 0.0, self.lift_m]))
-
-        return points
+    def _driven_until(self, stamp_ns: int) -> bool:
+        return bool(self._ended) or self._driven.stamp_ns >= stamp_ns
 
     def _reading(self, file: Path) -> None:
         """Keep the newest clouds and all fixed transforms, until the file grows no more or is damaged."""
@@ -126,6 +142,8 @@ class Following:
                 topic, kind = topics[record.channel_id]
                 if kind == TRANSFORMS and topic.endswith("tf_static"):
                     self._learn(record.data)
+                elif self.odometry and (topic == self.odometry or (kind == TRANSFORMS and self.odometry.startswith("tf:"))):
+                    self._drive(record, kind)
                 elif kind == CLOUD and topic == (self.topic or topic):
                     self._keep(record)
 
@@ -136,15 +154,41 @@ class Following:
             self.damage = f"{self.path}: a transform was left out: {error}"
             return
         for one in transforms:
-            edge = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
-            self._edges[edge] = np.zeros(1, np.int64), poses([transform_numbers(one)])
+            self._edges[_edge(one)] = np.zeros(1, np.int64), poses([transform_numbers(one)])
+
+    def _drive(self, record: Any, kind: str) -> None:
+        """Keep poses of the odometry; a message that is broken or of another kind is passed over."""
+        try:
+            message = from_cdr(record.data, kind)
+            if kind == TRANSFORMS:
+                sent = [one for one in message.transforms if self.odometry == f"tf:{_edge(one)[0]}>{_edge(one)[1]}"]
+                found = [(one.header.stamp, _edge(one)[1], transform_numbers(one)) for one in sent]
+            else:
+                child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
+                found = [(message.header.stamp, child, pose_numbers(message, kind))] if kind in KINDS else []
+        except LogError:
+            return
+        with self._changed:
+            for stamp, self._child, numbers in found:
+                self._driven.add(stamp.sec * 10**9 + stamp.nanosec or int(record.log_time), poses([numbers])[0])
+            self._changed.notify()
 
     def _keep(self, record: Any) -> None:
         try:
             stamp_ns = header(record.data, 2)[0] or int(record.log_time)
         except LogError:
+            self.skipped["broken message"] += 1
             return
         with self._changed:
             self.dropped += len(self._waiting) == WAITING
             self._waiting.append((stamp_ns, record.data))
             self._changed.notify()
+
+
+def _points(data: bytes, body_T_lidar: Poses) -> NDArray[np.float64]:
+    return placed(decode(from_cdr(data, CLOUD)), body_T_lidar)
+
+
+def _edge(transform: Any) -> tuple[str, str]:
+    """Parent and child."""
+    return frame_name(transform.header.frame_id), frame_name(transform.child_frame_id)

@@ -13,19 +13,25 @@ from pipeline.formats.bag import BagWriter
 from pipeline.online.inputs import Scan
 from pipeline.online.outputs import in_world
 from pipeline.online.site import Fix, Site
-from pipeline.online.watch import whole_map
+from pipeline.online.watch import origin, whole_map
+from pipeline.replacing import replace
 
-FRAME = "map"
+FRAME, SITE = "map", "site"
+"""The world, and points amid the site, since those of clouds are float32."""
 VERDICTS = ("accepted", "rejected")
 """A point's intensity on /fixes is the place of its verdict here."""
 
 
 class Recording:
-    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the accepted ones)."""
+    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the accepted ones).
 
-    def __init__(self, site: Site, out: Path | None, promise: float) -> None:
+    Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
+    """
+
+    def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         assert out is not None
-        self._out, self._map_m, self._scratch = out, whole_map(site).astype(np.float32), TemporaryDirectory()
+        self._origin_m = origin(site)
+        self._out, self._map_m, self._scratch = out, whole_map(site) - self._origin_m, TemporaryDirectory()
         self._folder = Path(self._scratch.name, "day")
         self._bag = BagWriter(self._folder, "mcap").__enter__()
         self._fixes: list[tuple[float, ...]] = []
@@ -35,28 +41,32 @@ class Recording:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._bag.__exit__(kind, error, trace)
-        if kind is None:
-            (found,) = self._folder.glob("*.mcap")
-            self._out.unlink(missing_ok=True)
-            shutil.move(found, self._out)
-        self._scratch.cleanup()
+        with self._scratch:
+            self._bag.__exit__(kind, error, trace)
+            if kind is None:
+                (found,) = self._folder.glob("*.mcap")
+                with replace(self._out) as whole:
+                    shutil.move(found, whole)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """One more scan, at its stamp, or at its number in seconds."""
         stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
         if self._first:
+            map_T_site = np.eye(4)
+            map_T_site[:3, 3] = self._origin_m
+            self._bag.static_transform(stamp_ns, FRAME, SITE, map_T_site)
             self._cloud(stamp_ns, self._map_m, "/map", np.zeros(len(self._map_m)))
             self._first = False
         if fix.verdict not in VERDICTS:
             return
-        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + fix.world_T_sensor[:3, 3]
+        where = fix.world_T_sensor[:3, 3] - self._origin_m
+        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + where
         self._cloud(stamp_ns, seen_m, "/scan", seen_m[:, 2])
-        self._fixes.append((*fix.world_T_sensor[:3, 3], VERDICTS.index(fix.verdict)))
+        self._fixes.append((*where, VERDICTS.index(fix.verdict)))
         fixes = np.array(self._fixes)
         self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
         if fix.verdict == "accepted":
             self._bag.pose_with_covariance(stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix")
 
     def _cloud(self, stamp_ns: int, points_m: NDArray[np.floating], topic: str, intensity: NDArray[np.floating]) -> None:
-        self._bag.points(stamp_ns, FRAME, points_m.astype(np.float32), intensity, np.zeros(len(points_m), int), topic)
+        self._bag.points(stamp_ns, SITE, points_m.astype(np.float32), intensity, np.zeros(len(points_m), int), topic)

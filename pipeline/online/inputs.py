@@ -19,6 +19,7 @@ from pipeline.frames import Poses, Stamps
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Tree, track
 from pipeline.readers.log import Log, raised
+from pipeline.readers.log import extrinsic as given_extrinsic
 from pipeline.running.building import build
 
 READERS = ("pipeline.readers.",)
@@ -44,34 +45,48 @@ class Scan:
     """(4, 4) by the log's odometry, NaN where there is none."""
     world_T_scan: NDArray[np.float64]
     """(4, 4) true pose, NaN where it is unknown."""
+    recording: str = ""
+    """What the scan was read from: another recording has another odometry."""
+    body_T_lidar: Poses | None = None
+    """(4, 4) by which the points were placed; None of a log, which its reader places."""
 
 
 def scans(
-    source: str, reader: Mapping[str, Any], lift_m: float, topic: str | None = None, odometry: str | None = None
+    source: str,
+    reader: Mapping[str, Any],
+    lift_m: float,
+    topic: str | None = None,
+    odometry: str | None = None,
+    skipped: Counter[str] | None = None,
+    body_T_lidar: Poses | None = None,
 ) -> Iterator[Scan]:
     """The scans of a path, or of standard input for `-`.
 
     A log that the site's own reader can open has its poses with it. Otherwise files and messages are taken as x forward, y left,
-    z up, and raised by `lift_m`; of a bag, `odometry` is a topic of poses or tf:PARENT>CHILD. Raises LogError where there is no
-    scan, ConfigError for a topic that a bag has not.
+    z up, and raised by `lift_m`; or placed by `body_T_lidar` (4, 4), then also in place of a bag's transforms. Of a bag,
+    `odometry` is a topic of poses or tf:PARENT>CHILD. What a log or a bag leaves out is counted in `skipped`, by reason. Raises
+    LogError where there is no scan, ConfigError for a topic that a bag has not.
     """
+    usual = raised(lift_m) if body_T_lidar is None else body_T_lidar
     if source == "-":
         data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
-        yield _unposed("-", None, lambda: _raised(decoded(data, Path("standard input.bin")), lift_m))
+        yield _unposed("-", None, lambda: decoded(data, Path("standard input.bin")), usual)
         return
     path = Path(source).expanduser()
+    skipped = Counter() if skipped is None else skipped
     if not path.exists():
         raise LogError(f"{source}: no such file or folder")
     if log := _log(path.resolve(), reader):
+        skipped.update(log.skipped)
         for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
             points = _of_log(log, row)
-            yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row])
+            yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row], str(path))
     elif bags := find(path):
-        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m)
+        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m, skipped, body_T_lidar)
     else:
         files = [path] if path.is_file() else _files(path)
         for file in files:
-            yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file, lift_m))
+            yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file), usual)
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
@@ -81,20 +96,29 @@ def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
     return folder.points(data, path)
 
 
-def _unposed(name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]]) -> Scan:
-    return Scan(name, stamp_ns, points, NO_POSE, NO_POSE)
+def _unposed(name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses) -> Scan:
+    return Scan(name, stamp_ns, lambda: placed(points(), body_T_lidar), NO_POSE, NO_POSE, name, body_T_lidar)
 
 
-def _raised(points_m: NDArray[np.float64], lift_m: float) -> NDArray[np.float64]:
-    return np.asarray(points_m + np.array([0.0, 0.0, lift_m]))
+def placement(key: str, text: str) -> Poses:
+    """The pose (4, 4) of a lidar in the body from x,y,z,roll,pitch,yaw in metres and degrees; raises ConfigError naming `key`."""
+    try:
+        return given_extrinsic(key, [float(word) for word in text.split(",")])
+    except (ValueError, ConfigError):
+        raise ConfigError(f"{key}={text:.60}: expected x,y,z,roll,pitch,yaw in metres and degrees") from None
+
+
+def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
+    """Points (n, 3) of a lidar in the frame of the body (4, 4)."""
+    return np.asarray(np.asarray(points_m, np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3])
 
 
 def _of_log(log: Log, row: int) -> Callable[[], NDArray[np.float64]]:
     return lambda: np.asarray(log.points(row), np.float64)
 
 
-def _of_file(file: Path, lift_m: float) -> Callable[[], NDArray[np.float64]]:
-    return lambda: _raised(decoded(file.read_bytes(), file), lift_m)
+def _of_file(file: Path) -> Callable[[], NDArray[np.float64]]:
+    return lambda: decoded(file.read_bytes(), file)
 
 
 def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
@@ -124,24 +148,32 @@ def _stamp_ns(stem: str) -> int | None:
     return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
 
 
-def _messages(path: Path, files: list[BagFile], topic: str | None, odometry: str | None, lift_m: float) -> Iterator[Scan]:
+def _messages(
+    path: Path,
+    files: list[BagFile],
+    topic: str | None,
+    odometry: str | None,
+    lift_m: float,
+    skipped: Counter[str],
+    body_T_lidar: Poses | None,
+) -> Iterator[Scan]:
     """The clouds of bags, with the odometry interpolated at their stamps."""
     held = Counter({name: one.count for file in files for name, one in file.topics.items() if one.kind == CLOUD})
     if topic is None and not held:
         raise LogError(f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds")
     if topic is not None and topic not in held:
         raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
-    clouds = Clouds.read(files, topic or held.most_common(1)[0][0], Counter())
+    clouds = Clouds.read(files, topic or held.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)
-    body_T_lidar = extrinsic(tree, clouds.frames)
+    body_T_lidar = raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
     odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
 
         def points(row: int = row) -> NDArray[np.float64]:
-            return np.asarray(clouds.points(row), np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+            return placed(clouds.points(row), body_T_lidar)
 
-        read = lambda points=points: _raised(points(), lift_m)  # noqa: E731
-        yield Scan(f"{path.name} {row}", stamp_ns, read, odom_T_body[row], NO_POSE)
+        recording = str(clouds.keys[row][0].path)
+        yield Scan(f"{path.name} {row}", stamp_ns, points, odom_T_body[row], NO_POSE, recording, body_T_lidar)
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
@@ -158,6 +190,10 @@ def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, st
     if name not in held and not name.startswith("tf:"):
         raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
     found = track(files, name, ODOMETRY_GAP_S)
-    bodies = (tree.fixed(found.child, body) for body in BODIES if found.child)
-    child_T_body = next((known for known in bodies if known is not None), np.eye(4))
-    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body)
+    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body(tree, found.child))
+
+
+def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
+    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms; else it is the same."""
+    bodies = (tree.fixed(child, body) for body in BODIES if child)
+    return next((known for known in bodies if known is not None), np.eye(4))

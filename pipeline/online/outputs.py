@@ -19,6 +19,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.frames import yaw
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
+from pipeline.replacing import replace
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 COLUMNS = ("stamp", "name", "verdict", "place", *POSE, "novelty", "overlap", "promised_precision", "ms")
@@ -131,5 +132,5 @@ def _bag(path: Path) -> Iterator[Write]:
 
             yield write
         (found,) = folder.glob("*.mcap")
-        path.unlink(missing_ok=True)
-        shutil.move(found, path)
+        with replace(path) as whole:
+            shutil.move(found, whole)

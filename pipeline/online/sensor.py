@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frames import Poses, rpy
 from pipeline.inspection.cloud import RAISED_M, Diagnosis, diagnose
+from pipeline.online.tilt import LEVEL_DEG, lean
+from pipeline.readers.log import raised
 
 HEIGHT_M, BEAMS, ROUND_DEG = 0.5, 1.5, 60.0
 """Differences that matter: of the sensor's height, of the number of beams as a ratio, of the azimuth covered."""
+RAISE, TURN = "--lift {:.2f}", "--body-T-lidar={}"
+"""How the command line raises points, and places them with x, y, z in metres and roll, pitch, yaw in degrees."""
+DOWN = "z points"
+"""The kind of warning on a scan that is upside down."""
 NAMES = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
 
 
@@ -25,15 +32,43 @@ def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
     return {**medians, "warnings": sorted({_kind(warning) for one in found for warning in one.warnings})}
 
 
-def unlike(points_m: NDArray[np.float64], trained: Mapping[str, Any], lifted_m: float, option: str = "--lift") -> list[str]:
-    """Warnings on a scan (n, 3), raised by `lifted_m` already, whose sensor is not like the one of `trained`, which `typical`
-    gave; `option` is how to raise it otherwise."""
+def unlike(
+    points_m: NDArray[np.float64], trained: Mapping[str, Any], body_T_lidar: Poses | None, ways: tuple[str, str] = (RAISE, TURN)
+) -> list[str]:
+    """Warnings on a scan (n, 3) whose sensor is not like the one of `trained`, which `typical` gave.
+
+    The points were placed by `body_T_lidar` (4, 4) already; None of a log, which its reader places. `ways` are how to raise or to
+    place them otherwise.
+    """
     found = diagnose(points_m)
     known = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
+    down = DOWN not in known and any(_kind(line) == DOWN for line in found.warnings)
+    if leaning := lean(points_m, down):  # and so heights say nothing
+        how = "upside down" if leaning.upside_down else ""
+        tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
+        right = "" if body_T_lidar is None else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
+        return [" and ".join(filter(None, (how, tilted))) + (f": it would stand upright with {right}" if right else "")]
+    right = ""
+    if body_T_lidar is not None and np.isfinite(found.ground_m):
+        right = _raised(body_T_lidar, found.ground_m, ways)
     return [
-        *_compared(found, trained, f"{option} {lifted_m - found.ground_m:.2f}"),
+        *_compared(found, trained, right),
         *(line for line in found.warnings if _kind(line) not in known),
     ]
+
+
+def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
+    """How to place the points so that their ground is at 0."""
+    placed = raised(-ground_m) @ body_T_lidar
+    return ways[0].format(placed[2, 3]) if np.allclose(placed, raised(placed[2, 3])) else ways[1].format(_numbers(placed))
+
+
+def _numbers(pose: Poses) -> str:
+    """x,y,z,roll,pitch,yaw of a pose (4, 4), in metres and degrees."""
+    turn_deg = np.rad2deg(rpy(pose[None])[0])
+    return ",".join(
+        [*(f"{value + 0:.2f}" for value in pose[:3, 3].round(2)), *(f"{value + 0:.1f}" for value in turn_deg.round(1))]
+    )
 
 
 def _compared(found: Diagnosis, trained: Mapping[str, Any], right: str) -> Iterable[str]:
@@ -45,7 +80,7 @@ def _compared(found: Diagnosis, trained: Mapping[str, Any], right: str) -> Itera
     if azimuth_deg is not None and azimuth_deg - found.azimuth_deg > ROUND_DEG:
         yield f"{found.azimuth_deg:.0f}° of 360° covered, where the site was learned with {azimuth_deg:.0f}°"
     if abs(found.ground_m) > RAISED_M:
-        yield f"the ground lies at z = {found.ground_m:.2f} m, not 0: it would with {right}"
+        yield f"the ground lies at z = {found.ground_m:.2f} m, not 0{f': it would with {right}' if right else ''}"
 
 
 def _kind(warning: str) -> str:

@@ -3,8 +3,9 @@
 import asyncio
 import hmac
 import os
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from ipaddress import ip_address
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +16,37 @@ from numpy.typing import NDArray
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
-from pipeline.errors import ConfigError, LogError, YearlocError
+from pipeline.errors import ConfigError, InputError, LogError, YearlocError
+from pipeline.frames import Poses
 from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
-from pipeline.online.inputs import NO_POSE, Scan
+from pipeline.online.inputs import NO_POSE, Scan, placed, placement
 from pipeline.online.outputs import record
-from pipeline.online.site import Site
+from pipeline.online.site import Fix, Site
+from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
 BODY_S, ANSWER_S = 10.0, 30.0
 WAITING = 16
 """Scans that may wait in one worker; one more is refused."""
+GONE = 499
+LEFT = "the client is gone"
+"""What the metrics call a request whose client does not wait any more, and what nobody reads of it."""
+WAYS = "lift_m={:.2f}", "body_T_lidar={}"
+"""How a request raises points, or places them."""
 SITE, TOKEN = "YEARLOC_SITE", "YEARLOC_TOKEN"
 
 
 class RequestError(Exception):
     """A request that gets no fix: status and why, in a line."""
 
-    def __init__(self, status: int, why: str) -> None:
+    def __init__(self, status: int, why: str, again_s: int | None = None) -> None:
+        """`again_s` is when to ask again."""
         super().__init__(why)
         self.status = status
+        self.headers = None if again_s is None else {"Retry-After": str(again_s)}
 
 
 def check_reach(host: str, token: str) -> None:
@@ -57,12 +68,13 @@ def serving(path: Path, token: str = "") -> FastAPI:
     refusals = Counter("yearloc_refused", "Requests without a fix by status", ["status"], registry=registry)
     took = Histogram("yearloc_fix_seconds", "From points to fix", registry=registry, buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))
     unlike: list[str] | None = None
+    usual_ms = 1e3
     app, waiting = FastAPI(docs_url=None, redoc_url=None, openapi_url=None), asyncio.Semaphore(WAITING)
 
     @app.exception_handler(RequestError)
     async def refuse(_: Request, error: RequestError) -> Response:
         refusals.labels(error.status).inc()
-        return JSONResponse({"error": str(error)}, error.status)
+        return JSONResponse({"error": str(error)}, error.status, error.headers)
 
     @app.exception_handler(HTTPException)
     async def unknown(_: Request, error: HTTPException) -> Response:
@@ -72,24 +84,22 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
-        if unknown := sorted({*request.query_params} - {"promise", "lift_m"}):
-            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise or lift_m")
-        promise, lift_m = _promise(request, site), _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
+        if unknown := sorted({*request.query_params} - {"promise", "lift_m", "body_T_lidar"}):
+            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise, lift_m or body_T_lidar")
+        promise, body_T_lidar = _promise(request, site), _placement(request, site)
+        nonlocal unlike, usual_ms
         if waiting.locked():
-            raise RequestError(503, f"{WAITING} scans wait already; ask again")
+            raise RequestError(503, f"{WAITING} scans wait already; ask again", ceil(WAITING * usual_ms / 1e3))
         async with waiting:
             stamp_ns, points_m = _points(await _body(request), request.headers.get("content-type", FLOATS))
-            points_m = points_m + np.array([0.0, 0.0, lift_m])
-            asked = asyncio.get_running_loop().run_in_executor(lane, site.localize, points_m, promise)
+            points_m = placed(points_m, body_T_lidar)
             try:
-                fix = await asyncio.wait_for(asyncio.shield(asked), ANSWER_S)
-            except TimeoutError:
-                raise RequestError(504, f"no fix within {ANSWER_S:g} s") from None
+                fix = await _while_there(request, lane.submit(site.localize, points_m, promise))
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
-        nonlocal unlike
+        usual_ms = fix.ms
         if unlike is None and fix.verdict != "no pose":  # the first scan tells of the sensor
-            unlike = sensor.unlike(points_m, site.about["sensor"], lift_m, "lift_m")
+            unlike = sensor.unlike(points_m, site.about["sensor"], body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
         took.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
@@ -97,7 +107,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
     @app.get("/healthz")
     async def healthz() -> dict[str, Any]:
-        return {"site": site.name, "promises": list(site.promises), "waiting": WAITING - waiting._value, "unlike": unlike}
+        return {"site": site.name, "promises": [*site.promises], "waiting": WAITING - waiting._value, "unlike": unlike}
 
     @app.get("/metrics")
     async def metrics(request: Request) -> Response:
@@ -121,11 +131,26 @@ def _authorise(request: Request, token: str) -> None:
         raise RequestError(401, "expected the header Authorization: Bearer TOKEN")
 
 
-def _promise(request: Request, site: Site) -> float:
-    promise = _number(request, "promise", 0.99)
-    if promise not in site.promises:
-        raise RequestError(400, f"promise={promise:g}: expected one of {', '.join(map(str, site.promises))}")
+def _promise(request: Request, site: Site) -> float | None:
+    promise = None if request.query_params.get("promise") == "none" else _number(request, "promise", 0.99)
+    try:
+        site.check(promise)
+    except InputError as error:
+        raise RequestError(400, str(error)) from None
     return promise
+
+
+def _placement(request: Request, site: Site) -> Poses:
+    """The pose (4, 4) of the points in the body."""
+    lift_m = _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
+    if (text := request.query_params.get("body_T_lidar")) is None:
+        return raised(lift_m)
+    if "lift_m" in request.query_params:
+        raise RequestError(400, "lift_m: not with body_T_lidar, whose z raises the points")
+    try:
+        return placement("body_T_lidar", text)
+    except ConfigError as error:
+        raise RequestError(400, str(error)) from None
 
 
 def _number(request: Request, name: str, usual: float) -> float:
@@ -154,6 +179,23 @@ async def _body(request: Request) -> bytes:
         return await asyncio.wait_for(read(), BODY_S)
     except TimeoutError:
         raise RequestError(408, f"the body took longer than {BODY_S:g} s") from None
+    except ClientDisconnect:
+        raise RequestError(GONE, LEFT) from None
+
+
+async def _while_there(request: Request, asked: "Future[Fix]") -> Fix:
+    """The fix, while its client waits for it and no longer than allowed; one that nobody waits for leaves the queue."""
+    gone = asyncio.ensure_future(request.receive())
+    answer = asyncio.wrap_future(asked)
+    try:
+        await asyncio.wait((gone, answer), timeout=ANSWER_S, return_when=asyncio.FIRST_COMPLETED)
+        if answer.done():
+            return answer.result()
+        why = LEFT if gone.done() else f"no fix within {ANSWER_S:g} s"
+        raise RequestError(GONE if gone.done() else 504, why)
+    finally:
+        gone.cancel()
+        answer.cancel()
 
 
 def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:

@@ -78,7 +78,9 @@ class Site:
         self.places = Places(Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"])
         verdict = about["verdict"]
         self.chances = Chances(tuple(verdict["weights"]), float(verdict["offset"]))
-        self.promises: dict[float, float] = dict(zip(verdict["promises"], verdict["promised"], strict=True))
+        limits = zip(verdict["promises"], verdict["promised"], strict=True)
+        self.promises: dict[float, float] = {promise: reject_from for promise, reject_from in limits if reject_from > 0}
+        """Each precision that it can promise, with the novelty to reject from."""
         self.k = int(about["k"])
 
     @classmethod
@@ -100,15 +102,20 @@ class Site:
         """What was packed: study/grid/model."""
         return str(self.about["name"])
 
-    def localize(self, points_m: NDArray[np.floating], promise: float = 0.99) -> Fix:
+    def check(self, promise: float | None) -> None:
+        """Raise InputError for a promise that the site cannot make."""
+        if promise is not None and promise not in self.promises:
+            can = f"it can {' and '.join(map(str, self.promises))}" if self.promises else "nor any other; ask for none"
+            raise InputError(f"promise={promise:g}: this site cannot promise that, {can}")
+
+    def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
         """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; those not finite are dropped.
 
-        It is accepted with a promised precision, one of `promises`. Raises InputError for points of another shape, or a promise
-        that the site does not make.
+        It is accepted with a promised precision, one of `promises`; None accepts nothing. Raises InputError for points of another
+        shape, or a promise that the site cannot make.
         """
         start = time.perf_counter()
-        if promise not in self.promises:
-            raise InputError(f"promise={promise}: expected one of {', '.join(map(str, self.promises))}")
+        self.check(promise)
         points_m = finite(points_m)
         ranking = self.rank(points_m)
         found = self.register(points_m, ranking.xy_m[0].astype(np.float64))
@@ -122,7 +129,7 @@ class Site:
         """All hypotheses of a scan's finite points (n, 3) from candidate positions (k, 2), then from the whole map."""
         return self.fixer.fix(points_m, self.targets, answers_m)
 
-    def judge(self, found: Registered, promise: float) -> Fix:
+    def judge(self, found: Registered, promise: float | None) -> Fix:
         """Whether to believe the best hypothesis."""
         if not found.hypotheses:
             nowhere = np.full((4, 4), np.nan)

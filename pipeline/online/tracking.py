@@ -87,7 +87,9 @@ class Motion:
 class Tracker:
     """Follows a robot through a site; each fix is accepted by all that was seen so far, with the site's own thresholds."""
 
-    def __init__(self, site: Site, promise: float = 0.99) -> None:
+    def __init__(self, site: Site, promise: float | None = 0.99) -> None:
+        """Raises InputError for a promise that the site cannot make; None accepts nothing."""
+        site.check(promise)
         self.site, self._promise = site, promise
         self.belief = Belief(float(site.about["verdict"]["unseen_share"]))
         self.mode: Literal["lost", "tracking"] = "lost"
@@ -153,7 +155,7 @@ class Tracker:
             return fix
         chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
-        kept = [promise for promise, reject_from in self.site.promises.items() if reject_from > 0 and believed >= promise]
+        kept = [promise for promise in self.site.promises if believed >= promise]
         verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
         return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=max(kept, default=None))
 

@@ -82,7 +82,12 @@ class Compute:
             from dask.multiprocessing import get, get_context, initialize_worker_process
 
             with ProcessPoolExecutor(workers, get_context(), _initialize, (initialize_worker_process,)) as pool:
-                yield partial(_groups, partial(get, pool=pool, chunksize=1), workers)  # Dask's own 6 would leave processes idle
+                try:
+                    yield partial(_groups, partial(get, pool=pool, chunksize=1), workers)  # Dask's own 6 would leave some idle
+                except (KeyboardInterrupt, SystemExit):  # nobody waits for the blocks under way
+                    for worker in multiprocessing.active_children():
+                        worker.kill()
+                    raise
         else:
             with connected(self.scheduler, workers, self.wait_s, self.settings) as client:
                 yield partial(in_order, client, self.scheduler, workers)

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline import replacing
 from pipeline.cli import main
-from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
+from pipeline.lifelong.adoption import Adoption, NothingAdoptedError, adopted
 from pipeline.lifelong.growth import Growth, mapped, planned
 from pipeline.lifelong.steps import updated
 from pipeline.lifelong.strategies import Updated
@@ -63,6 +63,7 @@ def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
     told = capsys.readouterr().out
     assert "3 of 3 scans surveyed; 1 new places beside 3; 0 submaps have changed" in told
     assert "4 places" in told
+    assert "its promises are by 100 held-out queries; all of monday, not of the days since" in told
     grown, points_m = Site.open(tmp_path / "four.site"), seen_from(cloud, planar(1.5, 0.5, 40))
     assert Site.open(site).localize(points_m).verdict != "accepted"
     fix = grown.localize(points_m)
@@ -72,10 +73,15 @@ def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
         fix = grown.localize(seen_from(scene(row), planar(1, 1, 30)))
         assert (fix.verdict, fix.place) == ("accepted", row)
     assert "tuesday (3 views, 1 new places, 0 submaps changed)" in str(describe(tmp_path / "four.site"))
+    assert "; all of monday, not of the days since" in str(describe(tmp_path / "four.site"))
+    assert "of the days since" not in str(describe(site))
 
 
 def test_without_a_file_nothing_is_written(site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before, log = site.read_bytes(), drive(tmp_path / "wednesday", dict.fromkeys([0.0, 1.0], scene(0)))
+    with pytest.raises(SystemExit):
+        main(["grow", str(site), log, "--promise", "0.999"])
+    assert "promise=0.999: this site cannot promise that, it can 0.95 and 0.99" in capsys.readouterr().err
     main(["grow", str(site), log])
     told = capsys.readouterr()
     assert "2 of 2 scans adopted; 0 new places beside 3" in told.out
@@ -101,6 +107,8 @@ def test_scans_that_lie_in_no_place_are_not_learned(site: Path) -> None:
     away = Adoption(cloud, np.zeros(1, np.int64), np.array([planar(100, 0, 0)]), np.ones(1), np.zeros(1, bool), False, 3)
     with pytest.raises(NothingAdoptedError, match="nothing to learn of 3 scans: those adopted lie in no place"):
         planned(opened, away)
+    with pytest.raises(NothingAdoptedError, match="nothing to learn of 0 scans: the site cannot promise"):
+        adopted(opened, [], 0.999)
 
 
 def test_a_kill_while_writing_leaves_the_old_site(

@@ -12,8 +12,9 @@ from pipeline.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.frames import pose
 from pipeline.online.follow import Following
+from pipeline.online.odometry import Newest
 from tests.online.made import packed, scan
-from tests.posing.scene import seen_from
+from tests.posing.scene import planar, seen_from
 
 START_NS, COUNT = 1_700_000_000_000_000_000, 24
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
@@ -68,6 +69,39 @@ def test_the_command_follows_a_recording(recorded: bytes, tmp_path: Path, capsys
     told = capsys.readouterr()
     assert told.out.count(" accepted ") >= 1
     assert " 0 rejected, 0 no pose" in told.err
+
+
+@pytest.mark.parametrize("odometry", ["/wheels", "tf:odom>base_link"])
+def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
+    """A robot drives a metre in a second; clouds are stamped half way between two of its poses."""
+    points_m, clouds, poses = np.ones((9, 3), np.float32), 4, 10
+    with BagWriter(tmp_path / "day", "mcap") as bag:
+        bag.static_transform(START_NS, "base_link", "imu_link", planar(0, 0, 0))
+        for i in range(poses):
+            stamp_ns = START_NS + i * 10**8
+            if odometry == "/wheels":
+                bag.odometry(stamp_ns, "odom", "base_link", planar(i / 10, 0, 0), "/wheels")
+            else:
+                bag.transform(stamp_ns, "odom", "base_link", planar(i / 10, 0, 0))
+            if i < clouds:
+                bag.points(stamp_ns + 5 * 10**7, "base_link", points_m, np.ones(9), np.zeros(9, int))
+    (file,) = (tmp_path / "day").glob("*.mcap")
+    seen = list(Following(file, None, 0.0, 0.3, odometry).scans())
+    xs_m = [one.odom_T_scan[0, 3] for one in seen]
+    np.testing.assert_allclose(xs_m, [0.05, 0.15, 0.25, 0.35], atol=1e-6)
+    other = Following(file, None, 0.0, 0.3, "/feet")
+    assert all(np.isnan(one.odom_T_scan).all() for one in other.scans())
+    assert "no pose of /feet came" in other.damage
+
+
+def test_a_pose_is_carried_on_for_a_moment() -> None:
+    """A tenth of a second after the last of two poses 0.1 s and 0.2 m apart it is 0.2 m farther; after a second nobody knows."""
+    newest = Newest()
+    newest.add(START_NS, planar(1, 0, 0))
+    newest.add(START_NS + 10**8, planar(1.2, 0, 0))
+    np.testing.assert_allclose(newest.at(START_NS + 2 * 10**8), planar(1.4, 0, 0), atol=1e-9)
+    np.testing.assert_allclose(newest.at(START_NS + 5 * 10**7), planar(1.1, 0, 0), atol=1e-9)
+    assert np.isnan(newest.at(START_NS + 10**9)).all()
 
 
 def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(recorded: bytes, tmp_path: Path) -> None:

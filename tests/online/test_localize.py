@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import replacing
 from pipeline.cli import main
 from pipeline.formats import nclt
 from pipeline.formats.bag import POSE_COVARIANCE, BagWriter
@@ -15,8 +16,9 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.frames import pose
 from pipeline.inspection.report import inspect
 from pipeline.online.outputs import COLUMNS
+from pipeline.online.tilt import lean
 from tests.online.made import packed, scan
-from tests.posing.scene import planar, seen_from
+from tests.posing.scene import planar, scene, seen_from
 
 UTIME = 1_326_652_795_280_148
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
@@ -124,6 +126,45 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
     assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
 
 
+@pytest.mark.parametrize("command", ["localize", "watch"])
+def test_clouds_that_a_bag_leaves_out_are_counted(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """A driver that stamps in whole seconds: of five clouds in two seconds three repeat the stamp of an earlier one."""
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(tmp_path / "day", "mcap") as bag:
+        for i in range(5):
+            bag.points((1000 + i // 3) * 10**9, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    main([command, site, str(tmp_path / "day"), *(["--save", str(tmp_path / "a.mcap")] if command == "watch" else [])])
+    told = capsys.readouterr().err
+    assert "2 scans: 2 accepted" in told
+    assert "3 more were left out: stamp of an earlier one (3)" in told
+
+
+def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> Path:
+    """A bag of three scans a tenth of a second apart, whose odometry starts anywhere."""
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(folder / name, "mcap") as bag:
+        for i in range(3):
+            stamp_ns = UTIME * 1000 + from_ns + i * 10**8
+            for around_ns in (-(10**7), 10**7):
+                bag.odometry(stamp_ns + around_ns, "odom", "base_link", odom_T_start, "/wheels")
+            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    return folder / name
+
+
+def test_the_odometry_of_another_recording_starts_anew(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = driven(tmp_path / "days", "a", 0, planar(5, 0, 0))
+    onwards, later = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0)), driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
+    track = ("--track", "--odometry", "/wheels")
+    assert "6 accepted" in run(capsys, site, first, later, *track)[1]
+    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, first, later, *track)[1]
+    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, tmp_path / "days", *track)[1]
+    assert (
+        "by odometry over 5 steps, by constant motion over 1" in run(capsys, site, first, onwards, *track)[1]
+    )  # one drive, split
+
+
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = floats(tmp_path)
     np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
@@ -141,6 +182,26 @@ def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytes
     message = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE)
     assert near({"x": message.pose.pose.position.x, "y": message.pose.pose.position.y})
     assert "--mcap: expected -o FILE.mcap" in refused(capsys, site, path, "--mcap")
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [(["localize", "--mcap", "-o"], "a.mcap"), (["watch", "--save"], "a.mcap"), (["watch", "--save"], "a.rrd")],
+)
+def test_a_recording_cut_short_leaves_the_one_of_before(
+    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
+) -> None:
+    out = tmp_path / name
+    out.write_text("of before")
+    scan_file = str(floats(tmp_path))
+
+    def cut(path: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(replacing, "_fsync", cut)
+    with pytest.raises(SystemExit):
+        main([words[0], site, scan_file, *words[1:], str(out)])
+    assert out.read_text() == "of before"
 
 
 def test_a_broken_scan_among_others_is_counted(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,12 +222,51 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
 
 
 @pytest.mark.parametrize(
+    ("rpy_deg", "says", "turn"),
+    [
+        ((10, 0, 0), "tilted by about 10°: it would stand upright with", "-10.0,0.0,0.0"),
+        ((0, -20, 0), "tilted by about 20°: it would stand upright with", "0.0,20.0,0.0"),
+        ((180, 0, 0), "upside down: it would stand upright with", "180.0,0.0,0.0"),
+        ((190, 0, 0), "upside down and tilted by about 10°: it would stand upright with", "170.0,0.0,0.0"),
+    ],
+)
+def test_a_scan_that_leans_is_told_by_how_much_and_how_to_turn_it(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], rpy_deg: tuple[float, ...], says: str, turn: str
+) -> None:
+    """A lidar 1.5 m over the ground that is mounted so."""
+    lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
+    points_m = (scan()[0] - (0, 0, 1.5)) @ lidar_T_level[:3, :3].T
+    np.save(tmp_path / "1.npy", points_m)
+    told = run(capsys, site, tmp_path / "1.npy")[1]
+    assert says in told
+    assert "the ground lies" not in told
+    (option,) = [word for word in told.split() if word.startswith("--body-T-lidar=")]
+    given_deg = np.array([float(word) for word in option.partition("=")[2].split(",")])
+    wanted_deg = np.array([float(word) for word in turn.split(",")])
+    off_deg = (given_deg[3:] - wanted_deg + 180) % 360 - 180
+    assert np.abs(off_deg).max() < 1
+    assert given_deg[2] == pytest.approx(1.5, abs=0.1)
+    line, told = run(capsys, site, tmp_path / "1.npy", option, "--json")
+    assert json.loads(line)["verdict"] == "accepted"
+    assert "upright" not in told
+
+
+def test_level_scans_of_other_places_do_not_lean() -> None:
+    assert [lean(scene(seed) - (0, 0, 1.5)) for seed in range(5)] == [None] * 5
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
+        (["1.bin", "--body-T-lidar", "0,0,1"], "--body-T-lidar=0,0,1: expected x,y,z,roll,pitch,yaw in metres and degrees"),
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
-        (["1.bin", "--promise", "0.5"], "--promise 0.5: expected one of"),
+        (["1.bin", "--promise", "0.5"], "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
+        (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),
+        (["1.bin", "-o", "/proc/x.csv"], "/proc/x.csv: cannot be written (no such file or directory)"),
+        (["1.bin", "--mcap", "-o", "/proc/x.mcap"], "/proc/x.mcap: cannot be written"),
+        (["1.bin", "--mcap", "-o", "/dev/null"], "/dev/null: is no plain file"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )

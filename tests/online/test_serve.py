@@ -18,7 +18,7 @@ from pipeline.errors import ConfigError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES
-from pipeline.online.serve import check_reach
+from pipeline.online.serve import WAITING, check_reach
 from tests.listening import addresses
 from tests.online.made import packed, scan
 from tests.readers.damage import one_line
@@ -69,10 +69,12 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert found["verdict"] == "accepted"
     assert server.get("/healthz").json()["unlike"] == []  # warnings on the first scan's sensor
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
-    assert server.ask(floats(), promise=0.999).json()["verdict"] == "rejected"
+    assert server.ask(floats(), promise="none").json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
     lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
     assert server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"] == "accepted"
+    upside_down = ((scan()[0] - (0, 0, 1.3)) * (1, -1, -1)).astype("<f4").tobytes()
+    assert server.ask(upside_down, body_T_lidar="0,0,1.3,180,0,0").json()["verdict"] == "accepted"
 
 
 def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
@@ -91,8 +93,11 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (b"", CDR, {}, 400, "without a whole header"),
         (b"\0\1\0\0" + b"\0" * 40, CDR, {}, 400, "PointCloud2"),
         (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected a number"),
-        (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: expected one of 0.95"),
-        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise or lift_m"),
+        (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
+        (b"\0" * 12, FLOATS, {"promise": "0.999"}, 400, "promise=0.999: this site cannot promise that, it can 0.95 and 0.99"),
+        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise, lift_m or body_T_lidar"),
+        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,x"}, 400, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
+        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,1,0,0,0", "lift_m": "1"}, 400, "lift_m: not with body_T_lidar"),
         (b"\0" * 12, FLOATS, {"lift_m": "nan"}, 400, "lift_m='nan': expected a number"),
         (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
     ],
@@ -132,7 +137,33 @@ def test_hostile_bodies_leave_it_running(server: Server) -> None:
 def test_health_and_metrics(server: Server) -> None:
     assert server.get("/localize").json()["error"].startswith("Method Not Allowed; POST /localize")
     assert server.get("/healthz").json()["site"] == "three/10m/scan_context"
+    assert server.get("/healthz").json()["promises"] == [0.95, 0.99]  # no threshold keeps .999
     server.ask(floats())
     text = server.get("/metrics").text
     assert 'yearloc_fixes_total{verdict="accepted"}' in text
     assert "yearloc_fix_seconds_bucket" in text
+
+
+def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
+    """One more than may wait is refused at once. Of those that hang up one may be under way, and one have been answered."""
+    server.ask(floats())
+    host, port = server.address.removeprefix("http://").split(":")
+    head = f"POST /localize HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {TOKEN}\r\nContent-Type: {FLOATS}\r\n"
+    clients = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
+    for client in clients:
+        client.sendall(f"{head}Content-Length: {len(floats())}\r\n\r\n".encode() + floats())
+    while server.get("/healthz").json()["waiting"] < WAITING - 2:
+        time.sleep(0.01)
+    fill = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
+    for client in fill:
+        client.sendall(f"{head}Content-Length: 12\r\n\r\n".encode())  # and no body: it waits where there is room
+    refused = server.ask(floats())
+    assert refused.status_code == 503
+    assert int(refused.headers["Retry-After"]) >= 1
+    for client in (*clients, *fill):
+        client.close()
+    assert server.ask(floats()).json()["verdict"] == "accepted"
+    (gone,) = [
+        line for line in server.get("/metrics").text.splitlines() if line.startswith('yearloc_refused_total{status="499"}')
+    ]
+    assert float(gone.split()[1]) >= WAITING / 2

@@ -16,6 +16,7 @@ from pipeline.online import site_file
 from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL
+from pipeline.online.tracking import Tracker
 from tests.online.made import about, arrays, packed, scan
 from tests.posing.scene import scene
 from tests.readers.damage import damaged, one_line
@@ -65,9 +66,11 @@ def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
 
 
 def test_a_promise_that_the_site_does_not_make_is_refused(three: Site) -> None:
-    with one_line(InputError, "promise=0.5: expected one of 0.95, 0.99, 0.999"):
+    with one_line(InputError, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"):
         three.localize(scan()[0], promise=0.5)
-    assert three.localize(scan()[0], promise=0.999).verdict == "rejected"  # no threshold keeps it
+    with one_line(InputError, "promise=0.999: this site cannot promise that"):  # no threshold keeps it
+        Tracker(three, promise=0.999)
+    assert three.localize(scan()[0], promise=None).verdict == "rejected"
 
 
 def test_the_same_site_has_the_same_bytes(path: Path, tmp_path: Path) -> None:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.formats.bag import CLOUD, POSE_COVARIANCE
+from pipeline.formats.bag import CLOUD, POSE_COVARIANCE, TRANSFORMS
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.pointcloud2 import decode
-from tests.online.made import packed, scan
+from pipeline.online import site_file
+from pipeline.online.site import Site
+from pipeline.online.watch import whole_map
+from tests.online.made import GRID, packed, scan
 from tests.posing.scene import scene
 
 
@@ -34,13 +37,38 @@ def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.mcap")])
     bag = BagFile(tmp_path / "day.mcap")
     assert {name: (topic.kind, topic.count) for name, topic in bag.topics.items()} == {
+        "/tf_static": (TRANSFORMS, 1),
         "/map": (CLOUD, 1),
         "/scan": (CLOUD, 2),
         "/fixes": (CLOUD, 2),
         "/fix": (POSE_COVARIANCE, 1),
     }
     fix = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))
-    np.testing.assert_allclose(fix[0, :2], scan()[1][:2, 3], atol=0.1)
+    origin_m = bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    np.testing.assert_allclose(fix[0, :2] + (origin_m.x, origin_m.y), scan()[1][:2, 3], atol=0.1)
+
+
+def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -> None:
+    """float32 holds 4,000,000 m to a quarter of a metre."""
+    away_m = np.array([500_000.0, 4_000_000.0, 0.0])
+    parts = site_file.read(packed(tmp_path))
+    far = {name: dict(part) for name, part in (("model", parts.model), ("arrays", parts.arrays))}
+    far["arrays"]["world_T_anchor"] = far["arrays"]["world_T_anchor"].copy()
+    far["arrays"]["world_T_anchor"][:, :3, 3] += away_m
+    far["model"] = {name: array + away_m[:2] if name.endswith("xy_m") else array for name, array in far["model"].items()}
+    places = {"cell_m": GRID.cell_m, "x_m": np.add(GRID.x_m, away_m[0]).tolist(), "y_m": np.add(GRID.y_m, away_m[1]).tolist()}
+    site_file.write(tmp_path / "far.site", parts._replace(about={**parts.about, "places": places}, **far))
+    np.save(tmp_path / "1.npy", scan()[0].astype(np.float32))
+    main(["watch", str(tmp_path / "far.site"), str(tmp_path / "1.npy"), "--save", str(tmp_path / "day.mcap")])
+    bag = BagFile(tmp_path / "day.mcap")
+    origin_m = bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    map_T_site = np.array([origin_m.x, origin_m.y, origin_m.z])
+    pose = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE).pose.pose.position
+    np.testing.assert_allclose((pose.x, pose.y), (scan()[1][:3, 3] + away_m)[:2], atol=0.1)
+    fix_m = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))[0].astype(np.float64) + map_T_site
+    np.testing.assert_allclose(fix_m, (pose.x, pose.y, pose.z), atol=0.001)
+    mapped_m = decode(bag.decode(bag.first("/map") or b"", CLOUD)).astype(np.float64) + map_T_site
+    np.testing.assert_allclose(mapped_m, whole_map(Site.open(tmp_path / "far.site")), atol=0.001)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +76,7 @@ def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
     [
         (["--save", "day.txt"], "--save day.txt: expected FILE.rrd or FILE.mcap"),
         (["--save", "day.rrd", "--every", "0"], "--every 0: expected at least 1"),
-        (["--save", "day.rrd", "--promise", "1"], "--promise 1: expected one of 0.95"),
+        (["--save", "day.rrd", "--promise", "1"], "promise=1: this site cannot promise that, it can 0.95 and 0.99"),
     ],
 )
 def test_a_mistake_is_one_line(drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:

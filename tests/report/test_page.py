@@ -213,7 +213,22 @@ def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
     true, answered = shown["sequences"][0]["row"], shown["answers"]["sci"]["2012-02-04"]["row"]
     positions = shown["sequences"][0]["xy"]
     first, last, xy = (np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}") for one in (true, answered, positions))
-    assert (first[0], last[-1], xy.tolist()) == (69_990, NONE, XY_M.ravel().tolist())
+    assert (first[0], last[-1], (xy.reshape(-1, 2) - (34_990, 0)).tolist()) == (
+        69_990,
+        NONE,
+        XY_M.tolist(),
+    )  # from the path's middle
+
+
+def test_the_map_tells_apart_what_lies_as_far_out_as_utm(tmp_path: Path) -> None:
+    """float32 holds 4,000,000 m to a quarter of a metre; the answer lies a tenth east of the first pose of a path 2 m long."""
+    path_xy_m = np.array([500_000.0, 4_000_000.0]) + np.array([[0.0, 0.0], [2.0, 0.0]])
+    one = study(tmp_path, path_xy_m)
+    one.results[0].evaluation.answer_xy_m[0] = path_xy_m[0] + (0.1, 0.0)
+    shown = chart(one)
+    packs = shown["path"], shown["answers"]["sci"]["2012-02-04"]["xy"]
+    path, answered = (np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}") for one in packs)
+    assert answered[0] - path[0] == pytest.approx(0.1, abs=0.001)
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")

@@ -29,6 +29,7 @@ def chart(study: Study) -> dict[str, Any]:
     found = ((model, Views.read(*(study.find("views", one, model) for one in study.train.split()))) for model in study.models)
     looking, train = next(((model, views) for model, views in found if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
+    origin_m = np.rint(study.train_xy_m.mean(axis=0))  # float32 as far out as UTM would take decimetres
     days, sequences = dates(study.results), []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
@@ -38,7 +39,7 @@ def chart(study: Study) -> dict[str, Any]:
             {
                 "name": sequence,
                 "label": f"{days[sequence]}, {first.days:+d} d",
-                "xy": packed(first.evaluation.xy_m, "f4"),
+                "xy": packed(first.evaluation.xy_m - origin_m, "f4"),
                 "heading": packed(np.rad2deg(yaw(looked_at.load("world_T_anchor"))), "f4"),
                 "nearest_m": packed(first.evaluation.nearest_m, "f4"),
                 **training.nearest(first.evaluation.xy_m, views),
@@ -46,13 +47,13 @@ def chart(study: Study) -> dict[str, Any]:
             }
         )
         for one in results:
-            answers[one.model][sequence] = _answers(study, one, views, training)
+            answers[one.model][sequence] = _answers(study, one, views, training, origin_m)
     return {
         "simulated": study.simulated,
         "best": study.best,
         "correct_m": study.distance.correct_m,
         "kinds": [{"name": name, "colour": colour} for name, colour, _ in ANSWERS],
-        "path": packed(study.train_xy_m, "f4"),
+        "path": packed(study.train_xy_m - origin_m, "f4"),
         "train": train.picture if train else None,
         "sequences": sequences,
         "answers": {model: given for model, given in answers.items() if given},
@@ -111,7 +112,9 @@ class Training:
         return {"row": packed(rows, "u4"), "shift": packed(shifts, "u2")}
 
 
-def _answers(study: Study, result: Result, views: Views | None, training: Training) -> dict[str, Any]:
+def _answers(
+    study: Study, result: Result, views: Views | None, training: Training, origin_m: NDArray[np.float64]
+) -> dict[str, Any]:
     """What one model answered, with outcomes by both protocols; headings (q,) are of queries as driven, whose rows come first."""
     given, count = result.evaluation, len(result.evaluation.xy_m)
     try:
@@ -120,7 +123,7 @@ def _answers(study: Study, result: Result, views: Views | None, training: Traini
     except ArtifactError:
         first_deg = np.full(count, np.nan)
     answers = {
-        "xy": packed(given.answer_xy_m, "f4"),
+        "xy": packed(given.answer_xy_m - origin_m, "f4"),
         "novelty": packed(given.novelty[:, 0], "f4"),
         "kind": given.kinds[0],
         "threshold": given.reject_from[0],

@@ -1,0 +1,20 @@
+"""What is said of kernels that are still to be compiled."""
+
+import sys
+
+import pipeline
+from pipeline.kernel_cache import GIVEN, cold
+
+
+def tell_cold() -> None:
+    """Say so once, if the first scan takes so much longer than the others."""
+    if pipeline.KERNELS == "nowhere":
+        print(
+            f"  compiling kernels, at every start: about a minute; set {GIVEN} to a folder to keep them",
+            file=sys.stderr,
+            flush=True,
+        )
+        return
+    if cold():
+        kept = f", kept in {pipeline.KERNELS}: set {GIVEN} to a folder that lasts" if pipeline.KERNELS else ""
+        print(f"  compiling kernels, once per machine: about a minute{kept}", file=sys.stderr, flush=True)

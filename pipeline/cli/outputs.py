@@ -1,0 +1,45 @@
+"""Whether a file or folder that a command is to write can be written, before the work is done."""
+
+import os
+from pathlib import Path
+from tempfile import TemporaryFile
+
+from pipeline.errors import ConfigError
+
+
+def check_file(out: Path | None, whole: bool = True) -> None:
+    """Refuse a file that cannot be written; a `whole` one is moved into place when done, another may be a device or a pipe."""
+    if out is None:
+        return
+    _check_parent(out)
+    if out.is_dir():
+        raise ConfigError(f"{out}: is a folder, expected a file")
+    if whole and out.exists() and not out.is_file():
+        raise ConfigError(f"{out}: is no plain file")
+    if not whole and out.exists():
+        if not os.access(out, os.W_OK):
+            raise ConfigError(f"{out}: cannot be written (permission denied)")
+        return
+    _try(out, out.parent)
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that cannot be made or written to."""
+    _check_parent(out)
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"{out}: is a file, expected a folder")
+    _try(out, out if out.is_dir() else out.parent)
+
+
+def _check_parent(out: Path) -> None:
+    if not out.parent.is_dir():
+        raise ConfigError(f"{out}: no folder {out.parent}")
+
+
+def _try(out: Path, folder: Path) -> None:
+    """Write a file without a name into the folder."""
+    try:
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written ({str(error.strerror).lower()})") from None

@@ -1,0 +1,71 @@
+"""Odometry: the step from scan to scan, of scans that lie on disk and of poses that come while a robot drives."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pipeline.frames import Trajectory
+from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
+
+AHEAD_S = 0.2
+"""A cloud may be so much newer than the newest pose of the odometry: the robot is taken to move on as between the last two."""
+KEPT = 5000
+"""Poses."""
+
+
+def step(before: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
+    """The pose (4, 4) of a scan in the frame of the one before, by odometry; None where it tells none.
+
+    Each recording has an odometry of its own, but for those that go on where the other ended.
+    """
+    if before is None:
+        return None
+    if before.recording != scan.recording:
+        stamped = before.stamp_ns is not None and scan.stamp_ns is not None
+        if not stamped or abs((scan.stamp_ns or 0) - (before.stamp_ns or 0)) > ODOMETRY_GAP_S * 1e9:
+            return None
+    before_T_scan = np.linalg.inv(before.odom_T_scan) @ scan.odom_T_scan
+    return np.asarray(before_T_scan) if np.isfinite(before_T_scan).all() else None
+
+
+@dataclass
+class Newest:
+    """The newest poses of a robot by its odometry."""
+
+    count: int = field(default=0, init=False)
+    """Poses that came."""
+    _poses: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=lambda: deque(maxlen=KEPT), init=False)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Of the newest; −1 of none."""
+        return self._poses[-1][0] if self._poses else -1
+
+    def add(self, stamp_ns: int, odom_T_robot: NDArray[np.float64]) -> None:
+        """One more pose (4, 4); one that is not newer, or not finite, is passed over."""
+        if stamp_ns > self.stamp_ns and np.isfinite(odom_T_robot).all():
+            self._poses.append((stamp_ns, odom_T_robot))
+            self.count += 1
+
+    def at(self, stamp_ns: int) -> NDArray[np.float64]:
+        """odom_T_robot (4, 4) at a stamp; NaN where it is unknown."""
+        near = [one for one in self._poses if abs(one[0] - stamp_ns) <= ODOMETRY_GAP_S * 1e9]
+        if not near:
+            return NO_POSE
+        stamps_ns = np.array([one for one, _ in near], np.int64)
+        poses = np.stack([pose for _, pose in near])
+        if stamps_ns[-1] < stamp_ns <= stamps_ns[-1] + AHEAD_S * 1e9 and len(near) > 1:
+            return _onwards(poses[-2], poses[-1], float((stamp_ns - stamps_ns[-1]) / (stamps_ns[-1] - stamps_ns[-2])))
+        return np.asarray(Trajectory(stamps_ns, poses, ODOMETRY_GAP_S).at(np.array([stamp_ns], np.int64))[0][0])
+
+
+def _onwards(before: NDArray[np.float64], last: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """The pose after `share` of the step between two poses more."""
+    moved = np.linalg.inv(before) @ last
+    more = np.eye(4)
+    more[:3, 3] = share * moved[:3, 3]
+    more[:3, :3] = Rotation.from_rotvec(share * Rotation.from_matrix(moved[:3, :3]).as_rotvec()).as_matrix()
+    return np.asarray(last @ more)

@@ -1,0 +1,62 @@
+"""Compiled kernels are kept where a folder can be written, and a cold start is told."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline import kernel_cache
+from pipeline.cli.kernels import tell_cold
+
+FIRST_KERNEL = """
+import os
+real, access = os.access, lambda path, mode, **how: False
+os.access = access
+import numba.core.caching as caching
+for locator in (caching.InTreeCacheLocator, caching.UserWideCacheLocator):
+    locator.ensure_cache_path = lambda self: (_ for _ in ()).throw(OSError("read-only"))
+import pipeline
+from pipeline.formats.pointcloud2 import decode
+print(pipeline.KERNELS)
+"""
+"""Neither the source nor the home can be written."""
+
+
+def run(folder: Path) -> str:
+    environment = {name: value for name, value in os.environ.items() if name != kernel_cache.GIVEN} | {"TMPDIR": str(folder)}
+    ended = subprocess.run([sys.executable, "-c", FIRST_KERNEL], env=environment, capture_output=True, text=True, check=False)
+    assert not ended.stderr
+    return ended.stdout.strip()
+
+
+def test_without_a_home_kernels_are_kept_in_a_temporary_folder_of_this_user(tmp_path: Path) -> None:
+    own = tmp_path / f"yearloc-kernels-{os.getuid()}"
+    assert run(tmp_path) == str(own)
+    assert own.stat().st_mode & 0o077 == 0
+    own.chmod(0o777)  # others may have put something there, and it would be run
+    assert run(tmp_path) == "nowhere"
+
+
+def test_a_cold_start_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    views = tmp_path / "source" / "views"
+    views.mkdir(parents=True)
+    (views / "kernels.py").write_text("")
+    monkeypatch.setattr(kernel_cache, "SOURCE", views.parent)
+    monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path / "kept"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    tell_cold()
+    assert "compiling kernels, once per machine: about a minute" in capsys.readouterr().err
+    kept = tmp_path / "kept" / "views_0" / "kernels.bin-1.nbi"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("")
+    os.utime(views / "kernels.py", (0, 0))
+    tell_cold()
+    assert not capsys.readouterr().err
+
+
+def test_a_folder_that_can_be_written_is_left_to_numba(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path))
+    assert kernel_cache.settle() == ""
+    assert os.environ[kernel_cache.GIVEN] == str(tmp_path)
