@@ -140,7 +140,7 @@ SMALL = {"rings": 16, "sectors": 48}
 """Scan Contexts on which a network trains six times as fast."""
 
 
-MORE_STEPS = {"sci": {"share": 0.2, "batch": 8}}
+MORE_STEPS = {"sci": {"share": 0.06, "batch": 8}}
 """Of what takes thirty views at once, and so few steps that it knows half of the places with one seed in ten."""
 
 
