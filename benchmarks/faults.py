@@ -92,7 +92,7 @@ def shown(words: list[str]) -> str:
 
 
 def samples(project: Path, folder: Path, also: Sequence[Path] = ()) -> list[tuple[Path, list[Path]]]:
-    """Copies of artifacts, models, a site, logs and settings; each with the files of it that are damaged."""
+    """Copies of artifacts, models, a site, logs, drives of scans and poses; each with the files of it that are damaged."""
     artifacts, found = project / "artifacts", []
     for path in [*sorted(artifacts.rglob("*.zarr")), *sorted(artifacts.rglob("*.safetensors")), *sorted(project.glob("*.site"))]:
         copy = folder / path.relative_to(project)
@@ -107,6 +107,10 @@ def samples(project: Path, folder: Path, also: Sequence[Path] = ()) -> list[tupl
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(path.read_bytes()[: LONGEST // nclt.RECORD_BYTES * nclt.RECORD_BYTES])
             found.append((copy, [copy]))
+    for drive in sorted(scans.parent for root in also for scans in root.rglob("scans") if scans.is_dir()):
+        copy = folder / "drives" / drive.absolute().relative_to("/")  # as a whole, with its poses
+        shutil.copytree(drive, copy)
+        found.append((copy, [one for one in copy.rglob("*") if one.is_file()]))
     return found
 
 

@@ -16,6 +16,7 @@ from pipeline.formats import folder, nclt, records
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.frames import Poses, Stamps
+from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Tree, track
 from pipeline.readers.log import Log, raised
@@ -190,7 +191,8 @@ def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, st
     if name not in held and not name.startswith("tf:"):
         raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
     found = track(files, name, ODOMETRY_GAP_S)
-    return np.asarray(found.trajectory.at(stamps_ns)[0] @ child_T_body(tree, found.child))
+    trajectory, _ = vehicle.parted(name, found.trajectory)
+    return np.asarray(vehicle.along(trajectory, stamps_ns) @ child_T_body(tree, found.child))
 
 
 def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
-from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, pose
+from pipeline.frames import Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
 
@@ -215,7 +215,4 @@ def posed(
     if odometry is None:
         return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
     odometry, parted = vehicle.parted("the odometry", odometry)
-    odom_T_scan = odometry.at(stamps_ns[rows])[0]
-    first = np.searchsorted(stamps_ns[rows], vehicle.breaks_ns(odometry) - ROUNDED_NS)
-    odom_T_scan[first[first < len(rows)]] = np.nan
-    return rows, world_T_scan[rows], odom_T_scan, notes + parted
+    return rows, world_T_scan[rows], vehicle.along(odometry, stamps_ns[rows]), notes + parted

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Stamps, Trajectory, apart
+from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
 
 TILTED_DEG, TILTED_SHARE = 45.0, 0.1
 """A body that is tilted further in more than this share of its poses is not one that stands on the ground."""
@@ -51,6 +51,14 @@ def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]
     fresh = np.diff(stamps_ns, append=stamps_ns[-1] + 1) > 0
     mended = replace(odometry, stamps_ns=stamps_ns[fresh], world_T_body=world_T_body[fresh])
     return mended, (f"{name}: {_jumped(odometry, rows)}: the odometry starts anew there",)
+
+
+def along(odometry: Trajectory, stamps_ns: Stamps) -> Poses:
+    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where there is none, and at the first stamp after a break in it."""
+    odom_T_body = odometry.at(stamps_ns)[0]
+    first = np.searchsorted(stamps_ns, breaks_ns(odometry) - ROUNDED_NS)
+    odom_T_body[first[first < len(stamps_ns)]] = np.nan
+    return odom_T_body
 
 
 def breaks_ns(odometry: Trajectory) -> Stamps:

@@ -165,6 +165,19 @@ def test_the_odometry_of_another_recording_starts_anew(site: str, tmp_path: Path
     )  # one drive, split
 
 
+def test_odometry_that_is_set_back_tells_no_step_there(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nine scans of a robot that stands; its odometry says 90 m from the fifth on: one step that no vehicle makes."""
+    points_m = scan()[0].astype(np.float32)
+    with BagWriter(tmp_path / "day", "mcap") as bag:
+        for i in range(9):
+            stamp_ns = UTIME * 1000 + i * 10**8
+            bag.odometry(stamp_ns, "odom", "base_link", planar(5 if i < 4 else 90, 0, 0), "/wheels")
+            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+    told = run(capsys, site, tmp_path / "day", "--track", "--odometry", "/wheels")[1]
+    assert "9 accepted" in told
+    assert "by odometry over 6 steps, by constant motion over 3" in told  # none to the first, to the fifth, and from it
+
+
 def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = floats(tmp_path)
     np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
