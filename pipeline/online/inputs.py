@@ -192,7 +192,8 @@ def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, st
         raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
     found = track(files, name, ODOMETRY_GAP_S)
     trajectory, _ = vehicle.parted(name, found.trajectory)
-    return np.asarray(vehicle.along(trajectory, stamps_ns) @ child_T_body(tree, found.child))
+    anew_ns = found.trajectory.stamps_ns[vehicle.jumps(found.trajectory)]
+    return np.asarray(vehicle.along(trajectory, stamps_ns, anew_ns) @ child_T_body(tree, found.child))
 
 
 def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:

@@ -215,4 +215,4 @@ def posed(
     if odometry is None:
         return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
     odometry, parted = vehicle.parted("the odometry", odometry)
-    return rows, world_T_scan[rows], vehicle.along(odometry, stamps_ns[rows]), notes + parted
+    return rows, world_T_scan[rows], vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry)), notes + parted

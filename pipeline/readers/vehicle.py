@@ -17,11 +17,13 @@ ALONG = 0.8
 """Of a step of one metre: so much of it along an axis is along that axis."""
 STEEP = 0.5
 """A road climbs less than this, in metres a metre."""
+AROUND_S, MOST = 1.0, 200
+"""A step is held against those of a second before and after it, of which there may be many: some topics repeat a pose."""
 FASTEST_M_S = 100.0
 JUMP_M, GAIN_M_S2 = 0.5, 5.0
-"""A step of dt seconds is a jump if it is longer, by JUMP_M + GAIN_M_S2 dt² and more, than its neighbours' speeds make it."""
+"""A step of dt seconds is a jump if it is longer, by JUMP_M + GAIN_M_S2 dt² and more, than the fastest of those makes it."""
 JUMP_DEG, GAIN_DEG_S = 30.0, 360.0
-"""It is one too if it turns further than its neighbours' rates make it, by JUMP_DEG + GAIN_DEG_S dt and more."""
+"""It is one too if it turns further than the widest of those makes it, by JUMP_DEG + GAIN_DEG_S dt and more."""
 
 
 def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
@@ -33,8 +35,9 @@ def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
     seconds = np.diff(trajectory.stamps_ns[known]) / 1e9
     step_m, turn_deg = apart(poses[:-1], poses[1:])
     together = (np.diff(known) == 1) & (seconds <= trajectory.max_gap_s)
-    longer_m = step_m - seconds * _neighbours(step_m / seconds, together)
-    wider_deg = turn_deg - seconds * _neighbours(turn_deg / seconds, together)
+    around = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MOST))
+    longer_m = step_m - seconds * _neighbours(step_m / seconds, together, around)
+    wider_deg = turn_deg - seconds * _neighbours(turn_deg / seconds, together, around)
     far = (longer_m > JUMP_M + GAIN_M_S2 * seconds**2) | ((step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds))
     wide = wider_deg > JUMP_DEG + GAIN_DEG_S * seconds
     return np.asarray(known[1:][together & (far | wide)])
@@ -53,10 +56,10 @@ def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]
     return mended, (f"{name}: {_jumped(odometry, rows)}: the odometry starts anew there",)
 
 
-def along(odometry: Trajectory, stamps_ns: Stamps) -> Poses:
-    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where there is none, and at the first stamp after a break in it."""
+def along(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
+    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where there is none, and at the first after it starts `anew_ns` (k,)."""
     odom_T_body = odometry.at(stamps_ns)[0]
-    first = np.searchsorted(stamps_ns, breaks_ns(odometry) - ROUNDED_NS)
+    first = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
     odom_T_body[first[first < len(stamps_ns)]] = np.nan
     return odom_T_body
 
@@ -99,10 +102,12 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _neighbours(rates: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """The larger rate (n,) of the steps before and after each step; infinite where neither is `known`."""
-    wide = np.concatenate([[-1.0], np.where(known, rates, -1.0), [-1.0]])
-    larger = np.maximum(wide[:-2], wide[2:])
+def _neighbours(rates: NDArray[np.float64], known: NDArray[np.bool_], around: int) -> NDArray[np.float64]:
+    """The largest rate (n,) of so many steps before and after each step; infinite where none of them is `known`."""
+    unknown = np.full(around, -1.0)
+    wide = np.concatenate([unknown, np.where(known, rates, -1.0), unknown])
+    largest = np.lib.stride_tricks.sliding_window_view(wide, around).max(axis=1)
+    larger = np.maximum(largest[: len(rates)], largest[-len(rates) :])
     return np.where(larger < 0, np.inf, larger)
 
 

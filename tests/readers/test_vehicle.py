@@ -87,6 +87,11 @@ def test_driving_off_braking_and_gaps_are_no_jumps() -> None:
     assert not len(jumps(lost))
 
 
+def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
+    """A hundred poses a second of a robot that is posed ten times a second: nine steps of nothing, and one of a metre."""
+    assert not len(jumps(drive(np.repeat(straight(20), 10, axis=0), step_ns=10**7)))
+
+
 def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11
