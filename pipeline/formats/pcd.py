@@ -92,9 +92,10 @@ def parse(data: bytes, path: Path) -> Header:
     types = tuple(_type(path, kind, size) for kind, size in zip(kinds, sizes, strict=True))
     if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
-    width, height, points = (_number(path, key, said) for key in ("WIDTH", "HEIGHT", "POINTS"))
-    if width * height not in (points, 0):  # some writers leave both at 0
-        raise LogError(f"{path}: WIDTH {width} and HEIGHT {height} make no POINTS {points}; the header is damaged")
+    if "POINTS" in said or not {"WIDTH", "HEIGHT"} <= said.keys():  # it says again what the two say, which some leave at 0
+        points = _number(path, "POINTS", said)
+    else:
+        points = _number(path, "WIDTH", said) * _number(path, "HEIGHT", said)
     form = " ".join(said["DATA"])
     if form not in ("ascii", "binary", "binary_compressed"):
         raise LogError(f"{path}: DATA {form}; expected ascii, binary or binary_compressed")

@@ -43,7 +43,7 @@ def decode(message: PointCloud2) -> NDArray[np.floating]:
     for sizes that do not fit.
     """
     columns = [_column(message, name) for name in "xyz"]
-    shape, strides = (message.height, message.width), (_row_bytes(message), message.point_step)
+    shape, strides = (_rows(message), message.width), (_row_bytes(message), message.point_step)
     x, y, z = (np.ndarray(shape, kind, message.data, offset, strides).reshape(-1) for kind, offset in columns)
     if not all(kind == np.dtype(np.float32) for kind, _ in columns):
         x, y, z = _float64(x), _float64(y), _float64(z)
@@ -61,12 +61,18 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
     return np.dtype((">" if message.is_bigendian else "<") + DATATYPES[field.datatype]), field.offset
 
 
+def _rows(message: PointCloud2) -> int:
+    """Rows of points; some drivers leave the height of a cloud in no order at 0."""
+    held = len(message.data)
+    return 1 if message.height == 0 and held and held == message.width * message.point_step else message.height
+
+
 def _row_bytes(message: PointCloud2) -> int:
     """Bytes from row to row; raises LogError for sizes that do not fit.
 
     Some drivers write the size of all as row_step, or nothing: where the points fill the data without it, it is passed over.
     """
-    height, width, step, row = message.height, message.width, message.point_step, message.row_step
+    height, width, step, row = _rows(message), message.width, message.point_step, message.row_step
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
     for field in message.fields:

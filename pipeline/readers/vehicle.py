@@ -79,6 +79,11 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     if not len(poses):
         return ()
     lines = []
+    usual_m_s = _usual_m_s(truth)
+    if usual_m_s > FASTEST_M_S:
+        return (
+            f"{name}: the body drives at {usual_m_s:,.0f} m/s most of the way: are its positions in metres, its stamps in order?",
+        )
     tilt_deg = np.rad2deg(np.arccos(poses[:, 2, 2].clip(-1, 1)))
     if (tilt_deg > TILTED_DEG).mean() > TILTED_SHARE:
         lines.append(
@@ -100,6 +105,15 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     if len(rows):
         lines.append(f"{name}: {_jumped(truth, rows)}: no vehicle drives so; are two drives in one file, or was a map corrected?")
     return tuple(lines)
+
+
+def _usual_m_s(truth: Trajectory) -> float:
+    """The median speed of the steps of a body that moves; 0 of one that never does."""
+    known = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
+    step_m = np.linalg.norm(np.diff(truth.world_T_body[known, :3, 3], axis=0), axis=1)
+    moving = step_m > 0
+    speeds = step_m[moving] / np.diff(truth.stamps_ns[known])[moving] * 1e9
+    return float(np.median(speeds)) if moving.any() else 0.0
 
 
 def _neighbours(rates: NDArray[np.float64], known: NDArray[np.bool_], around: int) -> NDArray[np.float64]:

@@ -140,8 +140,8 @@ HUGE = header("binary", points=10**12).encode()
         (ASCII.replace("TYPE F F F", "TYPE F F Q"), "TYPE Q and SIZE 4"),
         (ASCII.replace("SIZE 4 4 4", "SIZE 4 4 2"), "TYPE F and SIZE 2"),
         (ASCII.replace("COUNT 1 1 1", "COUNT 1 -1 1"), "COUNT 1 -1 1; expected whole numbers"),
-        (ASCII.replace("POINTS 2\n", ""), "no line 'POINTS NUMBER'"),
-        (ASCII.replace("HEIGHT 1", "HEIGHT 2"), "WIDTH 2 and HEIGHT 2 make no POINTS 2"),
+        (ASCII.replace("POINTS 2\n", "").replace("WIDTH 2\n", ""), "no line 'POINTS NUMBER'"),
+        (ASCII.replace("POINTS 2\n", "").replace("HEIGHT 1", "HEIGHT 2"), "2 lines of points for the 4 points"),
         (ASCII.replace("POINTS 2", "POINTS two"), "POINTS two; expected whole numbers"),
         (ASCII.replace("DATA ascii", "DATA text"), "DATA text; expected ascii, binary or binary_compressed"),
         (ASCII + "7 8 9\n", "3 lines of points for the 2 points"),
@@ -170,6 +170,13 @@ def test_a_block_that_claims_gigabytes_is_refused_before_they_are_taken(points: 
     head = header("binary_compressed", points=points).encode()
     with pytest.raises(LogError, match="claims that 1000 compressed bytes hold"):
         read(head + struct.pack("<II", 1000, 12 * points) + bytes(1000))
+
+
+@pytest.mark.parametrize(
+    ("line", "other"), [("POINTS 2\n", ""), ("HEIGHT 1\n", ""), ("HEIGHT 1", "HEIGHT 2"), ("WIDTH 2\nHEIGHT 1\n", "")]
+)
+def test_the_count_of_points_may_be_said_once(line: str, other: str) -> None:
+    np.testing.assert_array_equal(read(ASCII.replace(line, other)), [[1, 2, 3], [4, 5, 6]])
 
 
 def test_writers_that_leave_the_width_at_0_and_fill_a_page_with_zeros_are_read() -> None:

@@ -46,6 +46,11 @@ def test_what_no_vehicle_does_is_doubted(way: tuple[float, float, float], rpy_de
     assert says in line
 
 
+def test_positions_in_millimetres_are_doubted() -> None:
+    (line,) = doubts("x", drive(1000 * straight()))
+    assert line == "x: the body drives at 10,000 m/s most of the way: are its positions in metres, its stamps in order?"
+
+
 def test_a_vehicle_is_not_doubted() -> None:
     """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing is known."""
     assert doubts("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
