@@ -181,7 +181,9 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
 
 def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
     for model, day in (("scan_context", "2012-06-15"), ("scan_context-pose-filter", "2012-10-28")):
-        out = built.run("yearloc", "failures", f"campus/10m/{model}", day, "-o", str(tmp_path), "--worst", "2")
+        out = built.run(
+            "yearloc", "failures", f"campus/10m/{model}", day, "-o", str(tmp_path), "--worst", "2", "--promise", "none"
+        )
         assert f"{tmp_path}: " in out
         poses = "paths/campus/10m/scan_context-pose-filter" if "filter" in model else "poses/campus/10m/scan_context"
         artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.FIXES)
