@@ -44,7 +44,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    if "seed" in metafunc.fixturenames and (seeds := metafunc.config.getoption("seeds")) > 1:
+    trains = metafunc.definition.get_closest_marker("learning")
+    if trains and "seed" in metafunc.fixturenames and (seeds := metafunc.config.getoption("seeds")) > 1:
         metafunc.parametrize("seed", range(seeds), indirect=True, ids="seed{}".format, scope="session")
 
 

@@ -64,7 +64,7 @@ def message(data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, 
     ],
     ids=[
         *("plain", "not finite", "another order at odd offsets", "big-endian", "padded rows", "no padding behind the last row"),
-        *("the size of all as row_step", "no row_step", "one row without row_step", "beyond float32"),
+        *("the size of all as row_step", "no row_step", "no height", "one row without row_step", "beyond float32"),
     ],
 )
 def test_finite_points_of_any_layout_are_read(message: Message, points: list[list[float]], kind: type) -> None:
