@@ -17,6 +17,8 @@ FEW = 50
 """Points whose neighbours tell nothing: then the commonest layout that fits."""
 WIDTHS = range(12, 65)
 FARTHEST_M, LEAST_M = 500.0, 1e-6
+LIKELY = 0.8
+"""So many of the numbers of points are; of bytes that are none, one in nine. A simulator's level ground may be all but 0."""
 HEAD_BYTES = 2**20
 LASERS = 32  # of NCLT's sensor
 COLUMNS = (4, 3, 5, 6, 7, 8)
@@ -65,12 +67,17 @@ def is_told(data: bytes) -> bool:
 
 def refuse_planar(data: bytes, path: Path) -> None:
     """Raise LogError for a .bin that holds all x first, then all y, then all z, as those of RobotCar's radar data set do."""
-    if any(_heights_differ(xyz_m) for xyz_m in _fitting(data).values()):
+    if not data or len(data) % 4:
+        return
+    numbers = np.frombuffer(data, "<f4")
+    fitting = _fitting(data)
+    whole = (numbers.reshape(-1, width // 4) for width in fitting if width % 4 == 0)
+    if any(map(_heights_differ, fitting.values())) or not all(map(_alike, whole)):
         return
     for columns in COLUMNS:
-        if not data or len(data) % (4 * columns):
+        if len(numbers) % columns:
             continue
-        xyz_m = np.frombuffer(data, "<f4").reshape(columns, -1)[:3].T
+        xyz_m = numbers.reshape(columns, -1)[:3].T
         if _may_be_points(xyz_m) and _heights_differ(xyz_m):
             turned = f"with N numbers a point, {columns} perhaps, `numpy.fromfile(FILE, '<f4').reshape(N, -1).T.tofile(FILE)`"
             raise LogError(f"{path}: holds all x, then all y, then all z; {turned} puts point after point")
@@ -96,16 +103,27 @@ def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
     with np.errstate(invalid="ignore"):
         likely = (size_m < FARTHEST_M) & ((size_m > LEAST_M) | (size_m == 0))
     varied = len(xyz_m) < FEW or all((a != b).any() for a, b in pairwise(xyz_m.T))
-    return bool(likely.mean() > 0.95 and (xyz_m != 0).any() and varied)
+    return bool(likely.mean() > LIKELY and (xyz_m != 0).any() and varied)
+
+
+def _alike(rows: NDArray[np.float32]) -> bool:
+    """Whether all columns of records (n, column) have one distribution, as where they are not records: each holds all columns."""
+    known = rows[np.isfinite(rows).all(axis=1)]
+    return not any(_differ(known[:, 0], column) for column in known.T[1:])
 
 
 def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
     """Whether the z of points (n, 3) are spread unlike their x, as in any place, and never where the numbers are mixed up."""
     known = xyz_m[np.isfinite(xyz_m).all(axis=1)]
-    if len(known) < FEW:
+    return _differ(known[:, 0], known[:, 2])
+
+
+def _differ(some: NDArray[np.float32], others: NDArray[np.float32]) -> bool:
+    """Whether as many numbers (n,) are of two distributions; of few it is not known."""
+    if len(some) < FEW:
         return False
-    away = scipy.stats.ks_2samp(known[:, 0], known[:, 2], method="asymp").statistic
-    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(known)))
+    away = scipy.stats.ks_2samp(some, others, method="asymp").statistic
+    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(some)))
 
 
 def _apart(xyz_m: NDArray[np.float32]) -> float:

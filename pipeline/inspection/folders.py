@@ -74,8 +74,11 @@ def _own_scans(path: Path, found: Inspection) -> None:
         ("read by", "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"),
     ]
     plain = next((file for file in files if file.suffix == ".bin"), None)
-    width = records.point_bytes(plain.read_bytes()) if plain else None
+    width = None
     if plain:
+        data = plain.read_bytes()
+        records.refuse_planar(data, plain)
+        width = records.point_bytes(data)
         rows.insert(1, ("records", f"of {width or 'unknown'} bytes, found from the content of {plain.name}"))
     found.describe("scans of another robot", *rows)
     survey(found, len(files), lambda row: folder.points(files[row].read_bytes(), files[row], width), "as stored")

@@ -60,6 +60,14 @@ def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
     assert not is_told(cube)
 
 
+def test_a_cloud_as_high_as_it_is_wide_is_not_taken_for_one_by_columns() -> None:
+    """A shaft of 12 m each way, scanned from below to above, whose intensity is no length."""
+    rng = np.random.default_rng(0)
+    shaft = np.column_stack([rng.uniform(-6, 6, (4000, 2)), np.linspace(-6, 6, 4000), rng.uniform(0, 1, 4000)]).astype("<f4")
+    refuse_planar(shaft.tobytes(), Path("1.bin"))
+    np.testing.assert_array_equal(points(shaft.tobytes(), Path("1.bin")), shaft[:, :3])
+
+
 @pytest.mark.parametrize("ordered", [True, False])
 @pytest.mark.parametrize("width", [12, 16, 20])
 def test_a_file_of_all_x_then_all_y_is_refused_with_what_to_do(width: int, ordered: bool) -> None:

@@ -1,4 +1,5 @@
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -192,3 +193,63 @@ def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(tm
     run = key_frames(tmp_path / "runs") / "run"
     assert_says(inspect(run), "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m")
     assert_says(inspect(tmp_path / "runs"), "key frames root, sequences: 1", "run  can be read")
+
+
+# Another robot's
+
+
+def own_sequence(root: Path, world_T_body: Callable[[int], tuple[float, float]], lies_m: Callable[[int], float]) -> Path:
+    """Twenty scans of a room at positions x, y, as TUM poses say; a scan's points lie `lies_m` ahead of the robot."""
+    points_m = scan(64, ground_m=0.0)
+    rows = []
+    (root / "drive/scans").mkdir(parents=True)
+    for i in range(20):
+        moved_m = points_m + np.array([lies_m(i), 0, 0])
+        np.column_stack([moved_m, np.ones(len(moved_m))]).astype("<f4").tofile(root / f"drive/scans/{100 + i}.000.bin")
+        x_m, y_m = world_T_body(i)
+        rows.append(f"{100 + i} {x_m} {y_m} 0 0 0 0 1\n")
+    (root / "drive/poses.txt").write_text("".join(rows))
+    return root / "drive"
+
+
+def test_scans_beside_poses_are_opened_by_the_reader_of_folders(tmp_path: Path) -> None:
+    found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 0.0))
+    assert_says(found, "another robot's sequence drive", "scans     20, 20 with a true pose", "190 m, step median 10 m")
+    assert found.warnings == ()
+    assert "can be read" in inspect(tmp_path).text()
+    assert "scans of another robot" in inspect(tmp_path / "drive/scans").headline
+
+
+def test_clouds_that_a_slam_moved_into_the_world_are_told(tmp_path: Path) -> None:
+    found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 10.0 * i))
+    assert any(warning.startswith("clouds in the world already") for warning in found.warnings)
+
+
+def test_a_folder_of_scans_by_columns_is_refused(tmp_path: Path) -> None:
+    points_m = scan(64, ground_m=0.0)
+    np.column_stack([points_m, np.ones(len(points_m))]).T.astype("<f4").tofile(tmp_path / "100.0.bin")
+    with one_line(LogError, "holds all x, then all y, then all z"):
+        inspect(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["poses.txt", "00.txt", "groundtruth.csv", "times.txt", "path.tum"])
+def test_poses_are_told_by_their_columns_whatever_their_name(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("".join(f"{100 + i} {i} 0 0 0 0 0 1\n" for i in range(5)))
+    assert "TUM trajectory" in inspect(tmp_path / name).headline
+    (tmp_path / name).write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
+    assert "KITTI ground truth" in inspect(tmp_path / name).headline
+
+
+def test_poses_that_no_vehicle_has_are_told(tmp_path: Path) -> None:
+    """The quaternion is written w first: the body hangs upside down."""
+    (tmp_path / "poses.txt").write_text("".join(f"{100 + i} {i} 0 0 1 0 0 0\n" for i in range(5)))
+    assert any("tilted by up to 180°" in warning for warning in inspect(tmp_path / "poses.txt").warnings)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("day.db3.zstd", "packed: name the folder"), ("day.bag.gz", "packed: unpack it with")]
+)
+def test_a_packed_file_is_called_so(tmp_path: Path, name: str, says: str) -> None:
+    (tmp_path / name).write_bytes(b"\x28\xb5\x2f\xfd" + bytes(20))
+    with one_line(ConfigError, says):
+        inspect(tmp_path / name)

@@ -367,3 +367,13 @@ def test_a_topic_in_several_frames_is_refused(tmp_path: Path, frame: str, world:
 
     with one_line(LogError, says):
         Bag(truth="/truth").open(written(tmp_path, write), "drive")
+
+
+def test_an_mcap_of_another_profile_is_called_so(tmp_path: Path) -> None:
+    """The header of an MCAP, after 17 bytes of magic and length: the profile's length and name."""
+    path = next(drive(tmp_path / "drive", "mcap").glob("*.mcap"))
+    data = path.read_bytes()
+    other = tmp_path / "other.mcap"
+    other.write_bytes(data.replace(b"\x04\x00\x00\x00ros2", b"\x04\x00\x00\x00ros1", 1))
+    with pytest.raises(LogError, match=r"an MCAP of profile 'ros1'; only those of ROS 2 can be read: give the ROS 1 \.bag"):
+        BagFile(other)
