@@ -161,6 +161,40 @@ def test_use_at_another_scale_takes_smaller_cells_ranges_and_errors(project, cap
     assert "scale=city: expected one of indoor" in refused(capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city")
 
 
+def test_poses_of_level_sweeps_are_refused(project, capsys):
+    """A sweep of one height has nothing to register; chosen or written by hand, it is one line."""
+    carmen_log(project / "logs", name="drive.log")
+    use = ("use", "carmen", f"root={project / 'logs'}")
+    for scale, submap in ((), "flat_20m"), (("scale=indoor",), "flat_10m"):
+        line = refused(capsys, *use, *scale, "poses=sci_ring")
+        assert f"carmen: poses=sci_ring: level sweeps (submap {submap}) have no heights to register; leave poses out" in line
+    main([*use, "poses="])
+    by_hand(project, "    budget: full\n", "    budget: full\n    poses:\n    - sci\n")
+    assert "carmen: poses=sci: level sweeps" in refused(capsys, "use")
+
+
+def test_an_option_that_nothing_would_read_is_refused(project, capsys):
+    nclt(project / "data", "2012-01-15", "2012-02-04")
+    carmen_log(project / "logs", name="drive.log")
+    recorded, split = f"root={project / 'data'}", f"root={project / 'logs'}"
+    for words, part in (
+        (("suburb", "question=viewpoints", "poses=sad"), "suburb question=viewpoints has no option poses"),
+        (("suburb", "question=viewpoints", "cells=5m"), "has no option cells"),
+        (("campus", "question=lifelong", "poses=sci"), "campus question=lifelong has no option poses"),
+        (("campus", "question=lifelong", "latency=yes"), "has no option latency"),
+        (("campus", "methods=m2dp,scan_context", "seeds=3"), "seeds=3: none of m2dp,scan_context draws at random"),
+        (("nclt", recorded, "log=2012-01-15"), "log=2012-01-15: nclt splits no log"),
+        (
+            ("carmen", split, "parts=time:2", "train=drive+path1of4", "tests=drive+path3of4"),
+            "parts=time:2: train= and tests= name the parts already",
+        ),
+    ):
+        assert part in refused(capsys, "use", *words)
+    main(["use", "suburb", "world=tiny", "question=viewpoints", "poses=", "cells=", "latency=no"])
+    main(["use", "campus", "question=lifelong"])
+    assert "poses" not in study(project)
+
+
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
     kitti(project / "kitti", "00", "02", "08")
     words = ["use", "kitti", f"root={project / 'kitti'}", "question=viewpoints"]

@@ -70,7 +70,12 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     train, tests = study["train"], list(study["tests"])
     asked = [name for option in ("train", "tests") for name in options.get(option, "").replace(",", " ").split()]
     own = [name for name in dict.fromkeys(asked) if (part := Part.named(name))[1] and part[0] in whole]
-    if (rule := options.get("parts", study.get("parts"))) and whole:
+    rule = options.get("parts", study.get("parts"))
+    if "log" in options and not rule:
+        raise ConfigError(f"log={options['log']}: {name} splits no log; give parts= too, or train= and tests= instead")
+    if options.get("parts") and {"train", "tests"} <= options.keys():
+        raise ConfigError(f"parts={rule}: train= and tests= name the parts already; leave one of the two out")
+    if rule and whole:
         log = options.get("log", train.partition("-")[0] if train and train.partition("-")[0] in whole else (whole or [""])[0])
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         train, tests, whole = parts[0], parts[1:], parts if log in whole else []
