@@ -1,5 +1,6 @@
 """The `yearloc` command: one line for a person's mistake, and files that are put right."""
 
+import fcntl
 import json
 import shutil
 from pathlib import Path
@@ -159,6 +160,20 @@ def test_use_at_another_scale_takes_smaller_cells_ranges_and_errors(project, cap
     assert "method.h_max_m=4.0" in lists(project)["models"]["carmen-2m-sci"]["recipe"]
     assert lists(project)["evaluations"]["carmen-2m-sci"]["tolerance"] == "2m"
     assert "scale=city: expected one of indoor" in refused(capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city")
+
+
+def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
+    main(["use", "campus", "world=tiny"])
+    before = studies(project)
+    (project / ".dvc/tmp").mkdir(parents=True)
+    with (project / ".dvc/tmp/lock").open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        for words in ("use town", "use campus world=tiny budget=demo", "repair"):
+            assert "`dvc` works in this folder, and nothing was changed" in refused(capsys, *words.split())
+        main(["use"])  # `make dashboard` asks so for their names
+        main(["use", "campus", "world=tiny"])
+    assert studies(project) == before
+    main(["use", "town"])
 
 
 def test_poses_of_level_sweeps_are_refused(project, capsys):
