@@ -64,6 +64,16 @@ def test_use_campus_writes_the_list_of_each_world(project):
         assert study(project)["world"] == f"campus_{world}"
 
 
+def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, capsys):
+    (project / "pipeline/cli").mkdir(parents=True)
+    line = f"the code of {ROOT} would run, not this folder's: `rm -r .venv && make install`"
+    for words in ("use campus", "results", "repro", "repair"):
+        assert line in refused(capsys, *words.split())
+    (project / "pipeline/cli").rmdir()
+    (project / "pipeline/cli").symlink_to(ROOT / "pipeline/cli")
+    main(["use", "campus"])
+
+
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):
     main(["use", "campus", "world=demo"])
     by_hand(project, "    - '2013-04-05'\n", "    - '2013-04-05'\n    - '2013-02-23'\n")
