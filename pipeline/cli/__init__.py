@@ -43,8 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
-        "names of files in conf/dataset, and root, log, parts, train, tests, methods, world, budget, question, seeds, variants,"
-        " poses, paths, latency; without any, the studies in use"
+        "names of files in conf/dataset, and root, log, parts, train, tests, learned, methods, world, budget, scale, question,"
+        " seeds, variants, altered, cells, poses, paths, latency; without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")

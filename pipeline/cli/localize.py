@@ -40,7 +40,7 @@ def localize(given: argparse.Namespace) -> None:
     import numpy as np
 
     from pipeline.online.follow import Following
-    from pipeline.online.inputs import NO_POSE, scans
+    from pipeline.online.inputs import NO_POSE, is_log, scans
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
     from pipeline.online.site import Site
@@ -52,13 +52,16 @@ def localize(given: argparse.Namespace) -> None:
         raise ConfigError(f"--threads {given.threads}: expected at least 1")
     site = Site.open(given.site, given.threads)
     check(site, given.promise, given.out)
-    about = site.about["sensor"]
+    about, reader = site.about["sensor"], site.about["reader"]
+    logs = [source for source in given.inputs if not given.follow and is_log(source, reader)]
+    if given.lift is not None and logs:
+        raise ConfigError(f"--lift {given.lift:g}: {logs[0]} is a log of the site's data set, whose reader raises its points")
     lift_m = about["lift_m"] if given.lift is None else given.lift
     told, tracker, before = Summary(), Tracker(site, given.promise) if given.track else None, NO_POSE
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             follower = Following(Path(source), given.topic, lift_m, given.idle) if given.follow else None
-            found = follower.scans() if follower else scans(source, site.about["reader"], lift_m, given.topic, given.odometry)
+            found = follower.scans() if follower else scans(source, reader, lift_m, given.topic, given.odometry)
             for scan in found:
                 try:
                     points_m = scan.points()
@@ -66,7 +69,9 @@ def localize(given: argparse.Namespace) -> None:
                     told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
                     continue
                 if not told.fixes:
-                    for line in unlike(points_m, about, lift_m):
+                    key = "reader.lidar_height_m" if "lidar_height_m" in reader else "reader.lift_m"
+                    option = key if source in logs else "--lift"
+                    for line in unlike(points_m, about, lift_m, option):
                         print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)

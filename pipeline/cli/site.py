@@ -27,7 +27,7 @@ def add_commands(commands: Any) -> None:
         kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
     find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
     find.add_argument("--promise", type=float, default=0.99, metavar="SHARE", help="of right ones among the accepted (0.99)")
-    find.add_argument("--lift", type=float, metavar="M", help="raises the points, so that the ground is at 0; of logs as trained")
+    find.add_argument("--lift", type=float, metavar="M", help="raises points so that the ground is at 0 (as in training)")
     find.add_argument("--topic", help="of a bag, where it has several clouds")
     find.add_argument("--odometry", metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD")
     find.add_argument("--track", action="store_true", help="scans are one path: follow it, by odometry where the log has some")

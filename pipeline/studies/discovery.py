@@ -79,7 +79,10 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
         log = options.get("log", train.partition("-")[0] if train and train.partition("-")[0] in whole else (whole or [""])[0])
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         train, tests, whole = parts[0], parts[1:], parts if log in whole else []
-        notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
+        notes += [
+            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
+            "(log=NN chooses another, parts=time:2 splits it otherwise)"
+        ]
     whole = list(dict.fromkeys([*whole, *own]))
     trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
     if len(trained) > 1:
@@ -103,7 +106,7 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     tests = [test for test in tests if test in whole and test not in trained]
     if not tests:
         others = ", ".join(sequence for sequence in whole if sequence != train)
-        known = f"give tests=, some of {others}" if others else "one more is needed"
+        known = f"give tests=, some of {others}" if others else "one more is needed, or parts=path:2 splits it"
         raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
     drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
     return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)
