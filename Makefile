@@ -11,6 +11,16 @@ export MLFLOW_DISABLE_TELEMETRY := true
 
 PIP := $(BIN)/python -m pip install $(shell test -t 2 || echo --quiet) --disable-pip-version-check --constraint constraints.txt
 
+# The scripts of a .venv name the folder that it was made in, and its yearloc is the code there.
+MADE_IN := $(shell sed -n 's|^command = .* -m venv [^/]*\(/.*\)/\.venv$$|\1|p' .venv/pyvenv.cfg 2>&-)
+ifneq ($(MADE_IN),)
+ifneq ($(shell test "$(MADE_IN)/.venv" -ef .venv && echo here),here)
+ifneq ($(MAKECMDGOALS),clean)
+$(error .venv was made in $(MADE_IN), and this folder was moved or copied from there: `rm -r .venv`, then call make again)
+endif
+endif
+endif
+
 .PHONY: install demo compare studies real year report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.

@@ -34,7 +34,8 @@ ROOT = Path(__file__).parents[1]
 ABSENT = object()
 OPTIONAL = ("root", "altered", "alterations", "from")
 """Of the settings that are null in a stage's file, those that may stay so."""
-NUMBERS = {"k": Count, "queries": Count, "every_m": NotNegative, "grid.cell_m": Annotated[float, Range(0.1, 10_000)]}
+NUMBERS = {"every_m": NotNegative, "grid.cell_m": Annotated[float, Range(0.1, 10_000)]}
+NUMBERS |= dict.fromkeys(("k", "few", "queries"), Count)
 NUMBERS |= dict.fromkeys(("grain_m", "voxel_m", "range_m", "gathered_m", "budget.share"), Positive)
 NUMBERS |= dict.fromkeys(("unseen_share", "wanted_precision"), Share)
 """What the numbers may be that stand in a stage's own file, and fill no dataclass."""

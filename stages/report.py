@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from pipeline import store
@@ -19,7 +18,7 @@ def main(cfg: DictConfig) -> str:
     artifacts, known = Path(cfg.artifacts), studies(ROOT / "conf")
     table = results.read(artifacts, known)
     with store.replace(cfg.out) as folder:
-        line = report.write(folder, artifacts, known, table, instantiate(cfg.bands), lambda name: build("view", name))
+        line = report.write(folder, artifacts, known, table, cfg.few, lambda name: build("view", name))
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
 
 

@@ -23,7 +23,7 @@ def main(cfg: DictConfig) -> str:
         table.to_csv(folder / results.FILE, index=False)
         year(table).to_csv(folder / "year.csv", index=False, float_format="%.6g")
         precision_recall(gathering).to_csv(folder / "precision_recall.csv", index=False, float_format="%.6g")
-    models = table[["method", "variant", "seed"]].drop_duplicates()
+    models = table.loc[table["method"] != "", ["method", "variant", "seed"]].drop_duplicates()
     return f"{len(table):,} numbers of {len(models)} models on {table['sequence'].replace('', None).nunique()} sequences"
 
 

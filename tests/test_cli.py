@@ -1,5 +1,6 @@
 """The `yearloc` command: one line for a person's mistake, and files that are put right."""
 
+import fcntl
 import json
 import shutil
 from pathlib import Path
@@ -61,6 +62,16 @@ def test_use_campus_writes_the_list_of_each_world(project):
         main(["use", "campus", f"world={world}"])
         assert len(study(project)["tests"]) == tests
         assert study(project)["world"] == f"campus_{world}"
+
+
+def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, capsys):
+    (project / "pipeline/cli").mkdir(parents=True)
+    line = f"the code of {ROOT} would run, not this folder's: `rm -r .venv && make install`"
+    for words in ("use campus", "results", "repro", "repair"):
+        assert line in refused(capsys, *words.split())
+    (project / "pipeline/cli").rmdir()
+    (project / "pipeline/cli").symlink_to(ROOT / "pipeline/cli")
+    main(["use", "campus"])
 
 
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):
@@ -159,6 +170,54 @@ def test_use_at_another_scale_takes_smaller_cells_ranges_and_errors(project, cap
     assert "method.h_max_m=4.0" in lists(project)["models"]["carmen-2m-sci"]["recipe"]
     assert lists(project)["evaluations"]["carmen-2m-sci"]["tolerance"] == "2m"
     assert "scale=city: expected one of indoor" in refused(capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city")
+
+
+def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
+    main(["use", "campus", "world=tiny"])
+    before = studies(project)
+    (project / ".dvc/tmp").mkdir(parents=True)
+    with (project / ".dvc/tmp/lock").open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        for words in ("use town", "use campus world=tiny budget=demo", "repair"):
+            assert "`dvc` works in this folder, and nothing was changed" in refused(capsys, *words.split())
+        main(["use"])  # `make dashboard` asks so for their names
+        main(["use", "campus", "world=tiny"])
+    assert studies(project) == before
+    main(["use", "town"])
+
+
+def test_poses_of_level_sweeps_are_refused(project, capsys):
+    """A sweep of one height has nothing to register; chosen or written by hand, it is one line."""
+    carmen_log(project / "logs", name="drive.log")
+    use = ("use", "carmen", f"root={project / 'logs'}")
+    for scale, submap in ((), "flat_20m"), (("scale=indoor",), "flat_10m"):
+        line = refused(capsys, *use, *scale, "poses=sci_ring")
+        assert f"carmen: poses=sci_ring: level sweeps (submap {submap}) have no heights to register; leave poses out" in line
+    main([*use, "poses="])
+    by_hand(project, "    budget: full\n", "    budget: full\n    poses:\n    - sci\n")
+    assert "carmen: poses=sci: level sweeps" in refused(capsys, "use")
+
+
+def test_an_option_that_nothing_would_read_is_refused(project, capsys):
+    nclt(project / "data", "2012-01-15", "2012-02-04")
+    carmen_log(project / "logs", name="drive.log")
+    recorded, split = f"root={project / 'data'}", f"root={project / 'logs'}"
+    for words, part in (
+        (("suburb", "question=viewpoints", "poses=sad"), "suburb question=viewpoints has no option poses"),
+        (("suburb", "question=viewpoints", "cells=5m"), "has no option cells"),
+        (("campus", "question=lifelong", "poses=sci"), "campus question=lifelong has no option poses"),
+        (("campus", "question=lifelong", "latency=yes"), "has no option latency"),
+        (("campus", "methods=m2dp,scan_context", "seeds=3"), "seeds=3: none of m2dp,scan_context draws at random"),
+        (("nclt", recorded, "log=2012-01-15"), "log=2012-01-15: nclt splits no log"),
+        (
+            ("carmen", split, "parts=time:2", "train=drive+path1of4", "tests=drive+path3of4"),
+            "parts=time:2: train= and tests= name the parts already",
+        ),
+    ):
+        assert part in refused(capsys, "use", *words)
+    main(["use", "suburb", "world=tiny", "question=viewpoints", "poses=", "cells=", "latency=no"])
+    main(["use", "campus", "question=lifelong"])
+    assert "poses" not in study(project)
 
 
 def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(project, capsys):
@@ -295,7 +354,7 @@ def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys)
         (root / day / "scans/1.0.npy").touch()
     assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
     (root / "mon/poses.txt").touch()
-    assert "one more is needed; tue: lacks poses.txt" in refused(capsys, *use, "train=mon")
+    assert "one more is needed, or parts=path:2 splits it; tue: lacks poses.txt" in refused(capsys, *use, "train=mon")
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
     (root / "tue").rename(root / "tue 2")

@@ -77,7 +77,7 @@ def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> No
     ("override", "said"),
     [
         ("grid.cel_m=5", "cel_m"),
-        ("report.bands.few=5", "report"),  # no job reads it
+        ("report.few=5", "report"),  # no job reads it
         ("dataset=nclt", "yearloc use"),
     ],
 )

@@ -46,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     use = commands.add_parser("use", help="choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml")
     options = (
-        "names of files in conf/dataset, and root, log, parts, train, tests, methods, world, budget, question, seeds, variants,"
-        " poses, paths, latency; without any, the studies in use"
+        "names of files in conf/dataset, and root, log, parts, train, tests, learned, methods, world, budget, scale, question,"
+        " seeds, variants, altered, cells, poses, paths, latency; without any, the studies in use"
     )
     use.add_argument("words", nargs="*", metavar="DATASET|KEY=VALUE", help=options)
     use.add_argument("--add", action="store_true", help="beside the studies that are listed already")
@@ -93,6 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
+    from pipeline.replacing import replace
+    from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
     from pipeline.studies.names import complete, lists_text, propose, studies_text
     from pipeline.studies.parts import lay, parted
@@ -111,12 +113,16 @@ def _use(given: argparse.Namespace) -> None:
     )
     chosen = present if not datasets or (given.keep and same) else {**(present if given.add else {}), **wanted}
     studies = complete(conf, chosen)
+    texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
+    changed = {path: text for path, text in texts.items() if not path.is_file() or path.read_bytes() != text.encode()}
+    if changed:
+        refuse_at_work(conf.parent)
     with suppress(ConfigError):  # a broken list is written anew
         for name in sorted(read_studies().keys() - studies.keys()):
             print(f"  {name} is no longer among the studies; --add keeps what is there")
-    for path, text in ((conf / "studies.yaml", studies_text(studies)), (conf / "lists.yaml", lists_text(studies))):
-        if not path.is_file() or path.read_bytes() != text.encode():
-            path.write_text(text, encoding="utf-8")
+    for path, text in changed.items():
+        with replace(path) as scratch:
+            scratch.write_text(text, encoding="utf-8")
     lay(conf.parent, parted(expand(studies)))
     print(*(f"  {note}\n" for proposal in proposals.values() for note in proposal.notes), sep="", end="")
     for name, study in studies.items():
@@ -171,8 +177,10 @@ def _methods(given: argparse.Namespace) -> None:
 
 
 def _repair(given: argparse.Namespace) -> None:
+    from pipeline.running.at_work import refuse_at_work
     from pipeline.running.repair import repair
 
+    refuse_at_work(Path())
     for lock in repair(Path()):
         print(f"{lock}: was torn by a kill and is empty now; what is finished comes back from DVC's cache")
     check_files(conf_folder())

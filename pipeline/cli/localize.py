@@ -44,7 +44,7 @@ def lidar_of(given: argparse.Namespace) -> "Poses | None":
 def localize(given: argparse.Namespace) -> None:
     """Print a fix of each scan, and what became of them all."""
     from pipeline.online.follow import Following
-    from pipeline.online.inputs import scans
+    from pipeline.online.inputs import is_log, scans
     from pipeline.online.odometry import step
     from pipeline.online.outputs import writer
     from pipeline.online.sensor import unlike
@@ -59,6 +59,10 @@ def localize(given: argparse.Namespace) -> None:
     site.check(given.promise)
     check_file(given.out, whole=given.kind == "mcap")
     about = site.about["sensor"]
+    if given.lift is not None and not given.follow:
+        logs = [source for source in given.inputs if is_log(source, site.about["reader"])]
+        if logs:
+            raise ConfigError(f"--lift {given.lift:g}: {logs[0]} is a log of the site's data set, whose reader raises its points")
     lift_m = about["lift_m"] if given.lift is None else given.lift
     body_T_lidar = lidar_of(given)
     told, tracker = Summary(), Tracker(site, given.promise) if given.track else None

@@ -8,10 +8,16 @@ from pipeline.running.texts import read_yaml
 
 
 def conf_folder() -> Path:
-    """The project's conf folder; the command is meant to be called from the project's root."""
+    """The project's conf folder; the command is meant to be called from the project's root.
+
+    Raises ConfigError elsewhere, and in a project that was copied with its .venv, which still runs the code of the first one.
+    """
     folder = Path("conf")
     if not (folder / "dataset").is_dir():
         raise ConfigError("call this in the project's root folder, where conf/ is")
+    code, there = Path("pipeline/cli"), Path(__file__).resolve().parent
+    if code.is_dir() and code.resolve() != there:
+        raise ConfigError(f"the code of {there.parents[1]} would run, not this folder's: `rm -r .venv && make install`")
     return folder
 
 

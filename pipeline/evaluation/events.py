@@ -17,7 +17,7 @@ from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.formats.changes import Change
-from pipeline.running.settings import Count, check
+from pipeline.running.settings import check
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
 APART_M = 1e6  # between the paths of two sequences that are pooled, so that no block holds queries of both
@@ -29,7 +29,6 @@ class Bands:
 
     edges_m: Sequence[float] = (25.0, 50.0, 100.0)  # rising; the last band has no end
     kinds: Sequence[str] = ("construction", "demolition")  # which changes count; trees change everywhere
-    few: Count = 30  # fewer seen queries than this say little
 
     def __post_init__(self) -> None:
         check(self, "bands")

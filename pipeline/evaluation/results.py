@@ -96,6 +96,7 @@ class Gathering:
                 elif (self.study["question"] == "year" or model.posed) and not model.seed:
                     of_variants[model.method, model.answered] = by_day
             if own:
+                yield {"grid": grid} | row("correct_m", "distance", artifact.attrs["distance"]["correct_m"])
                 yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap))
 
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:

@@ -106,7 +106,7 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
         warn(
             abs(ground) > RAISED_M,
             f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as much; "
-            f"raise the points by {_signed(-ground)} m (lidar_height_m, lift_m of the dataset's yaml)",
+            f"add {_signed(-ground)} m to lift_m (of KITTI lidar_height_m) in the dataset's yaml",
         )
         warn(
             covered < 300,

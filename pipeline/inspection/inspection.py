@@ -19,7 +19,8 @@ BESIDE = 20
 
 @dataclass(frozen=True)
 class Section:
-    """Rows that belong together; cells of one column are aligned, the last one may be long."""
+    """Rows that belong together; cells of one column are aligned, the last one may be long. A row of one cell, such as a line of
+    a proposed yaml, stands as it is: somebody will paste it."""
 
     title: str
     rows: tuple[tuple[str, ...], ...]
@@ -30,6 +31,9 @@ class Section:
         widths = [max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0) for i in range(columns)]
         lines = [self.title] if self.title else []
         for row in self.rows:
+            if len(row) == 1:
+                lines.append(f"  {row[0]}".rstrip())
+                continue
             head = "  " + "".join(cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False))
             if len(head) > width - BESIDE:
                 lines += _wrapped(" ".join(row[:-1]), "  ", width)

@@ -90,6 +90,11 @@ def scans(
             yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file), usual)
 
 
+def is_log(source: str, reader: Mapping[str, Any]) -> bool:
+    """Whether the site's own reader opens a path: then it raises the points itself, whatever `lift_m`."""
+    return source != "-" and _log(Path(source).expanduser().resolve(), reader) is not None
+
+
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
     """Points (n, 3) of a scan file's bytes; a .bin may be NCLT's. Raises LogError for a damaged one."""
     if path.suffix == ".bin" and len(data) <= folder.LARGEST_BYTES and records.point_bytes(data) == records.NCLT_BYTES:

@@ -15,6 +15,8 @@ HEIGHT_M, BEAMS, ROUND_DEG = 0.5, 1.5, 60.0
 """Differences that matter: of the sensor's height, of the number of beams as a ratio, of the azimuth covered."""
 RAISE, TURN = "--lift {:.2f}", "--body-T-lidar={}"
 """How the command line raises points, and places them with x, y, z in metres and roll, pitch, yaw in degrees."""
+OF_LOGS = "{:+.2f} m more of reader.lift_m (of KITTI lidar_height_m)"
+"""How the reader of a log raises them."""
 DOWN = "z points"
 """The kind of warning on a scan that is upside down."""
 NAMES = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
@@ -48,7 +50,7 @@ def unlike(
         tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
         right = "" if body_T_lidar is None else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
         return [" and ".join(filter(None, (how, tilted))) + (f": it would stand upright with {right}" if right else "")]
-    right = ""
+    right = OF_LOGS.format(-found.ground_m)
     if body_T_lidar is not None and np.isfinite(found.ground_m):
         right = _raised(body_T_lidar, found.ground_m, ways)
     return [

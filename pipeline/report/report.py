@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 
 from pipeline.errors import ArtifactError
-from pipeline.evaluation.events import Bands
 from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
@@ -25,18 +24,18 @@ MANIFEST = "figures.json"  # which figure files a study has, and whose they are:
 
 
 def write(
-    folder: Path, artifacts: Path, studies: Mapping[str, Any], table: pd.DataFrame, bands: Bands, view: Callable[[str], BirdView]
+    folder: Path, artifacts: Path, studies: Mapping[str, Any], table: pd.DataFrame, few: int, view: Callable[[str], BirdView]
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a line that says what.
 
-    `view` gives the bird-view of a name of conf/view.
+    `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real change say little.
     """
     entries = []
     for name, words in studies.items():
         for grid in words["grids"]:
             study, own = Study(artifacts, name, words, grid, table[table["study"] == name]), folder / name / grid
             own.mkdir(parents=True)
-            found = list(_sections(study, own, bands, view))
+            found = list(_sections(study, own, few, view))
             (own / "report.md").write_text(template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8")
             files = [
                 {"file": one.path.name} | {name: one.values.get(name, "") for name in ("model", "sequence")}
@@ -57,11 +56,11 @@ def write(
     return f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} MB"
 
 
-def _sections(study: Study, folder: Path, bands: Bands, view: Callable[[str], BirdView]) -> Iterator[Section]:
+def _sections(study: Study, folder: Path, few: int, view: Callable[[str], BirdView]) -> Iterator[Section]:
     if asks_about_the_year(study.words):
         yield from year.sections(study, folder)
         yield from poses.sections(study, folder)
-        yield from cases.sections(study, folder, bands)
+        yield from cases.sections(study, folder, few)
     if study.words["question"] == LIFELONG:
         yield lifelong.section(study, folder)
     elif methods := on_bird_views(study.words["methods"]):

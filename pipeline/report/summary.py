@@ -7,9 +7,10 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
+from pipeline.errors import ArtifactError
 from pipeline.evaluation.doubts import VOID
 from pipeline.report.table import Cell, Table, average, number, table
-from pipeline.studies.expansion import TOLERANCE, ModelName
+from pipeline.studies.expansion import ModelName
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,10 @@ class Summary:
 
     @classmethod
     def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
-        """From the rows of the table of results that are of this study and cell size."""
+        """From the rows of the table of results that are of this study and cell size.
+
+        Raises ArtifactError for a table of an earlier version, which does not say how near is right.
+        """
         own = results[(results["change"] == "") & (results["kind"] == "") & (results["stress"] == "") & (results["seed"] == 0)]
         asked = own[own["sequence"].isin(study["tests"]) & (own["protocol"] == "distance")]
         days = asked.drop_duplicates("sequence").sort_values(["days", "sequence"]).set_index("sequence")["days"]
@@ -68,8 +72,10 @@ class Summary:
             ms = float(cost.get((method, variant), np.nan))
             rows.append(Row(ModelName(method, variant).name, right, bounds, void, answers, kept, ms))
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
-        within_m = float(study.get("tolerance", TOLERANCE).removesuffix("m"))
-        return cls(list(days.index), [int(day) for day in days], within_m, rows)
+        within_m = own.loc[(own["number"] == "correct_m") & (own["sequence"] == ""), "value"].max()
+        if rows and np.isnan(within_m):
+            raise ArtifactError("the tables of results do not say how near is right; `dvc repro` gathers them anew")
+        return cls(list(days.index), [int(day) for day in days], float(within_m), rows)
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:

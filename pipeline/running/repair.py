@@ -1,14 +1,12 @@
 """What a kill or an earlier version of yearloc left of DVC's own files, put right."""
 
-import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import psutil
 import yaml
 
+from pipeline.running.at_work import TABLE, has_holders
 from pipeline.running.dvc_files import Yaml, files
 
 EMPTY = "schema: '2.0'\n"
@@ -21,11 +19,11 @@ def repair(root: Path) -> list[Path]:
     DVC writes these in place.
     """
     bring_over(root)
-    torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock, _yaml), dict)]
+    torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)]
     for lock in torn:
         lock.write_text(EMPTY, encoding="utf-8")
-    table = root / ".dvc/tmp/rwlock"
-    if table.is_file() and not any(map(_alive, _holders(_parsed(table, json.loads)))):
+    table = root / TABLE
+    if table.is_file() and not has_holders(root):
         table.unlink()
     return torn
 
@@ -44,29 +42,8 @@ def bring_over(root: Path) -> None:
         shutil.rmtree(old)
 
 
-def _yaml(text: str) -> Any:
-    return yaml.load(text, Yaml)
-
-
-def _parsed(path: Path, parse: Callable[[str], Any]) -> Any:
+def _parsed(path: Path) -> Any:
     try:
-        return parse(path.read_text(encoding="utf-8"))
+        return yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (ValueError, yaml.YAMLError):
         return None
-
-
-def _holders(node: Any) -> list[int]:
-    """Every pid in DVC's table of locks."""
-    if isinstance(node, list):
-        return [pid for item in node for pid in _holders(item)]
-    if isinstance(node, dict):
-        return [node["pid"]] if isinstance(node.get("pid"), int) else _holders(list(node.values()))
-    return []
-
-
-def _alive(pid: int) -> bool:
-    """Whether a process runs; a killed one that nobody has waited for yet does not."""
-    try:
-        return bool(psutil.Process(pid).status() != psutil.STATUS_ZOMBIE)
-    except psutil.NoSuchProcess:
-        return False

@@ -70,11 +70,19 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     train, tests = study["train"], list(study["tests"])
     asked = [name for option in ("train", "tests") for name in options.get(option, "").replace(",", " ").split()]
     own = [name for name in dict.fromkeys(asked) if (part := Part.named(name))[1] and part[0] in whole]
-    if (rule := options.get("parts", study.get("parts"))) and whole:
+    rule = options.get("parts", study.get("parts"))
+    if "log" in options and not rule:
+        raise ConfigError(f"log={options['log']}: {name} splits no log; give parts= too, or train= and tests= instead")
+    if options.get("parts") and {"train", "tests"} <= options.keys():
+        raise ConfigError(f"parts={rule}: train= and tests= name the parts already; leave one of the two out")
+    if rule and whole:
         log = options.get("log", train.partition("-")[0] if train and train.partition("-")[0] in whole else (whole or [""])[0])
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         train, tests, whole = parts[0], parts[1:], parts if log in whole else []
-        notes += [f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} (log=NN chooses another)"]
+        notes += [
+            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
+            "(log=NN chooses another, parts=time:2 splits it otherwise)"
+        ]
     whole = list(dict.fromkeys([*whole, *own]))
     trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
     if len(trained) > 1:
@@ -98,7 +106,7 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     tests = [test for test in tests if test in whole and test not in trained]
     if not tests:
         others = ", ".join(sequence for sequence in whole if sequence != train)
-        known = f"give tests=, some of {others}" if others else "one more is needed"
+        known = f"give tests=, some of {others}" if others else "one more is needed, or parts=path:2 splits it"
         raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
     drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
     return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)

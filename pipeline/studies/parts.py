@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from pipeline.replacing import replace
 from pipeline.running.dvc_files import Yaml
 
 LIST, STAGES = "drives", ("logs", "scans")
@@ -39,16 +40,21 @@ def lay(root: Path, lists: Mapping[str, Mapping[str, Any]]) -> None:
             if part > 1:
                 folder.mkdir(exist_ok=True)
                 own = text.replace(f"${{lists.{LIST}}}", f"${{lists.{LIST}{_ending(part, '_')}}}")
-                (folder / "dvc.yaml").write_text(HEAD.format(stage=stage) + own, encoding="utf-8")
+                _write(folder / "dvc.yaml", HEAD.format(stage=stage) + own)
         for folder, names in wanted.items():
             own_stages = {name: recorded[name] for key in names if (name := f"{stage}@{key}") in recorded}
             lock = folder / "dvc.lock"
             if not own_stages:
                 lock.unlink(missing_ok=True)
             elif own_stages != _stages(lock):
-                lock.write_text(yaml.safe_dump({"schema": "2.0", "stages": own_stages}, sort_keys=False), encoding="utf-8")
+                _write(lock, yaml.safe_dump({"schema": "2.0", "stages": own_stages}, sort_keys=False))
         for folder in spare:
             shutil.rmtree(folder)
+
+
+def _write(path: Path, text: str) -> None:
+    with replace(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
 
 
 def _ending(part: int, joint: str) -> str:

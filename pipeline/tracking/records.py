@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING
 from pipeline.running.dvc_files import DvcLock
@@ -106,11 +107,15 @@ class Source:
         return filled(template, **own | values)
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
-        """The figures that belong to a model, those of all models included; or to it on one test sequence."""
-        listed, owners = (
-            json.loads((self.figures / "figures.json").read_text(encoding="utf-8")),
-            {model} if sequence else {model, ""},
-        )
+        """The figures that belong to a model, those of all models included; or to it on one test sequence.
+
+        Raises ArtifactError where the report is not there: DVC removes the old one before it writes another.
+        """
+        manifest = self.figures / "figures.json"
+        if not manifest.is_file():
+            raise ArtifactError(f"{self.figures}: no report yet; `dvc repro` writes it")
+        listed = json.loads(manifest.read_text(encoding="utf-8"))
+        owners = {model} if sequence else {model, ""}
         wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners]
         return [self.figures / file for file in dict.fromkeys(wanted)]
 

@@ -80,7 +80,8 @@ def rows(whole: Any, index: Any) -> Any:
 
 def write(path: Path, cases: Mapping[Case, Evaluation], **other: Any) -> store.Artifact:
     """An `evaluations` artifact; `other` replaces attributes."""
-    named = {"sequence": path.stem, "train": "2012-01-15", "wanted_precision": 0.99, "distance": {}, "bootstrap": vars(BOOTSTRAP)}
+    named = {"sequence": path.stem, "train": "2012-01-15", "wanted_precision": 0.99}
+    named |= {"distance": vars(Distance(correct_m=12.0)), "bootstrap": vars(BOOTSTRAP)}
     with store.write(path, EVALUATIONS, **{**attrs(cases), **named, **other}) as draft:
         for name, column in columns([*cases.values()]).items():
             draft.put(name, column)

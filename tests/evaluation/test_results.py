@@ -138,6 +138,10 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
     assert held_out["value"].tolist() == pytest.approx([1.0] * 5)
 
 
+def test_each_grid_says_how_near_is_right(gathered: pd.DataFrame) -> None:
+    assert value(gathered, "correct_m", protocol="distance") == 12.0  # as the evaluations were judged
+
+
 def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
     # By cells 3/5 of day 20 and 2/5 of day 62: −.2 in 42 days, and .2 · 20 / 42 more on the day of training.
     cells = {"method": "sci", "variant": "", "protocol": "cells"}

@@ -81,6 +81,14 @@ def test_a_bag_too_large_to_be_tried_is_said(tmp_path: Path, monkeypatch: pytest
     assert warning.startswith("not tried: ")
 
 
+def test_the_proposal_can_be_pasted_from_a_terminal_of_any_width(tmp_path: Path) -> None:
+    path = drive(bag_path(tmp_path, "mcap"), "mcap", clouds=2)
+    for width in (40, 118, 10_000):
+        shown = inspect(path).text(width)
+        pasted = shown.partition("bags lie in\n")[2].partition("\n\n")[0]
+        assert yaml.safe_load(pasted) == yaml.safe_load(proposal([path]))
+
+
 def test_the_ground_of_the_first_cloud_is_lifted_to_zero(tmp_path: Path) -> None:
     # The scanner stands 1.8 m over the ground; base_link is its frame.
     with BagWriter(tmp_path / "drive", "mcap") as bag:

@@ -234,6 +234,22 @@ def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: py
     assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
 
 
+def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_alone(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points_m = scan()[0] - (0, 0, 1.73)
+    near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
+    (tmp_path / "day/velodyne_sync").mkdir(parents=True)
+    data = nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32)
+    (tmp_path / f"day/velodyne_sync/{UTIME}.bin").write_bytes(data)
+    poses = [f"{UTIME + late},0,0,0,0,0,0\n" for late in (-100_000, 100_000)]
+    (tmp_path / "day/groundtruth_day.csv").write_text("".join(poses))
+    said = refused(capsys, site, tmp_path / "day", "--lift", 1.73)
+    assert f"--lift 1.73: {tmp_path}/day is a log of the site's data set, whose reader raises its points" in said
+    told = run(capsys, site, tmp_path / "day")[1]
+    assert "not 0: it would with +1.72 m more of reader.lift_m" in told
+
+
 @pytest.mark.parametrize(
     ("rpy_deg", "says", "turn"),
     [

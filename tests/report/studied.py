@@ -24,7 +24,7 @@ TRAIN, TESTS = "2012-01-15", {"2012-02-04": 20, "2012-03-17": 62, "2012-06-15": 
 REVERSED = "2012-07-01"
 TURNED = [Case(), *(Case("turned", repeat=repeat) for repeat in range(2))]
 WALLS = [Case("construction", level, shadow) for level in (1.0, 2.0) for shadow in (False, True)]
-BANDS = Bands((25.0, 50.0), few=3)
+FEW = 3
 WORDS: dict[str, Any] = {
     "question": "robustness",
     "world": "campus_tiny",
@@ -88,7 +88,7 @@ def build(artifacts: Path) -> Study:
     (artifacts / "events/campus").mkdir(parents=True)
     for sequence in TESTS:
         write_changes(artifacts / f"events/campus/{sequence}.csv", [Change("construction", 5, 10, 0.0, 5.0)])
-    table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), BANDS, 0.2).table()
+    table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), Bands((25.0, 50.0)), 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
     return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))

@@ -2,14 +2,16 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.brief import LINES, brief
 
 STUDY = {"source": "world", "train": "2012-01-15", "tests": ["2012-02-04", "2013-04-05"], "grids": ["10m"]}
 
 
-def results(name: str, methods: int = 1, void: bool = False) -> pd.DataFrame:
+def results(name: str, methods: int = 1, void: bool = False, within_m: float = 15.0) -> pd.DataFrame:
     """Method number i is right .5 + i / 100 on the first day and a tenth less often on the last."""
     rows = []
     for i in range(methods):
@@ -23,6 +25,7 @@ def results(name: str, methods: int = 1, void: bool = False) -> pd.DataFrame:
             rows.append(place | row("precision_at_threshold", "distance", np.nan if i else 0.875))
             rows += [place | row("void", "distance", 1.0)] if void else []
         rows.append({"grid": "10m", "method": f"m{i}"} | row("query_ms", "", 12.4))
+    rows.append({"grid": "10m"} | row("correct_m", "distance", within_m))
     return table(rows, study=name, dataset=name)
 
 
@@ -54,9 +57,15 @@ def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
 
 
 def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
-    text = brief(results("yard", void=True), {"yard": STUDY | {"tolerance": "2m"}}, 80)
+    text = brief(results("yard", void=True, within_m=2.5), {"yard": STUDY | {"tolerance": "near"}}, 80)
     assert text.split("\n")[3].split()[:3] == ["m0", "void", "void"]
-    assert "within 2 m" in text
+    assert "within 2.5 m" in text
+
+
+def test_a_table_of_an_earlier_version_is_refused() -> None:
+    rows = results("campus")
+    with pytest.raises(ArtifactError, match="do not say how near is right; `dvc repro`"):
+        brief(rows[rows["number"] != "correct_m"], {"campus": STUDY}, 80)
 
 
 def test_a_study_of_viewpoints_alone_points_to_its_tables() -> None:

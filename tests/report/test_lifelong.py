@@ -16,7 +16,7 @@ from pipeline.report.sections.lifelong_numbers import StrategyNumbers, strategie
 from pipeline.report.sections.lifelong_tables import asked_days, counts, of_order
 from pipeline.report.study import Study
 from tests.report import learned
-from tests.report.studied import BANDS
+from tests.report.studied import FEW
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_findings_say_by_how_much_and_over_how_many_seeds(every: list[StrategyNu
 
 
 def test_the_report_and_the_page_are_whole(study: Study, tmp_path: Path) -> None:
-    line = report.write(tmp_path / "report", study.artifacts, {"campus": learned.WORDS}, study.table, BANDS, pytest.fail)
+    line = report.write(tmp_path / "report", study.artifacts, {"campus": learned.WORDS}, study.table, FEW, pytest.fail)
     assert line.startswith("1 sections and 8 figures of 1 study")
     folder = tmp_path / "report/campus/10m"
     text = (folder / "report.md").read_text()

@@ -9,7 +9,7 @@ import pytest
 from pipeline.errors import ArtifactError
 from pipeline.report import report, terminal
 from pipeline.report.study import Study
-from tests.report.studied import BANDS, WORDS
+from tests.report.studied import FEW, WORDS
 
 SECTIONS = [
     "simulated campus", "Set-up: simulated campus, cells of 10 m", "Results by distance: simulated campus",
@@ -24,7 +24,7 @@ SECTIONS = [
 def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the report, beside the other artifacts."""
     folder = tmp_path_factory.mktemp("written") / "report"
-    line = report.write(folder, study.artifacts, {"campus": WORDS}, study.table, BANDS, lambda name: pytest.fail(name))
+    line = report.write(folder, study.artifacts, {"campus": WORDS}, study.table, FEW, lambda name: pytest.fail(name))
     assert re.fullmatch(r"12 sections and 30 figures of 1 study; page\.html has \d\.\d MB", line)
     return folder
 
@@ -39,6 +39,11 @@ def test_the_report_reads_from_top_to_bottom(written: Path) -> None:
     assert "Turned, `sci-4way` has the highest AUC top-1 by cells (0.703 ± 0.000); next `sci` 0.279 (−0.424, clear)" in text
     assert "has the highest AUC top-1 by cells (0.279); next `scan_context` 0.000 (−0.279, not clear)." in text  # on one sequence
     assert "|                                 4 other days" not in text
+
+
+def test_bands_of_distance_are_those_that_the_results_go_by(written: Path) -> None:
+    text = (written / "campus/10m/report.md").read_text()
+    assert re.search(r"\| nearest change +\| +0–25 m \| +25–50 m \| +over 50 m \|", text)
 
 
 def test_every_figure_is_there_and_listed(written: Path) -> None:
@@ -59,7 +64,7 @@ def test_the_page_shows_the_best_models_figures_alone_and_every_chapter(written:
 
 def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="nothing to report yet"):
-        report.write(tmp_path, study.artifacts, {}, study.table, BANDS, lambda name: pytest.fail(name))
+        report.write(tmp_path, study.artifacts, {}, study.table, FEW, lambda name: pytest.fail(name))
 
 
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(study: Study, written: Path) -> None:

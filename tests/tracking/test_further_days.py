@@ -10,14 +10,14 @@ from pipeline.tracking.further_days import records
 from pipeline.tracking.records import Source
 from pipeline.tracking.runs import RunRecord, publish
 from tests.report import learned
-from tests.report.studied import BANDS
+from tests.report.studied import FEW
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     study = learned.build(Path(tmp_path_factory.mktemp("learned"), "artifacts"))
     folder = study.artifacts / "report"
-    report.write(folder, study.artifacts, {"campus": learned.WORDS}, study.table, BANDS, pytest.fail)
+    report.write(folder, study.artifacts, {"campus": learned.WORDS}, study.table, FEW, pytest.fail)
     return {one.name: one for one in records(Source("campus", "10m", learned.WORDS, True, study.rows, folder / "campus/10m"))}
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import ModelName
@@ -149,3 +150,9 @@ def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(tm
     assert (plain.series["mean/distance_recall_at_1"], posed.series["mean/distance_recall_at_1"]) == ([(0, 0.5)], [(0, 0.75)])
     assert (plain.registered, posed.registered) == ("nclt-sci", "")
     assert plain.tags[COLOUR] != posed.tags[COLOUR]
+
+
+def test_a_report_that_was_interrupted_is_named(tmp_path: Path) -> None:
+    source = Source("campus", "10m", {"train": "april", "tests": []}, True, table([]), tmp_path / "report/campus/10m")
+    with pytest.raises(ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"):
+        source.files("sci")

@@ -6,6 +6,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -28,7 +29,7 @@ PANELS = (("cells", "auc_top1"), ("cells", "recall_at_1"), ("distance", "auc_top
 NEAR = ("recall_at_1", "auc_exact_top1")
 
 
-def sections(study: Study, folder: Path, bands: Bands) -> Iterator[Section]:
+def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
     """Draw the figures into `folder` and yield what the study has."""
     own = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
     recipes = {name: study.recipe(name) for name in study.trained}
@@ -42,7 +43,7 @@ def sections(study: Study, folder: Path, bands: Bands) -> Iterator[Section]:
     if stress := study.words.get("stress", {}):
         yield _stress(study, folder, Comparison(own[own["sequence"].isin(stress) & (own["change"] == "")], n_way), stress)
     if study.words["question"] == "robustness":
-        yield _events(study, folder, bands)
+        yield _events(study, folder, few)
     if study.words.get("cells"):
         yield _cells(study, folder)
 
@@ -121,9 +122,12 @@ def _stress(study: Study, folder: Path, comparison: Comparison, stress: Mapping[
     return _section(study, "stress", comparison, found, [shown], [case_tables.stress(comparison, named)])
 
 
-def _events(study: Study, folder: Path, bands: Bands) -> Section:
+def _events(study: Study, folder: Path, few: int) -> Section:
     """By the distance to the nearest building that went up or came down."""
-    rows, names, values = study.rows, dict(zip((*bands.edges_m, np.inf), bands.names, strict=True)), {}
+    rows = study.rows
+    bands = _bands(rows)
+    names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
+    values = {}
     known = indexed(rows, "change", "method", "protocol", "number", "level")
     models = [model for model in study.families if (SHOWN, model, PROTOCOLS[0], "seen", np.inf) in known]
     for model, by, when in product(models, PROTOCOLS, (SHOWN, TO_COME)):
@@ -131,8 +135,8 @@ def _events(study: Study, folder: Path, bands: Bands) -> Section:
         values[model, by, when == SHOWN] = events.BandValues(
             found["seen"][:, 0], found["unseen"][:, 0], *(found[key] for key in NEAR)
         )
-    figure = events.by_distance(values, bands.names, bands.few)
-    recall, auc = (findings.near_changes(rows, number, names, bands.few) for number in NEAR)
+    figure = events.by_distance(values, bands.names, few)
+    recall, auc = (findings.near_changes(rows, number, names, few) for number in NEAR)
     return Section(
         anchor(study.name, study.grid, "events"),
         "events",
@@ -141,8 +145,16 @@ def _events(study: Study, folder: Path, bands: Bands) -> Section:
         illustrations=[illustrate("events", figure, study, folder, auc)],
         tables=[tables.near_changes(rows, by, number, names) for by in PROTOCOLS for number in NEAR],
         sources=[f"{study.artifacts.name}/events/{study.name}"],
-        parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": bands.few},
+        parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": few},
     )
+
+
+def _bands(rows: pd.DataFrame) -> Bands:
+    """The bands of distance that the rows go by."""
+    edges_m = sorted(edge for edge in rows.loc[rows["change"] == SHOWN, "level"].unique() if np.isfinite(edge))
+    ending = "_changes"
+    counted = rows.loc[rows["number"].str.endswith(ending) & (rows["method"] == ""), "number"].unique()
+    return Bands(edges_m, [number.removesuffix(ending) for number in counted])
 
 
 def _cells(study: Study, folder: Path) -> Section:
