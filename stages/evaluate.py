@@ -22,7 +22,8 @@ def main(cfg: DictConfig) -> str:
         folder.mkdir()
         shown.mkdir()
         for sequence, driven in compute.each(lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()):
-            (shown / f"{sequence}.json").write_text(json.dumps(metrics(driven), indent=2) + "\n", encoding="utf-8")
+            text = json.dumps(metrics(driven), indent=2, allow_nan=False)
+            (shown / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
             numbers = summary(driven)
             lines.append(f"{sequence}: " + ", ".join(f"by {by} {line(numbers[by])}" for by in PROTOCOLS))
     return "; ".join(lines)

@@ -31,7 +31,8 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as path:
         table([*measured.rows(), *cost_rows(trained)], **common).to_csv(path, index=False)
     with store.replace(cfg.samples) as path:
-        path.write_text(json.dumps({"sequence": sequence, **measured.record()}) + "\n", encoding="utf-8")
+        text = json.dumps({"sequence": sequence, **measured.record()}, allow_nan=False)
+        path.write_text(f"{text}\n", encoding="utf-8")
     return measured.line()
 
 

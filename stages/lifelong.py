@@ -37,7 +37,8 @@ def main(cfg: DictConfig) -> str:
     model = model_named(studies(ROOT / "conf")[cfg.study], cfg.name)
     place = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells, **model.columns}
     with store.replace(cfg.timing) as path:
-        path.write_bytes(json.dumps({"place": place, **attrs, "cpu_s": [one.cpu_s for one in record.steps]}).encode() + b"\n")
+        told = {"place": place, **attrs, "cpu_s": [one.cpu_s for one in record.steps]}
+        path.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
     return record.line()
 
 

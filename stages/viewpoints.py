@@ -29,7 +29,8 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.metrics) as shown:
         shown.mkdir()
         for name, seeds in numbers.items():
-            (shown / f"{name.replace(' ', '-')}.json").write_text(json.dumps(means(seeds), indent=2) + "\n", encoding="utf-8")
+            text = json.dumps(means(seeds), indent=2, allow_nan=False)
+            (shown / f"{name.replace(' ', '-')}.json").write_text(f"{text}\n", encoding="utf-8")
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 

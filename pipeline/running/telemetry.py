@@ -61,7 +61,7 @@ class Trace:
         path = beside(artifact)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
-        scratch.write_text(json.dumps(asdict(self)), encoding="utf-8")
+        scratch.write_text(json.dumps(asdict(self), allow_nan=False), encoding="utf-8")
         scratch.replace(path)
 
     def series(self) -> dict[str, list[tuple[int, float]]]:

@@ -40,15 +40,24 @@ class Record:
         return next(iter(self.values("cells", "held_out_auc")), None)
 
     def write(self, folder: Path) -> None:
-        """Whole or not at all."""
+        """Whole or not at all; a number that is not finite is null, as JSON has none such."""
+        rows = [{name: _finite_or_none(value) for name, value in row.items()} for row in self.rows]
         with store.replace(folder / f"{self.number}.json") as scratch:
-            scratch.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
+            scratch.write_text(json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False), encoding="utf-8")
 
 
 def read(folder: Path) -> list[Record]:
-    """The records of a sweep's folder, by job number."""
-    records = [Record(**json.loads(path.read_text(encoding="utf-8"))) for path in folder.glob("*.json")]
+    """The records of a sweep's folder, by job number; a number that was not finite is NaN."""
+    records = []
+    for path in folder.glob("*.json"):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        rows = [{name: math.nan if value is None else value for name, value in row.items()} for row in found["rows"]]
+        records.append(Record(**{**found, "rows": rows}))
     return sorted(records, key=lambda record: record.number)
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def cost(records: Sequence[Record]) -> str:

@@ -25,7 +25,7 @@ class TruthWriter:
         """Create the folders; write the events of the whole year, the day of the sequence in it, and the shares of its route."""
         self._kinds().mkdir(parents=True, exist_ok=True)
         year = {"day": day, "events": [asdict(event) for event in events], "plan": plan}
-        (self.folder / "year.json").write_text(json.dumps(year, indent=1) + "\n", encoding="utf-8")
+        (self.folder / "year.json").write_text(json.dumps(year, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
     def _kinds(self) -> Path:
         return self.folder / "kinds"
