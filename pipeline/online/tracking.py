@@ -157,7 +157,11 @@ class Tracker:
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
         kept = [promise for promise in self.site.promises if believed >= promise]
         verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
-        return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=max(kept, default=None))
+        axes = fix.world_T_sensor[:3, :3]
+        covariance = fix.covariance.copy()
+        covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes
+        promised = max(kept, default=None)
+        return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=promised, covariance=covariance)
 
 
 def _passed_s(took_s: float | None) -> float:

@@ -72,6 +72,17 @@ class Belief:
         self.chances = np.append(others[kept], right) / whole
         return right / whole
 
+    def slipped_m2(self) -> NDArray[np.float64]:
+        """What the position seen last may be off for having slipped: its covariance (3, 3) in the world, in square metres.
+
+        Each hypothesis that it may have slipped from counts with its chance, its distance and its drift.
+        """
+        off_m = self.poses[:-1, :3, 3] - self.poses[-1, :3, 3]
+        near = np.linalg.norm(off_m, axis=1) < RIGHT_M + DEVIATIONS * self.drift_m[:-1]
+        chances = np.where(near, self.chances[:-1], 0.0)
+        apart_m2 = np.einsum("n,ni,nj->ij", chances, off_m, off_m)
+        return np.asarray(apart_m2 + float((chances * self.drift_m[:-1] ** 2).sum()) * np.eye(3))
+
     def best(self) -> tuple[Poses, float] | None:
         """The pose that is likeliest within RIGHT_M of the robot's, drift heeded, and the chance that it is; None at first."""
         if not len(self.chances):

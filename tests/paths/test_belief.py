@@ -79,6 +79,21 @@ def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: b
     assert tracked or believed == pytest.approx(0.81, abs=0.01)
 
 
+def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
+    """3.5 m along x from a pose that was guessed to 2 m, believed by .19: .19 (3.5² + 2²) m² along x, and .19 · 2² m² across."""
+    belief = Belief()
+    for _ in range(4):
+        belief.see(planar(0, 0, 0), 0.99)
+    belief.move(np.eye(4), doubt=(2.0, 4.0))
+    wrong = 1 - belief.see(planar(3.5, 0, 0), 0.56)
+    moment_m2 = belief.slipped_m2()
+    assert np.diag(moment_m2) == pytest.approx(wrong * np.array([3.5**2 + 4, 4, 4]), rel=0.01)
+    sure = Belief()
+    for _ in range(2):
+        sure.see(planar(0, 0, 0), 0.99)
+    assert not sure.slipped_m2().any()
+
+
 def test_a_pose_beside_a_sure_guess_is_believed_for_it() -> None:
     belief = Belief()
     for _ in range(4):
