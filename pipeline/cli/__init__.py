@@ -159,8 +159,10 @@ def _inspect(given: argparse.Namespace) -> None:
     print(inspect(given.path, given.format).text(terminal_width()))
     if given.save:
         from pipeline.inspection.bags import proposal
+        from pipeline.replacing import replace
 
-        given.save.write_text(proposal([given.path]), encoding="utf-8")
+        with replace(given.save) as scratch:
+            scratch.write_text(proposal([given.path]), encoding="utf-8")
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
 
 
