@@ -11,7 +11,9 @@ import yaml
 from pipeline import cli
 from pipeline.cli import main
 from pipeline.evaluation.rows import COLUMNS, row, table
+from pipeline.report.pages import PAGES
 from tests.readers.logs import carmen_log
+from tests.report.test_brief import results as brief_results
 from tests.running.test_texts import BROKEN, broken
 
 ROOT = Path(__file__).parents[1]
@@ -412,6 +414,43 @@ def test_results_are_printed_for_other_programs(project, capsys):
     main(["results", "--where", "method=m2dp"])
     assert "0.125" in capsys.readouterr().out
     assert "expected one of the columns study, dataset" in refused(capsys, "results", "--where", "speed=1")
+
+
+@pytest.fixture
+def pages(project: Path) -> Path:
+    """The page README.md with a block that the study of the project fills; the others have none."""
+    main(["use", "campus", "methods=sci"])
+    (project / "artifacts/results/campus").mkdir(parents=True)
+    brief_results("campus").to_csv("artifacts/results/campus/results.csv", index=False)
+    (project / "docs").mkdir()
+    for name in PAGES:
+        Path(name).write_text("<!-- results: campus demo brief -->\nold\n<!-- end of results -->\n" * (name == "README.md"))
+    return project / "README.md"
+
+
+def test_a_page_is_filled_whole_or_not_at_all(pages, monkeypatch):
+    before, whole = pages.read_text(), Path.write_text
+
+    def killed(path, text, **how):
+        whole(path, text[: len(text) // 2], **how)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as during:
+        during.setattr(Path, "write_text", killed)
+        with pytest.raises(SystemExit):
+            main(["results", "--write"])
+    assert pages.read_text() == before
+    main(["results", "--write"])
+    assert "m0 " in pages.read_text()
+    assert not list(pages.parent.rglob("*.scratch"))
+
+
+def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, capsys):
+    pages.write_text("<!-- results: campus demo picture sci_ring-pose -->\nold\n<!-- end of results -->\n")
+    main(["results", "--write"])
+    assert "README.md: campus demo picture sci_ring-pose: left as it is" in capsys.readouterr().out
+    pages.write_text(pages.read_text() + pages.read_text().replace("sci_ring-pose", "sci"))
+    assert "2 different pictures are wanted, and docs/year.gif holds one" in refused(capsys, "results", "--write")
 
 
 def test_help_names_the_commands(capsys):

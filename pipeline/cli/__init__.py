@@ -162,6 +162,7 @@ def _inspect(given: argparse.Namespace) -> None:
     print(inspect(given.path, given.format).text(terminal_width()))
     if given.save:
         from pipeline.inspection.bags import proposal
+        from pipeline.replacing import replace
 
         with replace(given.save) as scratch:
             scratch.write_text(proposal([given.path]), encoding="utf-8")

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-PICTURE = Path("docs/year.gif")
-"""README's."""
+MOVING = Path("docs/year.gif")
+"""README's picture."""
 
 
 def add_command(commands: Any) -> None:
@@ -28,7 +28,7 @@ def add_command(commands: Any) -> None:
         "--write",
         nargs="*",
         metavar="KIND",
-        help="fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, picture, bfloat16, float32)",
+        help="fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, bfloat16, float32, picture)",
     )
     words.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
 
@@ -67,7 +67,9 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
     """Fill the blocks of the pages that these studies can fill, of these kinds, of all kinds if none are given."""
     from pipeline.cli.picture import draw
     from pipeline.networks.loop import arithmetic
-    from pipeline.report.pages import KINDS, PAGES, blocks, filled, table_texts
+    from pipeline.replacing import replace
+    from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
+    from pipeline.studies.expansion import answerers
 
     if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(KINDS)}")
@@ -75,14 +77,18 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
     texts = {block: text for block, text in table_texts(table, studies, arithmetic()).items() if block.kind in kinds}
     pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
     wanted = {path: blocks(page) for path, page in pages.items()}
-    for block in {block for own in wanted.values() for block in own if block.kind == "picture"}:
-        if "picture" in kinds and block.study in studies and studies[block.study]["budget"] == block.budget:
-            grid = studies[block.study]["grids"][0]
-            texts[block] = draw(f"{block.study}/{grid}/sci_ring-pose", None, PICTURE).page
+    pictures = sorted({block for own in wanted.values() for block in own if block.kind == PICTURE})
+    if len(pictures) > 1:
+        raise ConfigError(f"{' and '.join(PAGES)}: {len(pictures)} different pictures are wanted, and {MOVING} holds one")
+    for block in pictures if PICTURE in kinds else ():
+        study = studies.get(block.study, {})
+        if study.get("budget") == block.budget and block.model in [answers.name for answers in answerers(study)]:
+            texts[block] = draw(f"{block.study}/{study['grids'][0]}/{block.model}", None, MOVING).page
     for path, page in pages.items():
-        path.write_text(filled(page, texts), encoding="utf-8")
+        with replace(path) as scratch:
+            scratch.write_text(filled(page, texts), encoding="utf-8")
         for block in wanted[path]:
-            print(f"{path}: {' '.join(block)}: {'written' if block in texts else 'left as it is'}")
+            print(f"{path}: {' '.join(filter(None, block))}: {'written' if block in texts else 'left as it is'}")
 
 
 def _full(places: list[tuple[str, str]]) -> None:

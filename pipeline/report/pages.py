@@ -12,7 +12,8 @@ from pipeline.report.document import document, scores
 
 PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
 MARK = re.compile(r"(<!-- results: (?P<words>[^>]*?) -->\n)(?P<text>.*?)(<!-- end of results -->)", re.DOTALL)
-KINDS = "brief", "tables", "picture", "bfloat16", "float32"
+PICTURE = "picture"
+KINDS = "brief", "tables", "bfloat16", "float32", PICTURE
 
 
 class Block(NamedTuple):
@@ -23,6 +24,8 @@ class Block(NamedTuple):
     """As the study was trained: a file of conf/budget."""
     kind: str
     """One of KINDS: a few lines, all tables, the moving picture, or the table as a processor of that arithmetic gives it."""
+    model: str = ""
+    """Whose answers a picture shows, such as sci_ring-pose; the other kinds name none."""
 
 
 def blocks(page: str) -> list[Block]:
@@ -30,8 +33,11 @@ def blocks(page: str) -> list[Block]:
     found = []
     for mark in MARK.finditer(page):
         words = mark["words"].split()
-        if len(words) != len(Block._fields) or words[2] not in KINDS:
-            raise ConfigError(f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and one of {', '.join(KINDS)}")
+        kind = words[2] if len(words) > 2 else ""
+        if kind not in KINDS or len(words) != 3 + (kind == PICTURE):
+            raise ConfigError(
+                f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and {', '.join(KINDS[:-1])} or {KINDS[-1]} MODEL"
+            )
         found.append(Block(*words))
     return found
 

@@ -30,8 +30,16 @@ def test_a_block_is_filled_between_its_marks_and_others_are_left() -> None:
 
 
 def test_a_mark_of_another_kind_is_named() -> None:
-    with pytest.raises(ConfigError, match="results: campus minutes pictures -->: expected STUDY BUDGET and one of brief"):
+    with pytest.raises(ConfigError, match="results: campus minutes pictures -->: expected STUDY BUDGET and brief, tables"):
         blocks(PAGE.replace("brief", "pictures"))
+
+
+def test_a_picture_names_its_model_and_no_other_kind_does() -> None:
+    mark = "picture sci_ring-pose"
+    assert blocks(PAGE.replace("brief", mark)) == [Block("campus", "minutes", "picture", "sci_ring-pose"), TOWN]
+    for wrong in ("picture", "brief sci", "picture sci ring"):
+        with pytest.raises(ConfigError, match=f"results: campus minutes {wrong} -->: expected STUDY BUDGET .* or picture MODEL"):
+            blocks(PAGE.replace("brief", wrong))
 
 
 def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_alone() -> None:
@@ -70,7 +78,7 @@ def test_readme_index_and_results_say_the_same_of_the_demo() -> None:
 
 
 def test_the_pictures_caption_is_the_number_of_the_table() -> None:
-    caption = published("picture", "README.md")
+    caption = published("picture sci_ring-pose", "README.md")
     (told,) = re.findall(r"\((\d\.\d+)\); answers turn blue", caption)
     assert caption.count(told) == 2
     assert rows(published("brief", "README.md"))["sci_ring-pose"][1] == told
