@@ -93,7 +93,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _use(given: argparse.Namespace) -> None:
-    from pipeline.replacing import replace
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
     from pipeline.studies.names import complete, lists_text, propose, studies_text
