@@ -359,6 +359,8 @@ def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys)
     assert "one more is needed, or parts=path:2 splits it; tue: lacks poses.txt" in refused(capsys, *use, "train=mon")
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
+    for tests in ([], ["tests=tue"]):  # what is trained on is no advice for a test, and two are no log to split
+        assert refused(capsys, *use, "train=mon,tue", *tests).endswith(": one more is needed")
     (root / "tue").rename(root / "tue 2")
     assert "rename it" in refused(capsys, *use)
 

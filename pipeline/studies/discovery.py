@@ -105,8 +105,9 @@ def recorded(name: str, reader: Mapping[str, Any], study: Mapping[str, Any], opt
     notes += [f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking]
     tests = [test for test in tests if test in whole and test not in trained]
     if not tests:
-        others = ", ".join(sequence for sequence in whole if sequence != train)
-        known = f"give tests=, some of {others}" if others else "one more is needed, or parts=path:2 splits it"
+        others = ", ".join(sequence for sequence in whole if sequence not in trained)
+        needed = "one more is needed, or parts=path:2 splits it" if len(whole) == 1 else "one more is needed"
+        known = f"give tests=, some of {others}" if others else needed
         raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
     drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
     return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)
