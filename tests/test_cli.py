@@ -69,11 +69,17 @@ def test_use_campus_writes_the_list_of_each_world(project):
 def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, capsys):
     (project / "pipeline/cli").mkdir(parents=True)
     line = f"the code of {ROOT} would run, not this folder's: `rm -r .venv && make install`"
-    for words in ("use campus", "results", "repro", "repair"):
+    for words in ("use campus", "results", "repro", "repair", "localize a.site scan.npy", "inspect scan.npy"):
         assert line in refused(capsys, *words.split())
     (project / "pipeline/cli").rmdir()
     (project / "pipeline/cli").symlink_to(ROOT / "pipeline/cli")
     main(["use", "campus"])
+
+
+def test_a_copy_of_the_code_among_the_packages_is_not_another_project(project, monkeypatch):
+    (project / "pipeline/cli").mkdir(parents=True)
+    monkeypatch.setattr("pipeline.cli.project.__file__", str(project / ".venv/site-packages/pipeline/cli/project.py"))
+    main(["use", "campus"])  # after `pip install '.[onnx]'`
 
 
 def test_keep_leaves_an_added_sequence_but_not_another_world(project):

@@ -11,7 +11,7 @@ from pipeline.cli import grow, picture, repro, results, site
 from pipeline.cli.failures import failures
 from pipeline.cli.localize import localize
 from pipeline.cli.progress import Bytes
-from pipeline.cli.project import conf_folder, read_studies
+from pipeline.cli.project import conf_folder, read_studies, refuse_code_of_another
 from pipeline.errors import ConfigError, YearlocError, refusal
 from pipeline.replacing import replace
 from pipeline.running.ending import end_when_asked
@@ -76,6 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if rest:  # argparse takes no words after a flag
         given.words += rest
     try:
+        refuse_code_of_another()
         COMMANDS[given.command](given)
     except YearlocError as error:
         print(f"yearloc {given.command}: {one_line(error)}", file=sys.stderr)

@@ -8,17 +8,20 @@ from pipeline.running.texts import read_yaml
 
 
 def conf_folder() -> Path:
-    """The project's conf folder; the command is meant to be called from the project's root.
-
-    Raises ConfigError elsewhere, and in a project that was copied with its .venv, which still runs the code of the first one.
-    """
+    """The project's conf folder; the command is meant to be called from the project's root. Raises ConfigError elsewhere."""
     folder = Path("conf")
     if not (folder / "dataset").is_dir():
         raise ConfigError("call this in the project's root folder, where conf/ is")
-    code, there = Path("pipeline/cli"), Path(__file__).resolve().parent
-    if code.is_dir() and code.resolve() != there:
-        raise ConfigError(f"the code of {there.parents[1]} would run, not this folder's: `rm -r .venv && make install`")
     return folder
+
+
+def refuse_code_of_another() -> None:
+    """Raise ConfigError in a project that was copied with its .venv, which still runs the code of the first one."""
+    here = Path("pipeline/cli")
+    running = Path(__file__).resolve().parent
+    project = running.parents[1]
+    if here.is_dir() and here.resolve() != running and (project / "pyproject.toml").is_file():
+        raise ConfigError(f"the code of {project} would run, not this folder's: `rm -r .venv && make install`")
 
 
 def read_studies() -> dict[str, dict[str, Any]]:
