@@ -107,12 +107,12 @@ class Trajectory:
         if between.any():
             a, b = before[between], after[between]
             share = (stamps_ns[between] - self.stamps_ns[a]) / step_ns[between]
-            poses[between] = _interpolate(self.world_T_body[a], self.world_T_body[b], share)
+            poses[between] = interpolate(self.world_T_body[a], self.world_T_body[b], share)
         return poses, exact | between
 
 
-def _interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`."""
+def interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
+    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`, or past it: straight on, turning on."""
     Rotation = scipy.spatial.transform.Rotation
     turn = Rotation.from_matrix(start[:, :3, :3]).inv() * Rotation.from_matrix(end[:, :3, :3])
     poses = np.tile(np.eye(4), (len(share), 1, 1))

@@ -12,8 +12,8 @@ from pipeline.cli.kernels import tell_cold
 
 FIRST_KERNEL = """
 import os
-real, access = os.access, lambda path, mode, **how: False
-os.access = access
+real = os.access
+os.access = lambda path, mode, **how: False
 import numba.core.caching as caching
 for locator in (caching.InTreeCacheLocator, caching.UserWideCacheLocator):
     locator.ensure_cache_path = lambda self: (_ for _ in ()).throw(OSError("read-only"))

@@ -26,8 +26,8 @@ LAYOUTS = {
     13: "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns: write its rotation as a quaternion",
 }
 """What rows of a pose file are by the count of their numbers."""
-UNITS = {18: "nanoseconds", 15: "microseconds", 12: "milliseconds"}
-"""By the digits of a stamp since 1970."""
+UNITS = {18: "ns", 15: "us", 12: "ms"}
+"""By the digits of a stamp since 1970, at least."""
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
@@ -97,9 +97,14 @@ def no_tum(words: Sequence[str]) -> str:
     """What a row of a pose file is that is no row of a TUM trajectory, and what to do; nothing where that is not known."""
     if len(words) in LAYOUTS:
         return f"; {LAYOUTS[len(words)]}"
-    digits = len(words[0].partition(".")[0]) if words and words[0].replace(".", "", 1).isdecimal() else 0
-    unit = next((unit for least, unit in UNITS.items() if digits >= least), None)
-    return f"; its stamp is in {unit}: divide the stamps to have seconds" if len(words) == 8 and unit else ""
+    unit = unit_of(words[0]) if len(words) == 8 else ""
+    return f"; its stamp is in {unit}: divide the stamps to have seconds" if unit else ""
+
+
+def unit_of(word: str) -> str:
+    """The unit of a stamp since 1970, by its digits; nothing of one in seconds, or of no stamp."""
+    digits = len(word.partition(".")[0]) if word.replace(".", "", 1).isdecimal() else 0
+    return next((unit for least, unit in UNITS.items() if digits >= least), "")
 
 
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:

@@ -23,6 +23,8 @@ HEAD_BYTES = 2**20
 LASERS = 32  # of NCLT's sensor
 COLUMNS = (4, 3, 5, 6, 7, 8)
 """Numbers of a point in a .bin that holds all x first, the commonest first."""
+ENOUGH = 5_000
+"""Numbers tell a distribution well enough."""
 ALIKE = 0.1
 """Numbers of one distribution differ by less than this (Kolmogorov and Smirnov's distance), if they are many."""
 
@@ -30,8 +32,9 @@ ALIKE = 0.1
 def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.float32]:
     """Points (n, 3) of a .bin whose records, `width` bytes each, begin with x, y, z; raises LogError where they cannot."""
     if not width:
-        refuse_planar(data, path)
-    width = width or point_bytes(data) or 0
+        width, is_told = layout(data)
+        if not is_told:
+            refuse_planar(data, path)
     if width == NCLT_BYTES:
         raise LogError(f"{path}: scaled 16-bit integers as NCLT's; the dataset nclt reads them from velodyne_sync/UTIME.bin")
     if not width:
@@ -42,27 +45,27 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
 
 
 def point_bytes(data: bytes) -> int | None:
-    """Bytes of a point in a .bin whose points begin with x, y, z as 32-bit floats in metres; 8: NCLT's; None: none fits.
+    """The first of `layout`."""
+    return layout(data)[0]
 
-    Where several widths fit, the numbers tell: in the right one heights are spread unlike positions ahead, and neighbours in the
-    file lie nearest to each other. Where they do not (`is_told`), it is the commonest that fits.
+
+def layout(data: bytes) -> tuple[int | None, bool]:
+    """Bytes of a point in a .bin whose points begin with x, y, z as 32-bit floats in metres, and whether it is no guess.
+
+    8 are NCLT's; None: no width fits. Where several do, the numbers tell: in the right one heights are spread unlike positions
+    ahead, and neighbours in the file lie nearest to each other. Where they do not, it is the commonest that fits.
     """
     words = np.frombuffer(data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2").reshape(-1, 4)
     if len(data) % NCLT_BYTES == 0 and len(words) and (words[:, 3] >> 8).max() < LASERS and (words[:, :3] > 0).all():
-        return NCLT_BYTES
+        return NCLT_BYTES, True
     fitting = _fitting(data)
     telling = {width: xyz_m for width, xyz_m in fitting.items() if _heights_differ(xyz_m)}
     if not telling and len(data) < FEW * max(fitting, default=0):
-        return next((width for width in NAMES if width in fitting), None) or next(iter(fitting), None)
+        commonest = next((width for width in NAMES if width in fitting), None) or next(iter(fitting), None)
+        return commonest, len(fitting) < 2
     apart = {width: _apart(xyz_m) for width, xyz_m in (telling or fitting).items()}
     likely = [width for width in apart if apart[width] <= 1.2 * min(apart.values())]  # two points on are not much farther
-    return likely[0] if likely else None
-
-
-def is_told(data: bytes) -> bool:
-    """Whether the content of a .bin, or its size alone, tells the bytes of a point, so that `point_bytes` is no guess."""
-    fitting = _fitting(data)
-    return len(fitting) < 2 or any(_heights_differ(xyz_m) for xyz_m in fitting.values())
+    return (likely[0] if likely else None), bool(telling) or len(fitting) < 2
 
 
 def refuse_planar(data: bytes, path: Path) -> None:
@@ -118,12 +121,13 @@ def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
     return _differ(known[:, 0], known[:, 2])
 
 
-def _differ(some: NDArray[np.float32], others: NDArray[np.float32]) -> bool:
+def _differ(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
     """Whether as many numbers (n,) are of two distributions; of few it is not known."""
-    if len(some) < FEW:
+    if len(a) < FEW:
         return False
-    away = scipy.stats.ks_2samp(some, others, method="asymp").statistic
-    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(some)))
+    every = len(a) // ENOUGH | 1  # odd, as the lasers of a sensor, which stand one after another, are an even number
+    away = scipy.stats.ks_2samp(a[::every], b[::every], method="asymp").statistic
+    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(a[::every])))
 
 
 def _apart(xyz_m: NDArray[np.float32]) -> float:

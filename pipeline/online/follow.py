@@ -102,7 +102,8 @@ class Following:
         body_T_lidar = self.body_T_lidar
         if body_T_lidar is None:
             body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
-        name, points = f"{self.path.name} {number}", partial(_points, data, body_T_lidar)
+        name = f"{self.path.name} {number}"
+        points = partial(_points, data, body_T_lidar)
         return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
     def _driven_until(self, stamp_ns: int) -> bool:

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from pipeline.frames import Trajectory
+from pipeline.frames import Trajectory, interpolate
 from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
 
 AHEAD_S = 0.2
@@ -52,20 +51,12 @@ class Newest:
 
     def at(self, stamp_ns: int) -> NDArray[np.float64]:
         """odom_T_robot (4, 4) at a stamp; NaN where it is unknown."""
-        near = [one for one in self._poses if abs(one[0] - stamp_ns) <= ODOMETRY_GAP_S * 1e9]
+        near = [(time_ns, pose) for time_ns, pose in self._poses if abs(time_ns - stamp_ns) <= ODOMETRY_GAP_S * 1e9]
         if not near:
             return NO_POSE
-        stamps_ns = np.array([one for one, _ in near], np.int64)
+        stamps_ns = np.array([time_ns for time_ns, _ in near], np.int64)
         poses = np.stack([pose for _, pose in near])
         if stamps_ns[-1] < stamp_ns <= stamps_ns[-1] + AHEAD_S * 1e9 and len(near) > 1:
-            return _onwards(poses[-2], poses[-1], float((stamp_ns - stamps_ns[-1]) / (stamps_ns[-1] - stamps_ns[-2])))
+            share = (stamp_ns - stamps_ns[-2]) / (stamps_ns[-1] - stamps_ns[-2])
+            return np.asarray(interpolate(poses[-2:-1], poses[-1:], np.array([share]))[0])
         return np.asarray(Trajectory(stamps_ns, poses, ODOMETRY_GAP_S).at(np.array([stamp_ns], np.int64))[0][0])
-
-
-def _onwards(before: NDArray[np.float64], last: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """The pose after `share` of the step between two poses more."""
-    moved = np.linalg.inv(before) @ last
-    more = np.eye(4)
-    more[:3, 3] = share * moved[:3, 3]
-    more[:3, :3] = Rotation.from_rotvec(share * Rotation.from_matrix(moved[:3, :3]).as_rotvec()).as_matrix()
-    return np.asarray(last @ more)

@@ -8,13 +8,23 @@ from numpy.typing import NDArray
 from pipeline.frames import pose
 from pipeline.mapping.ground import plane
 
-LEVEL_DEG, STEEPEST_DEG, PLANES, NEAR_M = 4.0, 60.0, 400, 0.15
-"""A ground that leans less is level. Planes are tried up to a slope, so many, each with the points so near to it."""
-FROM_M, TO_M, APART_M = 2.0, 25.0, 0.4
+LEVEL_DEG = 4.0
+"""A ground that leans less is level."""
+STEEPEST_DEG = 60.0
+"""No ground leans more."""
+PLANES = 400
+"""That are tried."""
+NEAR_M = 0.15
+"""A point so near to a plane lies on it."""
+FROM_M = 2.0
+TO_M = 25.0
+APART_M = 0.4
 """Points at these distances are looked at, one in a square of a side, since near ground and walls are dense."""
-OVER_M, MORE = 0.5, 3.0
+OVER_M = 0.5
+MORE = 3.0
 """What stands is so far off the ground; where so many times more is below than above, the scan is upside down."""
-LEAST, CLEARLY = 0.2, 1.5
+LEAST = 0.2
+CLEARLY = 1.5
 """A ground holds this share of them, and so many times what the best level plane holds."""
 
 

@@ -115,6 +115,9 @@ class Folder:
         if not found:
             names = f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
             odd = next((f"; {path.name} is none" for path in there), "")
+            unit = files.unit_of(there[0].stem) if there else ""
+            if unit in files.UNIT_NS and unit != self.stamps:
+                odd += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
             raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{odd})")
         return found, width, notes
 
@@ -132,8 +135,8 @@ class Folder:
             records.refuse_planar(data, path)
             if self.point_bytes:
                 return self.point_bytes, ()
-            width = records.point_bytes(data)
-            if width and records.is_told(data):
+            width, is_told = records.layout(data)
+            if width and is_told:
                 return width, ()
             if width and guess is None:
                 guess = (width, path)

@@ -127,9 +127,9 @@ def test_kitti_poses_that_cannot_be_are_one_line(tmp_path: Path, poses: str, tim
     [
         (f"{POSE}0", "12 numbers a row are KITTI's: reader.poses_format: kitti"),
         (f"{START} {POSE}0", "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns"),
-        (f"{START}123456789 1 0 0 0 0 0 1", "its stamp is in nanoseconds"),
-        (f"{START}123456 1 0 0 0 0 0 1", "its stamp is in microseconds"),
-        (f"{START}123 1 0 0 0 0 0 1", "its stamp is in milliseconds"),
+        (f"{START}123456789 1 0 0 0 0 0 1", "its stamp is in ns"),
+        (f"{START}123456 1 0 0 0 0 0 1", "its stamp is in us"),
+        (f"{START}123 1 0 0 0 0 0 1", "its stamp is in ms"),
     ],
 )
 def test_poses_of_another_layout_are_told_by_their_numbers(tmp_path: Path, row: str, says: str) -> None:
@@ -164,6 +164,13 @@ def test_a_scan_between_two_poses_lies_halfway(tmp_path: Path) -> None:
 def test_names_are_stamps_in_the_declared_unit(tmp_path: Path, stamps: str, stem: str) -> None:
     log = Folder(stamps=stamps).open(folder_log(tmp_path, scans={f"scans/{stem}.bin": cloud((1, 1, 1))}), "drive")
     assert log.stamps_ns.tolist() == [START * 10**9 + 150_000_000]
+
+
+def test_names_in_another_unit_are_told_which(tmp_path: Path) -> None:
+    """Decimals of a second fit no double: by their digits these are nanoseconds, beyond any stamp in seconds."""
+    root = folder_log(tmp_path, scans={f"scans/{START}123456789.bin": cloud((1, 1, 1))})
+    with pytest.raises(LogError, match=f"{START}123456789.bin is none: is it in ns\\? Then say reader.stamps=ns"):
+        Folder().open(root, "drive")
 
 
 @pytest.mark.parametrize("stamps", ["us", "ns"])

@@ -55,8 +55,9 @@ def test_a_command_leaves_no_scratch_file(tmp_path: Path) -> None:
     for number in range(500):
         (log / f"{number}.npy").symlink_to(tmp_path / "scan.npy")
     np.save(tmp_path / "scan.npy", scan()[0].astype(np.float32))
-    out, scratch = tmp_path / "out", tmp_path / "scratch"
+    out = tmp_path / "out"
     out.mkdir()
+    scratch = tmp_path / "scratch"
     scratch.mkdir()
     program = "import os, sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from pipeline.cli import main\n"
     program += "summary = sys.modules['pipeline.cli.localize'].Summary\nadd = summary.add\n"
