@@ -1,9 +1,14 @@
 """Where a process can be reached."""
 
+from contextlib import suppress
+
 import psutil
 
 
 def addresses(process: psutil.Process) -> set[str]:
     """Of all that it and those that it started listen at."""
-    each = [process, *process.children(recursive=True)]
-    return {at.laddr.ip for one in each for at in one.net_connections("inet") if at.status == psutil.CONN_LISTEN}
+    listening: set[str] = set()
+    for started in [process, *process.children(recursive=True)]:
+        with suppress(psutil.NoSuchProcess):  # it has ended since
+            listening |= {at.laddr.ip for at in started.net_connections("inet") if at.status == psutil.CONN_LISTEN}
+    return listening

@@ -209,7 +209,8 @@ def test_poses_of_level_sweeps_are_refused(project, capsys):
 def test_an_option_that_nothing_would_read_is_refused(project, capsys):
     nclt(project / "data", "2012-01-15", "2012-02-04")
     carmen_log(project / "logs", name="drive.log")
-    recorded, split = f"root={project / 'data'}", f"root={project / 'logs'}"
+    recorded = f"root={project / 'data'}"
+    split = f"root={project / 'logs'}"
     for words, part in (
         (("suburb", "question=viewpoints", "poses=sad"), "suburb question=viewpoints has no option poses"),
         (("suburb", "question=viewpoints", "cells=5m"), "has no option cells"),

@@ -2,9 +2,13 @@
 
 import os
 import stat
+import subprocess
+import sys
+import time
 from collections import Counter
 from pathlib import Path
 
+import psutil
 import pytest
 
 from pipeline.cli import main
@@ -45,6 +49,20 @@ def test_stages_are_counted_and_the_exit_code_is_dvcs(project: Path, capfd: pyte
     shown = capfd.readouterr()
     assert "[2/3] Running stage 'dag/train/dvc.yaml:train@b':\nrepro\n" in shown.out
     assert "ERROR: failed" in shown.err
+
+
+def test_asked_to_end_it_ends_the_stage_under_way(project: Path) -> None:
+    """Else the stage writes on, and the next repro runs it a second time beside itself."""
+    (project / "bin/dvc").write_text("#!/bin/sh\nsh -c 'echo $$ > stage; exec sleep 60'\n")
+    repro = subprocess.Popen([sys.executable, "-c", "from pipeline.cli import main; main(['repro'])"], cwd=project)
+    for _ in range(300):
+        if (project / "stage").is_file() and (project / "stage").read_text():
+            break
+        time.sleep(0.1)
+    stage = psutil.Process(int((project / "stage").read_text()))
+    repro.terminate()
+    assert repro.wait(timeout=30) == 143
+    assert not stage.is_running()
 
 
 def test_without_dvc_it_says_what_to_do(

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.cli import grow, picture, repro, results, site
 from pipeline.cli.failures import failures
@@ -17,6 +18,9 @@ from pipeline.replacing import replace
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import WRITTEN, check_files, one_line, print_anywhere, read_yaml, terminal_width
+
+if TYPE_CHECKING:
+    from pipeline.readers.folder import Folder
 
 ABOUT = """\
 Learn a place from LiDAR on one day, localise in it for a year.
@@ -159,14 +163,25 @@ def _inspect(given: argparse.Namespace) -> None:
 
         print(describe(given.path).text(terminal_width()))
         return
-    print(inspect(given.path, given.format).text(terminal_width()))
+    print(inspect(given.path, given.format, own=_own_reader()).text(terminal_width()))
     if given.save:
         from pipeline.inspection.bags import proposal
-        from pipeline.replacing import replace
 
         with replace(given.save) as scratch:
             scratch.write_text(proposal([given.path]), encoding="utf-8")
         print(f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the bags of all days are")
+
+
+def _own_reader() -> "Folder":
+    """As the project's conf/dataset/folder.yaml describes it; the usual one outside of a project."""
+    from pipeline.readers.folder import Folder
+    from pipeline.running.building import build
+
+    path = Path("conf/dataset/folder.yaml")
+    reader = build(read_yaml(path).get("reader"), ("pipeline.readers.",)) if path.is_file() else Folder()
+    if not isinstance(reader, Folder):
+        raise ConfigError(f"{path}: expected a reader of the class pipeline.readers.folder.Folder")
+    return reader
 
 
 def _methods(given: argparse.Namespace) -> None:

@@ -18,6 +18,7 @@ import yaml
 
 from pipeline.cli.project import conf_folder
 from pipeline.errors import NotInstalledError
+from pipeline.running.ending import end_all
 from pipeline.running.texts import WRITTEN, check_files, read_yaml
 
 STAGE = re.compile(
@@ -50,6 +51,9 @@ def repro(given: argparse.Namespace) -> None:
                     print(counting.line(line, time.monotonic()), end="", flush=True)
         except KeyboardInterrupt:  # the terminal has told DVC too
             dvc.wait()
+            raise
+        except SystemExit:  # nobody has told it, nor the stage under way, which the next repro would run beside
+            end_all(dvc)
             raise
     if dvc.returncode:
         check_files(conf_folder())  # of which DVC says less

@@ -84,9 +84,9 @@ def _own_scans(path: Path, found: Inspection) -> None:
     survey(found, len(files), lambda row: folder.points(files[row].read_bytes(), files[row], width), "as stored")
 
 
-def own_sequence(path: Path, found: Inspection) -> None:
-    """A folder with scans/ and poses.txt, as conf/dataset/folder.yaml has it, opened by its reader."""
-    if log := describe_opened(found, OWN, path.resolve().parent, Folder(), "as its reader opens it"):
+def own_sequence(path: Path, reader: Folder, found: Inspection) -> None:
+    """A folder of another robot's scans and poses, opened by its reader."""
+    if log := describe_opened(found, OWN, path.resolve().parent, reader, "as its reader opens it"):
         survey_log(found, log, VEHICLE)
 
 
@@ -106,7 +106,7 @@ def sequence(path: Path, found: Inspection) -> None:
     found.warnings += part.warnings
 
 
-def root(path: Path, found: Inspection) -> None:
+def root(path: Path, own: Folder, found: Inspection) -> None:
     """The root of a data set: its sequences, and the files that each lacks; raises LogError if there is no sequence."""
     readers: dict[str, Reader] = {
         "KITTI": Kitti(),
@@ -114,7 +114,7 @@ def root(path: Path, found: Inspection) -> None:
         "RobotCar": RobotCar(),
         "CARMEN": Carmen(),
         FRAMES: KeyFrames(),
-        OWN: Folder(),
+        OWN: own,
     }
     held = {name: reader.sequences(path) for name, reader in readers.items()}
     name, sequences = next((item for item in held.items() if item[1]), ("", {}))

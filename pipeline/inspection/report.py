@@ -44,8 +44,10 @@ FILES: dict[str, Callable[[Path, Inspection], None]] = {
 TEXTS = (".txt", ".tum", ".csv")
 
 
-def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock")) -> Inspection:
+def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock"), own: Folder | None = None) -> Inspection:
     """Inspect `path`; `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it.
+
+    `own` reads folders of another robot's scans and poses; None: with its usual settings.
 
     Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of an unknown kind.
     """
@@ -60,14 +62,14 @@ def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.loc
     if is_group:
         artifacts.artifact(path, found)
     elif path.is_dir():
-        _folder(path, as_format, found)
+        _folder(path, as_format, own or Folder(), found)
     else:
         _file(path, as_format, found)
     add_provenance(found, path, lock, is_artifact=is_group or path.suffix == ".safetensors")
     return found
 
 
-def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
+def _folder(path: Path, as_format: str | None, own: Folder, found: Inspection) -> None:
     is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
     if any((path / name).is_dir() for name in files.FORMATS):
         folders.sequence(path, found)
@@ -77,14 +79,14 @@ def _folder(path: Path, as_format: str | None, found: Inspection) -> None:
         robotcar.sweeps(path, found)
     elif (path / keyframes.FILE).is_file():
         folders.key_frames(path, found)
-    elif (path / Folder().scans).is_dir():
-        folders.own_sequence(path, found)
+    elif path.resolve().name in own.sequences(path.resolve().parent):
+        folders.own_sequence(path, own, found)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
         bags.bags(path, found)
     elif is_scans:
         folders.scan_folder(path, as_format, found)
     else:
-        folders.root(path, found)
+        folders.root(path, own, found)
 
 
 def _file(path: Path, as_format: str | None, found: Inspection) -> None:

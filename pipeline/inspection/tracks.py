@@ -16,6 +16,7 @@ from pipeline.readers.nclt import Nclt, read_poses
 GAP_S = 1.0
 """Poses further apart than this are not held against each other."""
 SCAN_NS = 100_000_000
+"""From one scan of KITTI's to the next."""
 
 
 def nclt_poses(path: Path, found: Inspection) -> None:
@@ -64,8 +65,8 @@ def kitti_poses(path: Path, found: Inspection) -> None:
         ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
     )
     found.warn_of_small_site(xyz, (0, 2))
-    scan_s = np.arange(len(rows)) * SCAN_NS  # KITTI's are ten a second; a jump is one at any rate
-    found.warnings += vehicle.doubts("the poses", Trajectory(scan_s[finite], BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S))
+    stamps_ns = SCAN_NS * np.flatnonzero(finite)
+    found.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S))
     found.warn(lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off")
     off = f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew"
     found.warn(skew > 1e-3, off)

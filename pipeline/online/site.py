@@ -105,7 +105,12 @@ class Site:
     def check(self, promise: float | None) -> None:
         """Raise InputError for a promise that the site cannot make."""
         if promise is not None and promise not in self.promises:
-            can = f"it can {' and '.join(map(str, self.promises))}" if self.promises else "nor any other; ask for none"
+            kept = " and ".join(map(str, self.promises))
+            can = (
+                f"it can {kept}: say --promise {min(self.promises)}, or promise= of that"
+                if kept
+                else "nor any other; ask for none"
+            )
             raise InputError(f"promise={promise:g}: this site cannot promise that, {can}")
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:

@@ -20,6 +20,8 @@ SHORTEST, LONGEST = 0.02, 5.0
 without stamps so many scans."""
 FASTEST_M, FASTEST_DEG = 40.0, 180.0
 """No robot moves or turns faster in a second: two such fixes tell no speed."""
+STANDING_M = 0.5
+"""Odometry may move so far in no time: stamps are not exact."""
 GAINS = np.array([2.0, 15.0])
 """What a robot does otherwise than before, in metres and degrees a second squared: standard deviations, until it has shown it."""
 UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
@@ -50,7 +52,10 @@ class Motion:
         return step
 
     def doubt(self, took_s: float) -> tuple[float, float]:
-        """The standard deviations of the step in so many seconds, in metres and degrees: more with each since the last fix."""
+        """The standard deviations of the next step, in so many seconds, in metres and degrees.
+
+        The seconds are counted: each since the last fix adds more to what a robot may do otherwise.
+        """
         seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
         if not self._usual_s:
             away_m, turn_deg = UNKNOWN * max(seconds, SHORTEST)
@@ -103,7 +108,8 @@ class Tracker:
     ) -> Fix:
         """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by odometry.
 
-        Without odometry the robot is taken to move on as between its last two fixes, for as long as the stamps say, if they do.
+        Without odometry, or where that was set back, which is a step that no robot makes in the time, the robot is taken to move
+        on as between its last two fixes, for as long as the stamps say, if they do.
         After more than LONGEST seconds it may be anywhere, and is sought everywhere.
         """
         start = perf_counter()
@@ -111,7 +117,7 @@ class Tracker:
         took_s = None if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
-        guessed = step is None or not np.isfinite(step).all()
+        guessed = step is None or not np.isfinite(step).all() or not _is_driven(step, took_s)
         if guessed and took_s is not None and took_s > LONGEST:
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)  # what was believed of a robot says nothing of where it went
@@ -162,6 +168,11 @@ class Tracker:
         covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes
         promised = max(kept, default=None)
         return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=promised, covariance=covariance)
+
+
+def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
+    """Whether a robot can make a step in the time, if that is known."""
+    return took_s is None or float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
 
 
 def _passed_s(took_s: float | None) -> float:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
 
-TILTED_DEG, TILTED_SHARE = 45.0, 0.1
+TILTED_DEG = 45.0
+TILTED_SHARE = 0.1
 """A body that is tilted further in more than this share of its poses is not one that stands on the ground."""
 STEP_M = 2.0
 """The way between poses that tell where a body drives: shorter steps are mostly noise."""
@@ -15,14 +16,19 @@ FEWEST = 5
 """Such steps tell nothing if they are fewer."""
 ALONG = 0.8
 """Of a step of one metre: so much of it along an axis is along that axis."""
+ASTRAY = 0.3
+"""Directions of driving, seen from the body, that agree less than this: 1 where all are one or its opposite, 0 where all are."""
 STEEP = 0.5
 """A road climbs less than this, in metres a metre."""
-AROUND_S, MOST = 1.0, 200
+AROUND_S = 1.0
+MOST = 200
 """A step is held against those of a second before and after it, of which there may be many: some topics repeat a pose."""
 FASTEST_M_S = 100.0
-JUMP_M, GAIN_M_S2 = 0.5, 5.0
+JUMP_M = 0.5
+GAIN_M_S2 = 5.0
 """A step of dt seconds is a jump if it is longer, by JUMP_M + GAIN_M_S2 dt² and more, than the fastest of those makes it."""
-JUMP_DEG, GAIN_DEG_S = 30.0, 360.0
+JUMP_DEG = 30.0
+GAIN_DEG_S = 360.0
 """It is one too if it turns further than the widest of those makes it, by JUMP_DEG + GAIN_DEG_S dt and more."""
 
 
@@ -98,12 +104,17 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
             lines.append(f"{name}: the body drives along its own z axis: are its axes a camera's, x right, y down, z forward?")
         elif across > ALONG:
             lines.append(f"{name}: the body drives sideways, along its own y axis: is its heading a quarter turn off?")
+        elif abs(np.exp(2j * np.arctan2(ahead[:, 1], ahead[:, 0])).mean()) < ASTRAY:
+            lines.append(
+                f"{name}: the body's heading does not follow its way: are its rotations missing, or those of the inverse?"
+            )
         elif climb > STEEP:
             slope_deg = np.rad2deg(np.arcsin(climb))
             lines.append(f"{name}: the path climbs or falls by {slope_deg:.0f}° most of the way: is z up in its world?")
     rows = jumps(truth)
     if len(rows):
-        lines.append(f"{name}: {_jumped(truth, rows)}: no vehicle drives so; are two drives in one file, or was a map corrected?")
+        why = "are two drives in one file, was odometry set back, or a map corrected?"
+        lines.append(f"{name}: {_jumped(truth, rows)}: no vehicle drives so; {why}")
     return tuple(lines)
 
 

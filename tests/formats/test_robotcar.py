@@ -57,7 +57,7 @@ def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str,
     rng = np.random.default_rng(4)
     s = np.arange(20.0)
     xyz = np.column_stack([5.7e6 + 3 * s, -6.2e5 + np.sin(s), 110 + 0.1 * s])
-    world_T_vehicle = pose(xyz, np.column_stack([0.02 * np.sin(s), 0.03 * np.cos(s), 0.2 * s]))
+    world_T_vehicle = pose(xyz, np.column_stack([0.02 * np.sin(s), 0.03 * np.cos(s), 0.02 * s]))
     utimes = START + 100_000 * np.arange(20)
     ned = flip_ned(world_T_vehicle)
     numbers = np.array([robotcar.EXTRINSICS["ins"]])

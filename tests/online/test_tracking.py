@@ -82,6 +82,16 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
     assert fixes[-1].verdict == "accepted"
 
 
+def test_odometry_that_was_set_back_does_not_carry_a_robot_off(site: Site) -> None:
+    """Half a metre a second, and once 90 m back in one: farther than a robot drives, so the step is guessed."""
+    tracker = Tracker(site)
+    for i in range(6):
+        step = planar(-90 if i == 4 else 0.5, 0, 0)
+        fix = tracker.localize(seen(0, 0.5 * i), step, i * SECOND)
+        assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
+        np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(0.5 * i, 0, 0), atol=0.1)
+
+
 def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
     tracker = Tracker(site)
     for i in range(3):

@@ -46,6 +46,16 @@ def test_what_no_vehicle_does_is_doubted(way: tuple[float, float, float], rpy_de
     assert says in line
 
 
+def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
+    """A circle of 100 m driven without turning, as where only positions were measured."""
+    turn_rad = np.linspace(0, 2 * np.pi, 600)
+    circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
+    (line,) = doubts("x", circle)
+    assert "heading does not follow its way" in line
+    ahead = pose(circle.world_T_body[:, :3, 3], np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2]))
+    assert doubts("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
+
+
 def test_positions_in_millimetres_are_doubted() -> None:
     (line,) = doubts("x", drive(1000 * straight()))
     assert line == "x: the body drives at 10,000 m/s most of the way: are its positions in metres, its stamps in order?"
