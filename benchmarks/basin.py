@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from pipeline.frames import apart, pose
-from pipeline.posing.fix import Fixer
+from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
 
 STEPS_M = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)

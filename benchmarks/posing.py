@@ -26,8 +26,9 @@ from omegaconf import OmegaConf
 from pipeline import schemas, store
 from pipeline.frames import Poses, apart, pose
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.fix import Fixer, poses
+from pipeline.posing.fix import poses
 from pipeline.posing.registration import Points
+from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 
 VOXEL_M, REACHES_M = 0.5, (4.0, 1.0)
@@ -39,7 +40,9 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
     """Each by its name."""
 
     def ours(fixer: Fixer) -> Peer:
-        return lambda points_m, answers_m: poses([fixer.fix(points_m, targets, answers_m)])[0]
+        return lambda points_m, answers_m: poses(
+            [fixer.fix(points_m, targets, Answers(answers_m, np.full(len(answers_m), np.nan)))]
+        )[0]
 
     def icp(kind: str) -> Peer:
         def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:

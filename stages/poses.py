@@ -10,8 +10,10 @@ from pipeline import schemas, store
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import Posing
-from pipeline.posing.fix import Fix, Fixer
+from pipeline.posing.fix import Fix
+from pipeline.posing.held_out import Drive, TrainingDay
 from pipeline.posing.queries import Queries
+from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import Verdict
 from stages import ProgressBar, build, stage
 
@@ -20,14 +22,23 @@ from stages import ProgressBar, build, stage
 def main(cfg: DictConfig) -> str:
     labels, sequences = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS), cfg.sequences.split()
     fixer, map_path = instantiate(cfg.fixer, **cfg.budget.get("poses", {})), Path(cfg.map, f"{cfg.train}.zarr")
-    localizer, views = instantiate(cfg.method).localizer(store.read_model(cfg.model)), Rows.read(Path(cfg.views, map_path.name))
+    day = TrainingDay(
+        map_path,
+        Drive(Path(cfg.scans, map_path.name), Path(cfg.submaps, map_path.name)),
+        Rows.read(Path(cfg.views, map_path.name)),
+        labels.load("places"),
+        build("view", Path(cfg.views).name),
+        instantiate(cfg.method).localizer(store.read_model(cfg.model)),
+        cfg.k,
+    )
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        asked = (localizer, views, labels.load("places"), cfg.k, compute, ProgressBar())
-        evidence, clear_m = instantiate(cfg.held_out).evidence(fixer, map_path, *asked)
-        posing = Posing(Verdict(evidence, cfg.unseen_share), Places.read(labels), cfg.novelty, cfg.wanted_precision, clear_m)
-        lines = [f"{evidence.queries} held-out queries, clear below {1e3 * clear_m:.1f} mm"]
-        found = compute.each(lambda sequence: fixes(cfg, replace(fixer, clear_m=clear_m), map_path, sequence), sequences)
+        evidence = instantiate(cfg.held_out).evidence(fixer, day, compute, ProgressBar())
+        verdict = Verdict.learned(evidence, cfg.unseen_share, fixer.depth)
+        posing = Posing(verdict, Places.read(labels), cfg.wanted_precision)
+        fixer = replace(fixer, chances=verdict.judge.pose, depth=verdict.depth)
+        lines = [f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks, searched in {verdict.depth} steps"]
+        found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
         for sequence, own in zip(sequences, ProgressBar().track(found, len(sequences), "register"), strict=True):
             rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
             lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))

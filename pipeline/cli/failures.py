@@ -36,7 +36,7 @@ def failures(given: argparse.Namespace) -> None:
         targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
         told = "nothing was promised"
         if given.promise is not None:
-            told = f"rejected from {site.promises[given.promise]:.3f} on (promise {given.promise:g})"
+            told = f"rejected from {site.promises[given.promise][0]:.3f} on (promise {given.promise:g})"
     every = list(judged)
     found = cards.failures(every)
     given.out.mkdir(parents=True, exist_ok=True)

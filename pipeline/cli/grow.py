@@ -73,4 +73,4 @@ def grow(given: argparse.Namespace) -> None:
     site_file.write(given.out, after)
     print(f"{given.out}: {len(plan.places.cells)} places, {given.out.stat().st_size / 1e6:.1f} MB; {given.site} stays as it was")
     verdict = after.about["verdict"]
-    print(f"its promises are by {verdict['held_out']} held-out queries{first_day(after.about)}")
+    print(f"its promises are by {verdict['held_out']} held-out blocks{first_day(after.about)}")

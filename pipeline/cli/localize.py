@@ -129,7 +129,8 @@ class Summary:
         """A line, or two: what came of them, how fast, and against the truth where it is known."""
         import numpy as np
 
-        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in ("accepted", "rejected", "no pose"))
+        told = ("accepted", "near", "ambiguous", "rejected", "no pose")
+        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in told)
         median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
         number = sum(self.fixes.values())
         lines = [f"{number} scan{'s' * (number != 1)}: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]

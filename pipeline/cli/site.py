@@ -129,7 +129,9 @@ def serve(given: argparse.Namespace) -> None:
     from pipeline.online.site_file import read
 
     limits = read(given.site).about["verdict"]
-    kept = [promise for promise, reject_from in zip(limits["promises"], limits["promised"], strict=True) if reject_from > 0]
+    kept = [
+        promise for promise, reject_from in zip(limits["promises"], limits["promised"]["fix"], strict=True) if reject_from > 0
+    ]
     try:
         with socket.create_server((given.host, given.port)):
             pass

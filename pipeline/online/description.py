@@ -25,8 +25,9 @@ def describe(path: Path) -> Inspection:
         ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
-    limits = zip(verdict["promises"], verdict["promised"], strict=True)
-    title = f"promises, by {verdict['held_out']} held-out queries, of which {verdict['unseen_share']:g} are expected unseen"
+    limits = zip(verdict["promises"], verdict["promised"]["fix"], strict=True)
+    title = f"promises of a pose, by {verdict['held_out']} held-out blocks"
+    title += f"; of queries {verdict['unseen_share']:g} are expected unseen"
     title += first_day(about)
     found.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
     names = {
@@ -39,7 +40,7 @@ def describe(path: Path) -> Inspection:
     found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))
     found.add("made of", *((name, digest or "unknown") for name, digest in made["md5"].items()))
     found.add("with", *made["versions"].items())
-    found.warn(not np.greater(verdict["promised"], 0).any(), "no promise can be kept: every fix will be rejected")
+    found.warn(not np.greater(verdict["promised"]["fix"], 0).any(), "no promise can be kept: every fix will be rejected")
     return found
 
 
@@ -51,7 +52,7 @@ def first_day(about: Mapping[str, Any]) -> str:
 
 def _promise(limit: float) -> str:
     return (
-        f"fixes of a novelty below {limit:.3g}" if limit > 0 else "nothing keeps it: too few held-out queries, or too many wrong"
+        f"fixes of a novelty below {limit:.3g}" if limit > 0 else "nothing keeps it: too few held-out blocks, or too many wrong"
     )
 
 

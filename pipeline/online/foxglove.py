@@ -18,7 +18,7 @@ from pipeline.replacing import replace
 
 FRAME, SITE = "map", "site"
 """The world, and points amid the site, since those of clouds are float32."""
-VERDICTS = ("accepted", "rejected")
+VERDICTS = ("accepted", "rejected", "near", "ambiguous")
 """A point's intensity on /fixes is the place of its verdict here."""
 
 

@@ -22,7 +22,7 @@ from pipeline.online.site import Fix
 from pipeline.replacing import replace
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-COLUMNS = ("stamp", "name", "verdict", "place", *POSE, "novelty", "overlap", "promised_precision", "ms")
+COLUMNS = ("stamp", "name", "verdict", "place", *POSE, "novelty", "place_novelty", "overlap", "promised_precision", "ms")
 """Stamp in seconds, position in metres, quaternion; all of a fix that a row of numbers can hold."""
 Write = Callable[[Scan, Fix], None]
 
@@ -32,13 +32,22 @@ def record(scan: Scan, fix: Fix) -> dict[str, Any]:
     row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
     row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
     known = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
-    others = [{"place": one.place, "overlap": round(one.overlap, 4), **_pose(one.world_T_sensor)} for one in fix.runners_up]
+    others = [
+        {"place": one.place, "overlap": round(one.overlap, 4), "chance": round(one.chance, 6), **_pose(one.world_T_sensor)}
+        for one in fix.runners_up
+    ]
     return row | {"covariance": in_world(fix).tolist() if known else None, "runners_up": others}
 
 
 def _row(scan: Scan, fix: Fix) -> list[Any]:
     stamp = None if scan.stamp_ns is None else f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
-    numbers = (round(fix.novelty, 6), round(fix.overlap, 4), fix.promised_precision, round(fix.ms, 1))
+    numbers = (
+        round(fix.novelty, 6),
+        round(fix.place_novelty, 6),
+        round(fix.overlap, 4),
+        fix.promised_precision,
+        round(fix.ms, 1),
+    )
     return [stamp, scan.name, fix.verdict, fix.place, *_pose(fix.world_T_sensor).values(), *numbers]
 
 

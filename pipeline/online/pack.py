@@ -20,9 +20,9 @@ from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site, site_file
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
-from pipeline.posing.held_out import HeldOut
+from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.targets import write_map
-from pipeline.posing.verdict import PROMISES, Verdict
+from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
 from pipeline.running.building import build, plain
 from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
@@ -75,12 +75,13 @@ class Packing:
             mapped = store.read(map_path, schemas.MAPS)
             localizer = build(recipe, site.ROOTS).localizer(learned)
             views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
+            drive = Drive(Path(scans.path), Path(submaps.path))
+            learned_day = TrainingDay(map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k)
             compute = stack.enter_context(Compute("processes"))
-            evidence, clear_m = held_out.evidence(fixer, map_path, localizer, views, labels.load("places"), k, compute, progress)
+            evidence = held_out.evidence(fixer, learned_day, compute, progress)
             arrays = {key: mapped.load(key) for key in schemas.MAPS.columns}
-        verdict = Verdict(evidence, settings["unseen_share"])
-        novelty = 1 - verdict.chance(evidence.features)
-        chances = verdict.chances
+        verdict = Verdict.learned(evidence, settings["unseen_share"], fixer.depth)
+        limits = {belief: verdict.limits(belief) for belief in BELIEFS}
         described = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
         reader = described["reader"]
         about = {
@@ -88,13 +89,13 @@ class Packing:
             "simulated": bool(described["simulated"]),
             "method": recipe,
             "view": view,
-            "fixer": {**settings["fixer"], "clear_m": clear_m},
+            "fixer": settings["fixer"] | {"depth": verdict.depth},
             "k": k,
             "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
             "map": {key: mapped.attrs[key] for key in ("grain_m", "range_m", "single")},
-            "verdict": asdict(chances)
-            | {"promises": PROMISES, "promised": [verdict.threshold(novelty, promise) for promise in PROMISES]}
-            | {"held_out": evidence.queries, "unseen_share": settings["unseen_share"]},
+            "verdict": asdict(verdict.judge)
+            | {"promises": PROMISES, "promised": limits}
+            | {"held_out": evidence.blocks, "unseen_share": settings["unseen_share"]},
             "reader": reader,
             "sensor": self._sensor(scans, submaps, reader),
             "provenance": self._provenance(dataset, grid, train, trained),
@@ -103,12 +104,12 @@ class Packing:
         known = learned_from(views, learned)
         model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
         site_file.write(out, site_file.Parts(about, model, {**arrays, "cells": labels.load("cells")}, None, known))
-        kept = sum(reject_from > 0 for reject_from in about["verdict"]["promised"])
+        kept = sum(reject_from > 0 for reject_from in limits["fix"])
         promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
             "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"
         )
         places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
-        return f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.queries} held-out queries it {promised}"
+        return f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out blocks it {promised}"
 
     def _named(self, name: str) -> tuple[str, str, str, Mapping[str, Any]]:
         """Study, grid, model and the study's entry of its method; raises ConfigError where there is no such."""

@@ -15,15 +15,25 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.online.runtime import localizer
 from pipeline.online.site_file import Parts, read
-from pipeline.posing.fix import ELSEWHERE_M, Fixer, Hypothesis
+from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.fix import Hypothesis
+from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import Chances
+from pipeline.posing.verdict import BELIEFS, Judge
 from pipeline.running.building import build
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 RUNNERS_UP = 3
 FARTHEST_M = 1e3  # no lidar sees farther
+Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
+"""What is said of a fix, with the promise that was asked for.
+
+Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is within 15 m of the pose is.
+Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is believed. No pose: too few points, or nothing fits.
+"""
+WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
+"""Of each of BELIEFS."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +43,15 @@ class RunnerUp:
     place: int
     world_T_sensor: NDArray[np.float64]
     overlap: float
+    chance: float
+    """That it is right."""
 
 
 @dataclass(frozen=True)
 class Fix:
     """Where a scan was taken, and whether to believe it."""
 
-    verdict: Literal["accepted", "rejected", "no pose"]
-    """Accepted: with the promise asked for. No pose: too few points to register, or none fits."""
+    verdict: Word
     place: int
     """The grid cell of the pose; −1 outside all cells that training visited."""
     world_T_sensor: NDArray[np.float64]
@@ -52,6 +63,8 @@ class Fix:
     """Share of the scan's voxels that the map has within half a metre."""
     novelty: float
     """One minus the chance that the pose is right."""
+    place_novelty: float
+    """One minus the chance that the robot is within 15 m of it."""
     promised_precision: float | None
     """The highest precision promised on held-out blocks that this fix keeps; None of none."""
     runners_up: tuple[RunnerUp, ...]
@@ -77,10 +90,13 @@ class Site:
         place = about["places"]
         self.places = Places(Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"])
         verdict = about["verdict"]
-        self.chances = Chances(tuple(verdict["weights"]), float(verdict["offset"]))
-        limits = zip(verdict["promises"], verdict["promised"], strict=True)
-        self.promises: dict[float, float] = {promise: reject_from for promise, reject_from in limits if reject_from > 0}
-        """Each precision that it can promise, with the novelty to reject from."""
+        self.judged = Judge(*(Chances(tuple(verdict[of]["weights"]), float(verdict[of]["offset"])) for of in ("pose", "place")))
+        self.fixer = replace(self.fixer, chances=self.judged.pose)
+        limits = zip(verdict["promises"], zip(*(verdict["promised"][belief] for belief in BELIEFS), strict=True), strict=True)
+        self.promises: dict[float, tuple[float, ...]] = {
+            promise: reject_from for promise, reject_from in limits if reject_from[0] > 0
+        }
+        """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS from."""
         self.k = int(about["k"])
 
     @classmethod
@@ -123,48 +139,43 @@ class Site:
         self.check(promise)
         points_m = finite(points_m)
         ranking = self.rank(points_m)
-        found = self.register(points_m, ranking.xy_m[0].astype(np.float64))
+        found = self.register(points_m, Answers.of(ranking))
         return replace(self.judge(found, promise), ms=1e3 * (time.perf_counter() - start))
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """What the method alone answers, in one row."""
         return self.localizer(Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k)
 
-    def register(self, points_m: NDArray[np.float64], answers_m: NDArray[np.float64]) -> Registered:
-        """All hypotheses of a scan's finite points (n, 3) from candidate positions (k, 2), then from the whole map."""
-        return self.fixer.fix(points_m, self.targets, answers_m)
+    def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
+        """The hypotheses of a scan's finite points (n, 3) from a ranking's answers, then from the whole map."""
+        return self.fixer.fix(points_m, self.targets, answers)
 
     def judge(self, found: Registered, promise: float | None) -> Fix:
-        """Whether to believe the best hypothesis."""
+        """What to believe of a fix."""
         if not found.hypotheses:
             nowhere = np.full((4, 4), np.nan)
-            return Fix("no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, None, (), 0.0)
+            return Fix("no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, 1.0, None, (), 0.0)
         best = found.hypotheses[0]
-        novelty = float(np.float32(1 - self.chances.of([found])[0]))
-        kept = [one for one, reject_from in self.promises.items() if novelty < reject_from]
+        doubts = self.judged.doubts(found).astype(np.float32).astype(np.float64)
+        limits = self.promises.get(promise, (0.0,) * len(BELIEFS)) if promise is not None else (0.0,) * len(BELIEFS)
+        believed = [word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit]
+        kept = [one for one, (reject_from, *_) in self.promises.items() if doubts[0] < reject_from]
+        others = [(found.hypotheses[i], found.chances[i]) for i in found.elsewhere[:RUNNERS_UP]]
         return Fix(
-            "accepted" if promise in kept else "rejected",
+            believed[0] if believed else "rejected",
             self._place(best),
             best.world_T_query,
             best.alignment.covariance,
-            best.alignment.overlap,
-            novelty,
+            best.here.overlap,
+            float(doubts[0]),
+            float(doubts[1]),
             max(kept, default=None),
-            tuple(RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap) for one in elsewhere(found)),
+            tuple(RunnerUp(self._place(one), one.world_T_query, one.here.overlap, chance) for one, chance in others),
             0.0,
         )
 
     def _place(self, hypothesis: Hypothesis) -> int:
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
-
-
-def elsewhere(found: Registered) -> list[Hypothesis]:
-    """Hypotheses that contradict all before them, without the best."""
-    kept: list[Hypothesis] = []
-    for one in found.hypotheses:
-        if all(np.linalg.norm(one.world_T_query[:2, 3] - other.world_T_query[:2, 3]) >= ELSEWHERE_M for other in kept):
-            kept.append(one)
-    return kept[1 : 1 + RUNNERS_UP]
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:

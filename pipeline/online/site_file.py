@@ -20,7 +20,7 @@ from pipeline.online.runtime import NETWORK
 from pipeline.replacing import replace as replaced
 
 ABOUT, MODEL, MAP, VIEWS = "site.json", "model.safetensors", "map.safetensors", "views.safetensors"
-VERSION = 1
+VERSION = 2
 LARGEST_BYTES = 2**32
 KEYS = ("version", "name", "method", "view", "fixer", "k", "places", "map", "verdict", "reader", "sensor", "provenance")
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes

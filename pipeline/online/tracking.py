@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.frames import apart
-from pipeline.online.site import Fix, Site, finite
+from pipeline.online.site import Fix, Site, Word, finite
 from pipeline.paths.belief import Belief
 from pipeline.posing.fix import Fix as Registered
+from pipeline.posing.search import Answers
 
 PATIENCE = 3
 """Scans in a row that may fail to be tracked before the robot is lost."""
@@ -152,7 +153,7 @@ class Tracker:
         return self._everywhere(points_m), False
 
     def _everywhere(self, points_m: NDArray[np.float64]) -> Registered:
-        return self.site.register(points_m, self.site.rank(points_m).xy_m[0].astype(np.float64))
+        return self.site.register(points_m, Answers.of(self.site.rank(points_m)))
 
     def _judge(self, found: Registered, tracked: bool) -> Fix:
         """Whether to believe the best hypothesis, given all before."""
@@ -162,7 +163,9 @@ class Tracker:
         chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
         kept = [promise for promise in self.site.promises if believed >= promise]
-        verdict: Literal["accepted", "rejected"] = "accepted" if self._promise in kept else "rejected"
+        verdict: Word = "accepted" if self._promise in kept else "rejected"
+        if verdict == "rejected" and fix.verdict in ("near", "ambiguous"):
+            verdict = fix.verdict
         axes = fix.world_T_sensor[:3, :3]
         covariance = fix.covariance.copy()
         covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes

@@ -14,7 +14,13 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
 from pipeline.replacing import replace
 
-COLOURS = {"accepted": (46, 125, 50), "rejected": (198, 40, 40), "no pose": (120, 120, 120)}
+COLOURS = {
+    "accepted": (46, 125, 50),
+    "near": (30, 110, 200),
+    "ambiguous": (240, 150, 30),
+    "rejected": (198, 40, 40),
+    "no pose": (120, 120, 120),
+}
 MAP_GREY, TRUTH, SNAPPED = (150, 150, 150), (240, 200, 60), (90, 170, 255)
 MAP_POINTS = 400_000
 LIKELIEST = 5

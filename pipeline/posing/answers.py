@@ -13,23 +13,24 @@ from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.fix import Fix, poses
-from pipeline.posing.verdict import PROMISES, Verdict, features
+from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
 from pipeline.store import Artifact
 
-OWN_KINDS = ("fix", "overlap")
-"""Kinds of novelty that a fix adds: one minus the chance that it is right, and one minus its overlap."""
+OWN_KINDS = (*BELIEFS, "overlap")
+"""Kinds of novelty that a fix adds: one minus the chance of each belief in it, and one minus its overlap."""
 MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """An answer that is none, column by column."""
 UNREGISTERED = 1.0
-"""Cost from which the method's own answers follow those that were registered, whose cost is their spread in metres."""
+"""Cost from which the method's own answers follow those that were registered, whose cost is one minus their chance."""
 
 
-def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, chance: NDArray[np.float64]) -> Ranking:
+def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, doubts: NDArray[np.float64]) -> Ranking:
     """The ranking with its fixes first: positions, headings, places (the cell that each lies in; −1 where training never went).
 
-    The chance (q,) that each fix is right becomes the confidence. A place is answered once; what is then missing of k is place −1
-    at an infinite cost.
+    One minus the first of the doubts (q, belief), that in the pose, becomes the confidence. A place is answered once; what is
+    then missing of k is place −1 at an infinite cost.
     """
     k = ranking.places.shape[1]
     answers = {name: getattr(ranking, name).copy() for name in ("places", "costs", "xy_m", "heading_deg")}
@@ -37,12 +38,13 @@ def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, chance: NDArra
         if not fix.hypotheses:
             continue
         own = np.array([one.world_T_query for one in fix.hypotheses])
-        xy_m, spreads_m = own[:, :2, 3], [one.alignment.spread_m for one in fix.hypotheses]
+        xy_m, costs = own[:, :2, 3], 1 - np.array(fix.chances)
         answers["costs"][i] = UNREGISTERED + np.arange(k) / k
-        lead(answers, i, {"places": places.at(xy_m), "costs": spreads_m, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))})
+        lead(answers, i, {"places": places.at(xy_m), "costs": costs, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))})
     overlap = np.array([fix.alignment.overlap for fix in fixes])
-    novelty = np.column_stack([1 - chance, 1 - overlap, ranking.novelty]).astype(np.float32)
-    return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=chance.astype(np.float32))
+    novelty = np.column_stack([doubts, 1 - overlap, ranking.novelty]).astype(np.float32)
+    confidence = (1 - doubts[:, 0]).astype(np.float32)
+    return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=confidence)
 
 
 def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
@@ -61,38 +63,42 @@ class Posing:
 
     verdict: Verdict
     places: Places
-    novelty: str
-    """In use: one of OWN_KINDS."""
     wanted_precision: float
-    clear_m: float
-    """Below this spread the search ended."""
 
     def __post_init__(self) -> None:
-        if self.novelty not in OWN_KINDS:
-            raise ConfigError(f"novelty={self.novelty}: expected {' or '.join(OWN_KINDS)}")
+        if self.wanted_precision not in PROMISES:
+            raise ConfigError(f"wanted_precision={self.wanted_precision}: expected one of {', '.join(map(str, PROMISES))}")
 
     def write(self, path: Path, rankings: Artifact, fixes: Sequence[Fix]) -> str:
         """The fixes (q,) of a ranking's queries, in all its cases; returns what was done, in a line."""
         names = [one.name for one in fields(Ranking) if one.name != "kinds"]
         arrays = {name: rankings.load(name) for name in names}
         ranking = Ranking(**arrays, kinds=tuple(rankings.attrs["kinds"]))
-        answered = posed(ranking, fixes, self.places, self.verdict.chance(features(fixes))).by(self.novelty)
-        thresholds = {kind: self._reject_from(kind, self.wanted_precision) for kind in OWN_KINDS}
-        thresholds |= dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
-        promised = [self._reject_from(self.novelty, promise) for promise in PROMISES]
+        answered = posed(ranking, fixes, self.places, self.verdict.judge.of(fixes))
+        limits = {belief: self.verdict.limits(belief) for belief in BELIEFS}
+        wanted = PROMISES.index(self.wanted_precision)
+        thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True)) | {"overlap": ACCEPT_NOTHING}
+        thresholds |= {belief: limits[belief][wanted] for belief in BELIEFS}
         rejection = {"kinds": answered.kinds, "thresholds": [thresholds[kind] for kind in answered.kinds]}
-        verdict = {"promises": PROMISES, "promised": promised, "held_out": self.verdict.evidence.queries, "clear_m": self.clear_m}
+        verdict = {"promises": PROMISES, "promised": limits["fix"], "held_out": self.verdict.evidence.blocks}
+        beliefs = {f"promised_{belief}": limits[belief] for belief in BELIEFS[1:]}
         cases = {"cases": rankings.attrs["cases"], "wanted_precision": self.wanted_precision}
-        with store.write(path, schemas.FIXES, **rejection, **verdict, **cases) as out:
+        with store.write(path, schemas.FIXES, **rejection, **verdict, **beliefs, **cases) as out:
             for name in names:
                 out.put(name, getattr(answered, name))
             out.put("turned_deg", rankings.load("turned_deg"))
             out.put("world_T_query", poses(fixes))
             out.put("covariance", np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6))
-        accepted, found = answered.novelty[:, 0].astype(float) < promised[1], sum(bool(fix.hypotheses) for fix in fixes)
-        return f"{path.stem}: {found} poses of {len(fixes)} queries, {accepted.sum()} with a promise of {PROMISES[1]}"
+        return f"{path.stem}: {self._told(answered, limits, fixes, wanted)}"
 
-    def _reject_from(self, kind: str, precision: float) -> float:
-        """The novelty of one of OWN_KINDS to reject from, to keep this precision."""
-        known = self.verdict.evidence.features
-        return self.verdict.threshold(1 - (known[:, 0] if kind == "overlap" else self.verdict.chance(known)), precision)
+    def _told(self, answered: Ranking, limits: Mapping[str, Sequence[float]], fixes: Sequence[Fix], wanted: int) -> str:
+        """How many queries have a pose, and of how many each belief is promised."""
+        found = sum(bool(fix.hypotheses) for fix in fixes)
+        number = next((i for i in range(wanted, -1, -1) if limits["fix"][i] > 0), None)
+        if number is None:
+            return f"{found} poses of {len(fixes)} queries; no promise can be kept"
+        believed = answered.novelty[:, : len(BELIEFS)].astype(float) < [limits[belief][number] for belief in BELIEFS]
+        first = np.where(believed.any(axis=1), believed.argmax(axis=1), -1)
+        pose, place, several = (int((first == i).sum()) for i in range(len(BELIEFS)))
+        believed_so = f"{pose} are accepted, {place} more are near, {several} more are one of several"
+        return f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {believed_so}"

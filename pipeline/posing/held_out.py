@@ -1,25 +1,65 @@
 """Held-out fixes: what a fix is worth, learned on blocks of the training day that the map is asked about without them."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
-from pipeline.matching.holdout import blocks
+from pipeline.mapping.gathering import submap_points
+from pipeline.matching.holdout import block_of, blocks
 from pipeline.matching.ranking import Localizer, Rows
-from pipeline.posing.fix import Fix, Fixer, poses
+from pipeline.posing.ageing import Ageing
+from pipeline.posing.fix import Fix
+from pipeline.posing.registration import Points
+from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import Evidence, features, right
+from pipeline.posing.verdict import Evidence
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.running.settings import Positive, check
+from pipeline.running.settings import Count, Positive, Seed, check
 
-CLEAR = 0.01
-"""A hypothesis is clear if so few of the wrong ones have less spread."""
-PART = 16
+PART = 76
 """Queries that a process takes at a time."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The submaps of a sequence, by the paths of its artifacts."""
+
+    scans: Path
+    submaps: Path
+
+    def points_m(self, row: int) -> Points:
+        """The points (n, 3) of a submap, in its anchor's frame, z up from the ground."""
+        scans, submaps = store.read(self.scans, schemas.SCANS), store.read(self.submaps, schemas.SUBMAPS)
+        return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
+
+
+@dataclass(frozen=True)
+class TrainingDay:
+    """All that a day left that was learned: a row a submap in each."""
+
+    map_path: Path
+    drive: Drive
+    views: Rows
+    places: NDArray[np.int64]
+    """(submap,)."""
+    view: Callable[[Points], NDArray[Any]]
+    """What drew the views."""
+    localizer: Localizer
+    """What ranks one."""
+    k: int
+    """So many answers to each."""
+
+    def answers(self, images: NDArray[Any], rows: NDArray[np.int64]) -> list[Answers]:
+        """The ranking's answers to images of some of the rows."""
+        ranking = self.localizer(Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k)
+        return [Answers.of(ranking, number) for number in range(len(rows))]
 
 
 @dataclass(frozen=True)
@@ -29,45 +69,69 @@ class HeldOut:
     every_m: Positive
     """Path from one block to the next."""
     length_m: Positive
-    around_m: Positive
-    """A query is asked a second time without the training submaps that are so near: as a place never seen."""
+    around_m: Sequence[float]
+    """A query is asked once more without the training submaps that are nearer than one of these, each in its turn: as a place
+    never seen."""
+    enough: Count = 150
+    """Blocks: where there are fewer, the path between them is held out in its turn. A promise of .99 takes 99 accepted."""
+    ageing: Ageing = field(default_factory=Ageing)
+    seed: Seed = 0
 
     def __post_init__(self) -> None:
         check(self, "held_out")
+        object.__setattr__(self, "around_m", tuple(self.around_m))  # a yaml has lists
         if not self.length_m < self.every_m:
             raise ConfigError(f"held_out.length_m={self.length_m}: expected less than held_out.every_m={self.every_m}")
+        if not min(self.around_m, default=0) > 0:
+            raise ConfigError(f"held_out.around_m={list(self.around_m)}: expected lengths above 0")
 
-    def evidence(
-        self, fixer: Fixer, map_path: Path, localizer: Localizer, views: Rows, places: NDArray[np.int64], k: int,
-        compute: Compute, progress: Progress,
-    ) -> tuple[Evidence, float]:  # fmt: skip
-        """Fixes of held-out submaps, each with the others' map and without its surroundings; and below which spread in metres
-        a hypothesis is clear.
+    def evidence(self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress) -> Evidence:
+        """Fixes of held-out submaps: as driven and aged, with the others' map, and without its surroundings.
 
-        `views` and `places` (submap,) are the training day's, a row each as in the map; raises InputError for a map of others.
+        An aged one is drawn and ranked anew. Raises InputError for a map of another day.
         """
-        mapped = Targets.read(map_path).world_T_anchor
-        if not np.array_equal(mapped, views.world_T_anchor):
-            submaps = f"{len(mapped)} submaps that are not the {len(views.world_T_anchor)} of the training views"
-            raise InputError(f"{map_path}: a map of {submaps}; is it of this data set?")
-        held = blocks(views.world_T_anchor, places, self.every_m, self.length_m)
-        rows = np.flatnonzero(held)
-        answers_m = localizer(Rows(views.images[:][rows], views.stamps_ns[rows], views.world_T_anchor[rows]), k).xy_m
-        anchors_m, parts = views.world_T_anchor[:, :2, 3], [slice(first, first + PART) for first in range(0, len(rows), PART)]
+        mapped, anchors = Targets.read(day.map_path).world_T_anchor, day.views.world_T_anchor
+        if not np.array_equal(mapped, anchors):
+            submaps = f"{len(mapped)} submaps that are not the {len(anchors)} of the training views"
+            raise InputError(f"{day.map_path}: a map of {submaps}; is it of this data set?")
+        parts: list[Evidence] = []
+        for later_m in np.arange(0.0, self.every_m - self.length_m / 2, self.length_m).tolist():
+            if sum(part.blocks for part in parts) < self.enough:
+                held = blocks(anchors, day.places, self.every_m, self.length_m, later_m)
+                parts.append(self._turn(fixer, day, held, compute, progress))
+        return Evidence.joined(parts)
 
-        def asked(fixer: Fixer, around_m: float) -> list[Fix]:
-            def fixes(part: slice) -> list[Fix]:
-                targets, found = Targets.read(map_path), []
-                for row, xy_m in zip(rows[part], answers_m[part], strict=True):
-                    near = np.linalg.norm(anchors_m - anchors_m[row], axis=1) < around_m
-                    found.append(fixer.fix(targets.points_m(row), targets, xy_m, held | near))
-                return found
+    def _turn(self, fixer: Fixer, day: TrainingDay, held: NDArray[np.bool_], compute: Compute, progress: Progress) -> Evidence:
+        """Of the submaps held out (submap,) at a time."""
+        rows, anchors = np.flatnonzero(held), day.views.world_T_anchor
+        drive, map_path, view = day.drive, day.map_path, day.view  # a process gets these, not the model
+        parts = [rows[first : first + PART] for first in range(0, len(rows), PART)]
+        drawn = list(compute.each(lambda part: [view(self._aged(drive, row)) for row in part.tolist()], parts))
+        driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
+        aged = day.answers(np.stack([image for part in drawn for image in part]), rows) if len(rows) else []
+        answers = dict(zip(rows.tolist(), zip(driven, aged, strict=True), strict=True))
+        asked = [(part, {row: answers[row] for row in part.tolist()}) for part in parts]
 
-            done = progress.track(compute.each(fixes, parts), len(parts), f"held-out blocks without {around_m:g} m around")
-            return [fix for part in done for fix in part]
+        def fixes(part: tuple[NDArray[np.int64], dict[int, tuple[Answers, Answers]]]) -> list[Fix]:
+            targets = Targets.read(map_path)
+            found: list[Fix] = []
+            for row in part[0].tolist():
+                as_driven, as_aged = part[1][row]
+                points_m = drive.points_m(row)
+                found.append(fixer.fix(points_m, targets, as_driven, held))
+                found.append(fixer.fix(self._aged(drive, row), targets, as_aged, held))
+                found.append(fixer.fix(points_m, targets, as_driven, held | self._around(anchors, row)))
+            return found
 
-        unseen = asked(fixer, self.around_m)
-        wrong_m = [one.alignment.spread_m for fix in unseen for one in fix.hypotheses]
-        clear_m = float(np.quantile(wrong_m, CLEAR)) if wrong_m else 0.0
-        both = asked(replace(fixer, clear_m=clear_m), 0.0) + unseen
-        return Evidence(features(both), right(poses(both), np.concatenate([views.world_T_anchor[rows]] * 2))), clear_m
+        done = progress.track(compute.each(fixes, asked), len(asked), "held-out blocks")
+        found = [fix for part in done for fix in part]
+        block = block_of(anchors, self.every_m)[rows]
+        return Evidence(found, anchors[rows].repeat(3, axis=0), np.tile([False, False, True], len(rows)), block.repeat(3))
+
+    def _aged(self, drive: Drive, row: int) -> Points:
+        return self.ageing.aged(drive.points_m(row), np.random.default_rng((self.seed, row)))
+
+    def _around(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
+        """The submaps (submap,) that a row is asked without, as if nobody had been there."""
+        away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
+        return np.asarray(away_m < self.around_m[row % len(self.around_m)])

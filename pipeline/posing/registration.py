@@ -53,6 +53,12 @@ class Cloud:
         return np.asarray(self.points.points())[:, :3]
 
     @cached_property
+    def sample_m(self) -> Points:
+        """Half of them (n / 2, 3), drawn at random but always the same: shares need no more."""
+        drawn = np.random.default_rng(0).permutation(len(self.xyz_m))[: (len(self.xyz_m) + 1) // 2]
+        return self.xyz_m[np.sort(drawn)]
+
+    @cached_property
     def normals(self) -> NDArray[np.float64]:
         """Of the surface at each of them (n, 3)."""
         return np.asarray(self.points.normals())[:, :3]

@@ -20,8 +20,8 @@ from pipeline.store import Artifact
 GRAIN_M = 0.01
 APART_M = 5.0
 """Candidates nearer to one another than this are one."""
-KEPT = 128
-"""Prepared clouds in memory, of gathered submaps some 200 MB; charts are small, all are kept."""
+KEPT = 256
+"""Prepared clouds in memory, of gathered submaps some 400 MB; charts are small, all are kept."""
 
 
 def write_map(
@@ -61,7 +61,8 @@ class Targets:
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool) -> None:
         """Of the columns and attributes of a map artifact (schemas.MAPS)."""
-        self._points, self._offsets, self._grain_m, self._single = arrays["points"], arrays["offsets"], grain_m, single
+        self._points, self._offsets, self._grain_m = arrays["points"], arrays["offsets"], grain_m
+        self.single = single
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
@@ -83,7 +84,7 @@ class Targets:
 
     def _chart(self, walls: Walls, row: int) -> Chart:
         """A row's walls from above."""
-        return walls.chart(self.points_m(row), self._single)
+        return walls.chart(self.points_m(row), self.single)
 
     def _cloud(self, registration: Registration, row: int) -> Cloud:
         return registration.prepare(self.points_m(row))

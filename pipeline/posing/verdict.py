@@ -1,120 +1,195 @@
 """Verdicts: the chance that a fix is right, and where a promise is kept; from held-out blocks (METHODS 9.5)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import expit, logit
 
 from pipeline.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
-from pipeline.posing.fix import Fix
+from pipeline.posing.chances import USUAL, Chances, learned
+from pipeline.posing.fix import Fix, signs
 
 PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
 RIGHT_M, RIGHT_DEG = 2.0, 5.0
 """A fix is right within these: the field's measure."""
-LEAST_SPREAD_M = 1e-4
+NEAR_M = 15.0
+"""A place is right within this: the distance protocol's measure."""
+SEVERAL = 3
+"""So many hypotheses at most are named where none alone is believed."""
+BELIEFS = ("fix", "place", "several")
+"""What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of it; that it has one of the
+first SEVERAL poses."""
+
+
+LEAST_DOUBT = 1e-9
+TIMES = 10.0
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What a site believes of a fix."""
+
+    pose: Chances
+    """That a hypothesis is right within RIGHT_M and RIGHT_DEG."""
+    place: Chances
+    """That it is within NEAR_M."""
+
+    def doubts(self, fix: Fix) -> NDArray[np.float64]:
+        """One minus the chance (belief,) of each of BELIEFS; 1 without a hypothesis."""
+        if not fix.hypotheses:
+            return np.ones(len(BELIEFS))
+        known, far = signs(fix.hypotheses), np.append(_distances_m(fix) >= NEAR_M, True)
+        pose = self.pose.shares(known)
+        return np.array([pose[1:].sum(), self.place.shares(known)[far].sum(), pose[min(SEVERAL, len(known)) :].sum()]).clip(0, 1)
+
+    def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
+        """(q, belief) of q fixes."""
+        return np.array([self.doubts(fix) for fix in fixes]).reshape(len(fixes), len(BELIEFS))
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Fixes of h held-out queries, the first time with the whole map and then, in the same order, without their surroundings."""
+    """Fixes of held-out queries, each asked several times: as driven, aged, and without its surroundings."""
 
-    features: NDArray[np.float64]
-    """(2 h, feature)."""
-    right: NDArray[np.bool_]
-    """(2 h,)."""
+    fixes: Sequence[Fix]
+    world_T_true: Poses
+    """(fix, 4, 4)."""
+    unseen: NDArray[np.bool_]
+    """(fix,) asked without its surroundings."""
+    block: NDArray[np.int64]
+    """(fix,) the stretch of path that it is of: neighbours are no independent evidence."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Of several sets of blocks, none of which is of another."""
+        numbers = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
+        block = [part.block + first for part, first in zip(parts, numbers, strict=False)]
+        true, unseen = (np.concatenate([getattr(part, name) for part in parts]) for name in ("world_T_true", "unseen"))
+        return cls([fix for part in parts for fix in part.fixes], true, unseen, np.concatenate(block))
 
     @property
-    def queries(self) -> int:
-        """h."""
-        return len(self.right) // 2
+    def blocks(self) -> int:
+        """How many there are."""
+        return len(np.unique(self.block))
+
+    def weight(self, unseen_share: float) -> NDArray[np.float64]:
+        """(fix,) for how many of `blocks` independent queries each counts, if such a share of all is unseen."""
+        share = np.where(self.unseen, unseen_share, 1 - unseen_share)
+        alike = np.where(self.unseen, max(self.unseen.sum(), 1), max((~self.unseen).sum(), 1))
+        return np.asarray(self.blocks * share / alike)
+
+    def upto(self, depth: int) -> "Evidence":
+        """As if the searches had ended after so many steps."""
+        return replace(self, fixes=[fix.upto(depth) for fix in self.fixes])
+
+    def ordered(self, chances: Chances) -> "Evidence":
+        """The same with the hypotheses of each fix in the order of other chances."""
+        return replace(self, fixes=[Fix.of(fix.hypotheses, chances) for fix in self.fixes])
+
+    def true(self) -> NDArray[np.bool_]:
+        """(fix, belief) which of BELIEFS are true."""
+        found = np.zeros((len(self.fixes), len(BELIEFS)), bool)
+        for row, fix, world_T_true in zip(found, self.fixes, self.world_T_true, strict=True):
+            if fix.hypotheses:
+                good, near = _right(fix, world_T_true)
+                row[:] = good[0], near[0], good[:SEVERAL].any()
+        return found
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Tells the chance that a fix is right: a logistic regression on what speaks for it."""
+    """Tells the chance of each belief in a fix, and from which doubt on to reject it."""
 
     evidence: Evidence
     unseen_share: float
     """Share of queries to expect from places that the map does not have."""
+    depth: int
+    """So many steps the search takes at most."""
+
+    @classmethod
+    def learned(cls, evidence: Evidence, unseen_share: float, depth: int) -> Self:
+        """From fixes searched to a depth: to whichever depth answers most with a promise, of these to which finds most.
+
+        To look farther helps where the right pose is still missing, and finds look-alikes where the map does not have it. A
+        hundredth more or less is no difference in the answers, a thousandth in what is found; then the least depth is taken.
+        """
+        tried = [cls(evidence.upto(least), unseen_share, least) for least in range(1, depth + 1)]
+        return max(tried, key=lambda one: (*one.answered, one.found))
 
     @property
-    def weight(self) -> NDArray[np.float64]:
-        """(2 h,) how many of h real queries each of the evidence stands for."""
-        return np.repeat([1 - self.unseen_share, self.unseen_share], self.evidence.queries)
+    def answered(self) -> tuple[float, ...]:
+        """The share of the evidence that is accepted, and right, with each promise, the usual one first."""
+        doubts, true = self._judged[0][:, 0], self._judged[1][:, 0]
+        weight = self.evidence.weight(self.unseen_share)
+        limits = self.limits("fix")
+        shares = [float(weight @ ((doubts < limit) & true)) / max(weight.sum(), 1e-9) for limit in limits]
+        return tuple(round(shares[i], 2) for i in (1, 0))
+
+    @property
+    def found(self) -> float:
+        """The share of the evidence whose likeliest pose is right."""
+        weight = self.evidence.weight(self.unseen_share)
+        return float(round(weight @ self._judged[1][:, 0] / max(weight.sum(), 1e-9), 3))
 
     @cached_property
-    def _model(self) -> Any:
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
+    def judge(self) -> Judge:
+        """Learned from the evidence."""
+        both = [_right(fix, true) for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)]
+        known, weight = [signs(fix.hypotheses) for fix in self.evidence.fixes], self.evidence.weight(self.unseen_share)
+        pose, place = (learned(known, list(good), weight, USUAL) for good in zip(*both, strict=True)) if both else (USUAL,) * 2
+        return Judge(pose, place)
 
-        model = make_pipeline(StandardScaler(), LogisticRegression())
-        return model.fit(self.evidence.features, self.evidence.right, logisticregression__sample_weight=self.weight)
+    @cached_property
+    def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """The doubts of the evidence (fix, belief), and which beliefs are true."""
+        ordered = self.evidence.ordered(self.judge.pose)
+        doubts = self.judge.of(ordered.fixes).astype(np.float32).astype(np.float64)  # as artifacts hold them
+        return doubts, ordered.true()
 
-    @property
-    def chances(self) -> "Chances":
-        """The same chance as numbers that a file can hold."""
-        outcomes = np.unique(self.evidence.right)
-        if len(outcomes) < 2:
-            return Chances((0.0,) * 3, SURE if outcomes.any() else -SURE)
-        scaler, regression = self._model[0], self._model[-1]
-        weights = regression.coef_[0] / scaler.scale_
-        return Chances(tuple(map(float, weights)), float(regression.intercept_[0] - weights @ scaler.mean_))
+    def limits(self, belief: str) -> list[float]:
+        """For each of PROMISES the doubt from which to reject one of BELIEFS; it accepts nothing where no promise is kept.
 
-    def chance(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """That each fix (q,) is right, given its features (q, feature); 0 without a pose.
-
-        Where all held-out fixes had one outcome, that is all that it tells.
+        A promise is kept even if one more of the accepted had been wrong: that of .99 takes 99 independent accepted queries. So
+        conformal prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR 2024). The
+        limit stands in the middle of the gap, in log-odds, to the next query that would break it. And nothing is accepted that is
+        false more than TIMES as often as the promise allows in the mean: what keeps it on this day may not on a later one.
         """
-        outcomes = np.unique(self.evidence.right)
-        if len(outcomes) < 2:
-            return np.where(features[:, 0] > 0, float(outcomes.any()), 0.0)
-        return np.where(features[:, 0] > 0, self._model.predict_proba(features)[:, 1], 0.0)
-
-    def threshold(self, novelty: NDArray[np.float64], promise: float) -> float:
-        """The novelty to reject from, given that of the evidence (2 h,), to keep a promise; it accepts nothing where none does.
-
-        It is kept even if one more of the accepted had been wrong: a promise of .99 takes 99 accepted queries. So conformal
-        prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
-        """
-        rounded = novelty.astype(np.float32).astype(np.float64)
-        return threshold_for(promise, rounded, self.evidence.right, self.weight, wrong_besides=1.0)
+        number = BELIEFS.index(belief)
+        doubts, true = self._judged[0][:, number], self._judged[1][:, number]
+        weight = self.evidence.weight(self.unseen_share)
+        edges = [threshold_for(promise, doubts, true, weight, wrong_besides=1.0) for promise in PROMISES]
+        return [min(middle(doubts, edge), TIMES * (1 - promise)) for edge, promise in zip(edges, PROMISES, strict=True)]
 
 
-SURE = 40.0
-"""Log-odds of a chance that float64 rounds to 1, and −SURE to 0 beside 1; a file of JSON holds no infinity."""
-
-
-@dataclass(frozen=True)
-class Chances:
-    """The chance that a fix is right, from its features."""
-
-    weights: tuple[float, ...]
-    """(feature,)."""
-    offset: float
-
-    def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
-        """(q,) of q fixes; 0 without a pose."""
-        known = features(fixes)
-        return np.where(known[:, 0] > 0, expit(known @ np.array(self.weights) + self.offset), 0.0)
-
-
-def features(fixes: Sequence[Fix]) -> NDArray[np.float64]:
-    """What speaks for each of q fixes (q, 3): overlap, structure, and log₁₀ of the spread in metres; 0 without a pose."""
-    found = np.zeros((len(fixes), 3))
-    for row, fix in zip(found, fixes, strict=True):
-        for best in fix.hypotheses[:1]:
-            row[:] = best.alignment.overlap, best.structure, np.log10(max(best.alignment.spread_m, LEAST_SPREAD_M))
-    return found
+def middle(doubts: NDArray[np.float64], limit: float) -> float:
+    """The limit in the middle, in log-odds, of the gap that it stands in between doubts (n,); itself beyond all of them."""
+    above, below = doubts[doubts >= limit], doubts[doubts < limit]
+    if not len(above) or not len(below):
+        return limit
+    least, most = np.array([below.max(), above.min()]).clip(LEAST_DOUBT, 1 - LEAST_DOUBT)
+    return float(expit((logit(least) + logit(most)) / 2))
 
 
 def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
     """Which fixes (n, 4, 4) are right; a missing one is not."""
     away_m, turn_deg = apart(world_T_query, world_T_true)
     return (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG)
+
+
+def _right(fix: Fix, world_T_true: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which hypotheses (n,) of a fix are right, and which are near."""
+    found = np.array([one.world_T_query for one in fix.hypotheses]).reshape(-1, 4, 4)
+    away_m = np.linalg.norm(found[:, :2, 3] - world_T_true[:2, 3], axis=1)
+    return right(found, np.broadcast_to(world_T_true, found.shape)), away_m < NEAR_M
+
+
+def _distances_m(fix: Fix) -> NDArray[np.float64]:
+    """Of the hypotheses (n,) from the best one."""
+    places_m = np.array([one.world_T_query[:2, 3] for one in fix.hypotheses])
+    return np.asarray(np.linalg.norm(places_m - places_m[0], axis=1))

@@ -1,23 +1,69 @@
-"""Verification: which of a query's walls the map has, and which it contradicts (METHODS 9.4)."""
+"""Verification: which walls a query and a training submap have in common, and which they contradict (METHODS 9.4)."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.posing.registration import Cloud, Points
+from pipeline.posing.registration import Cloud, Points, moved
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 
 
-def structure(points_m: Points, target: Cloud, chart: Chart, walls: Walls, inlier_m: float) -> float:
-    """The share of a query's walls that a training submap has, among those that it has or contradicts; 0 of none.
+@dataclass(frozen=True)
+class Agreement:
+    """How a query that is laid on a training submap agrees with it: shares from 0 to 1."""
 
-    `points_m` (n, 3) are the query's voxels in the submap's frame. A wall where the submap's sensor saw through is
-    contradicted; one that was hidden from it says nothing.
+    overlap: float
+    """Of the query's voxels: those that the submap has."""
+    structure: float
+    """Of the query's wall voxels that the submap has or contradicts: those that it has; 0 of none.
+
+    A wall where the submap's sensor saw through is contradicted; one that was hidden from it says nothing.
     """
-    standing_m = points_m[(points_m[:, 2] > walls.low_m) & (points_m[:, 2] < walls.high_m)]
-    _, away_m = target.nearest(standing_m)
-    cells = np.floor(standing_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
+    seen_again: float
+    """Of the submap's wall voxels that the query has or contradicts: those that it has; 0 of none."""
+
+    @property
+    def product(self) -> float:
+        """One number, by which poses of one query are compared."""
+        return self.overlap * self.structure * self.seen_again
+
+
+NONE = Agreement(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A cloud and its chart: what its sensor met, and what it saw through."""
+
+    cloud: Cloud
+    chart: Chart
+
+
+def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points) -> Agreement:
+    """How the query, at a pose (4, 4) in the target's frame, agrees with it; a voxel is had by one nearer than `inlier_m`."""
+    query_m = moved(target_T_query, query.cloud.sample_m)
+    _, away_m = target.cloud.nearest(query_m)
+    near = away_m < inlier_m
+    standing = _standing(walls, query_m)
+    structure = _shared(walls, target.chart, query_m[standing], near[standing])
+    back_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.cloud.sample_m)
+    back_m = back_m[_standing(walls, back_m) & (np.hypot(back_m[:, 0], back_m[:, 1]) < walls.range_m)]
+    if not len(back_m):
+        return Agreement(float(near.mean()), structure, 0.0)
+    _, away_m = query.cloud.nearest(back_m)
+    return Agreement(float(near.mean()), structure, _shared(walls, query.chart, back_m, away_m < inlier_m))
+
+
+def _standing(walls: Walls, points_m: Points) -> np.ndarray:
+    """Which of points (n, 3) are of walls."""
+    return (points_m[:, 2] > walls.low_m) & (points_m[:, 2] < walls.high_m)
+
+
+def _shared(walls: Walls, chart: Chart, points_m: Points, has: np.ndarray) -> float:
+    """Of wall points (n, 3) in the frame of a chart that `has` (n,) them or saw through them, the share that it has."""
+    cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
     inside = ((cells >= 0) & (cells < chart.shape[1])).all(axis=1)
-    against = np.zeros(len(standing_m), bool)
+    against = np.zeros(len(points_m), bool)
     against[inside] = chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
-    has = away_m < inlier_m
     counted = has | against
     return float(has[counted].mean()) if counted.any() else 0.0

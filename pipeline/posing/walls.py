@@ -72,10 +72,22 @@ class Walls:
 
     def turned(self, points_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The cells (heading, n, 2) of a query's walls, from points (m, 3), turned to each heading."""
-        cells = np.unique(np.floor(self.walls(points_m) / self.cell_m), axis=0) + 0.5
         angles = np.arange(self.headings) * (2 * np.pi / self.headings)
         rotations = np.array([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
-        return np.asarray(np.floor(cells @ rotations).astype(np.int64) + self.half)
+        return np.asarray(np.floor(self.middles(points_m) @ rotations).astype(np.int64) + self.half)
+
+    def middles(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The middles (n, 2), in cells, of the cells that walls of points (m, 3) lie in."""
+        return np.unique(np.floor(self.walls(points_m) / self.cell_m), axis=0) + 0.5
+
+    def scores(self, chart: Chart, middles: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+        """How well walls (`middles`, n of them), turned by a heading in radians, fit a chart at each offset.
+
+        Scores (offset, offset) as of a Match, along x, then y; offsets are −reach … reach cells.
+        """
+        turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+        cells = np.floor(middles @ turn).astype(np.int64) + self.half
+        return np.asarray(_sums(chart[0], cells, self.reach) / (WALL * max(len(middles), 1)))
 
     def match(self, chart: Chart, turned: NDArray[np.int64]) -> Match:
         """The best heading and offset of a query (heading, n, 2) on a chart."""
@@ -126,6 +138,18 @@ def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sector(x, y):  # type: ignore[no-untyped-def]
     return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sums(chart, cells, reach):  # type: ignore[no-untyped-def]
+    """The sum of chart values under cells (n, 2) at each offset."""
+    offsets = 2 * reach + 1
+    sums = np.zeros((offsets, offsets), np.int32)
+    for i in range(len(cells)):
+        for a in range(offsets):
+            for b in range(offsets):
+                sums[a, b] += chart[cells[i, 0] - reach + a, cells[i, 1] - reach + b]
+    return sums
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

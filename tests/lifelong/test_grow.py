@@ -63,7 +63,7 @@ def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
     told = capsys.readouterr().out
     assert "3 of 3 scans surveyed; 1 new places beside 3; 0 submaps have changed" in told
     assert "4 places" in told
-    assert "its promises are by 100 held-out queries; all of monday, not of the days since" in told
+    assert "its promises are by 100 held-out blocks; all of monday, not of the days since" in told
     grown, points_m = Site.open(tmp_path / "four.site"), seen_from(cloud, planar(1.5, 0.5, 40))
     assert Site.open(site).localize(points_m).verdict != "accepted"
     fix = grown.localize(points_m)

@@ -11,6 +11,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online import site_file
 from pipeline.posing.targets import GRAIN_M
+from pipeline.posing.verdict import BELIEFS
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.posing.scene import planar, scene, seen_from
@@ -22,14 +23,22 @@ READER = {"_target_": "pipeline.readers.nclt.Nclt"}
 
 
 def about(**changes: Any) -> dict[str, Any]:
-    """What the site says of itself. A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99."""
-    verdict = {"weights": (20.0, 0.0, 0.0), "offset": -12.0, "promises": (0.95, 0.99, 0.999), "promised": (0.5, 0.1, -1.0)}
+    """What the site says of itself. A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99.
+
+    Its place is right by 1 from an overlap of .4 on.
+    """
+    verdict = {
+        "pose": {"weights": (20.0, *5 * (0.0,)), "offset": -12.0},
+        "place": {"weights": (200.0, *5 * (0.0,)), "offset": -70.0},
+        "promises": (0.95, 0.99, 0.999),
+        "promised": dict.fromkeys(BELIEFS, (0.5, 0.1, -1.0)),
+    }
     usual = {
         "name": "three/10m/scan_context",
         "simulated": True,
         "method": {"_target_": "pipeline.methods.scan_context.ScanContext50", "candidates": 3},
         "view": {"_target_": "pipeline.views.scan_context.ScanContext"},
-        "fixer": {"_target_": "pipeline.posing.fix.Fixer"},
+        "fixer": {"_target_": "pipeline.posing.search.Fixer"},
         "k": 3,
         "places": {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m},
         "map": {"grain_m": GRAIN_M, "range_m": 80.0, "single": True},

@@ -17,8 +17,9 @@ from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL
 from pipeline.online.tracking import Tracker
+from pipeline.posing.fix import Fix as Registered
 from tests.online.made import about, arrays, packed, scan
-from tests.posing.scene import scene
+from tests.posing.scene import hypothesis, scene
 from tests.readers.damage import damaged, one_line
 
 
@@ -51,6 +52,21 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
     few = three.localize(np.ones((5, 3)))
     assert (few.verdict, few.place, few.promised_precision) == ("no pose", -1, None)
     assert np.isnan(few.world_T_sensor).all()
+
+
+@pytest.mark.parametrize(
+    ("overlaps", "verdict"),
+    [((0.8,), "accepted"), ((0.5,), "near"), ((0.75, 0.75), "ambiguous"), ((0.3,), "rejected"), ((), "no pose")],
+)
+def test_what_is_believed_is_the_pose_its_place_one_of_several_or_nothing(
+    three: Site, overlaps: tuple[float, ...], verdict: str
+) -> None:
+    """Odds of e⁴ to 1 are accepted; of e⁻² are not, but the place is sure; two of e³, 200 m apart, are one or the other."""
+    found = Registered.of([hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)], three.judged.pose)
+    fix = three.judge(found, 0.99)
+    assert fix.verdict == verdict
+    assert three.judge(found, None).verdict in ("rejected", "no pose")
+    assert [one.chance for one in fix.runners_up] == pytest.approx([np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1))
 
 
 def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
@@ -105,7 +121,7 @@ def test_a_zip_of_something_else_is_refused(tmp_path: Path, content: dict[str, b
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"version": 2}, "a site of version 2, this yearloc reads version 1"),
+        ({"version": 1}, "a site of version 1, this yearloc reads version 2"),
         ({"method": {"_target_": "os.system"}}, "_target_=os.system: expected a class of pipeline.methods"),
         ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
         ({"method": {"_target_": "pipeline.methods.scan_context.ScanContext50", "candidates": "many"}}, "method.candidates=many"),

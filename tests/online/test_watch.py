@@ -27,7 +27,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
 
 def test_a_file_for_rerun(drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
-    assert "3 scans: 1 accepted, 1 rejected, 1 no pose" in capsys.readouterr().err
+    assert "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in capsys.readouterr().err
     data = (tmp_path / "day.rrd").read_bytes()
     assert data[:3] == b"RRF"
     assert all(name in data for name in (b"world/map", b"world/scan", b"novelty/threshold", b"places"))

@@ -126,7 +126,9 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     }
     case = {"change": "", "level": 0.0, "shadow": False, "repeat": 0}
     attrs = {"cases": [case], "kinds": ["fix", "overlap"], "thresholds": [0.6, 0.5], "wanted_precision": 0.9}
-    attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300, "clear_m": 0.01}
+    attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
+        key: [0.0, 0.0, 0.0] for key in ("promised_place", "promised_several")
+    }
     with store.write(path, schemas.FIXES, **attrs) as out:
         for name, values in columns.items():
             out.put(name, values)

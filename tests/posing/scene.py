@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from pipeline.frames import pose
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.registration import Alignment
+from pipeline.posing.slides import Slide
+from pipeline.posing.verification import Agreement
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
@@ -35,6 +37,8 @@ def seen_from(points_m: NDArray[np.float64], world_T_robot: NDArray[np.float64])
     return points_m @ robot_T_world[:3, :3].T + robot_T_world[:3, 3]
 
 
-def hypothesis(x_m: float, overlap: float, spread_m: float, yaw_deg: float = 0.0) -> Hypothesis:
-    """A hypothesis at (x, 0) of so much overlap and spread, whose walls the map has."""
-    return Hypothesis(0, planar(x_m, 0, yaw_deg), Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6)), 1.0)
+def hypothesis(x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, lead: float = 0.2) -> Hypothesis:
+    """A hypothesis at (x, 0) of so much overlap and spread, whose walls the map has and which has the map's."""
+    alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
+    agreement = Agreement(overlap, 1.0, 1.0)
+    return Hypothesis(0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Slide(lead, -1, np.eye(4)))

@@ -1,5 +1,6 @@
 """Fixes: among candidate training submaps the right pose is found, and where there is too little to tell, none."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,15 @@ import pytest
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.frames import apart
-from pipeline.posing.fix import Fix, Fixer
+from pipeline.posing.chances import Chances
+from pipeline.posing.fix import Fix
 from pipeline.posing.registration import NOWHERE
+from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
 from tests.posing.scene import hypothesis, planar, scene, seen_from
 
 ANCHORS = [planar(0, 0, 0), planar(200, 0, 90), planar(400, 0, -30)]
-PLACES_M = np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]])
+PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
 
 
 def written(path: Path, seeds: range) -> Targets:
@@ -34,26 +37,30 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> Targets:
 
 
 def test_an_empty_map_gives_no_pose(tmp_path: Path) -> None:
-    assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES_M) == Fix()
+    assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES) == Fix()
 
 
 @pytest.mark.parametrize(("row", "x_m", "y_m", "yaw_deg"), [(0, 2.0, -1.0, 130.0), (1, -3.0, 4.0, 0.0), (2, 0.0, 0.0, -60.0)])
 def test_the_pose_is_found_among_candidates(targets: Targets, row: int, x_m: float, y_m: float, yaw_deg: float) -> None:
     anchor_T_query = planar(x_m, y_m, yaw_deg)
-    found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES_M)
+    found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES)
     best = found.hypotheses[0]
     away_m, turn_deg = apart(best.world_T_query[None], (ANCHORS[row] @ anchor_T_query)[None])
     assert best.row == row
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3
-    assert best.alignment.overlap > 0.8
-    assert best.structure > 0.8
+    assert best.here.overlap > 0.8
+    assert best.here.structure > 0.8
+    assert best.here.seen_again > 0.8
+    assert best.beside == best.here  # there is no other submap near
+    assert found.chance > 0.9
 
 
 def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) -> None:
-    here, elsewhere = (Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES_M) for seed in (0, 7))
+    here, elsewhere = (Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES) for seed in (0, 7))
     assert elsewhere.alignment.overlap < 0.6 * here.alignment.overlap
     assert elsewhere.alignment.spread_m > 2 * here.alignment.spread_m
+    assert elsewhere.chance < 0.1
 
 
 @pytest.mark.parametrize(
@@ -67,40 +74,79 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
     ids=["none", "12 points", "NaN", "one plane"],
 )
 def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -> None:
-    found = Fixer().fix(points_m, targets, PLACES_M)
+    found = Fixer().fix(points_m, targets, PLACES)
     assert found.hypotheses == ()
-    assert found.alignment is found.runner_up is NOWHERE
+    assert found.alignment is NOWHERE
+    assert found.chance == 0
 
 
 def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
-    found = Fixer().fix(seen_from(scene(1), planar(1, 0, 90)), targets, np.full((5, 2), np.nan))
+    found = Fixer().fix(seen_from(scene(1), planar(1, 0, 90)), targets, Answers.at(np.full((5, 2), np.nan)))
     assert found.hypotheses[0].row == 1
     assert found.alignment.overlap > 0.8
 
 
 def test_what_is_left_out_is_not_there(targets: Targets) -> None:
-    found = Fixer().fix(scene(1), targets, PLACES_M, left_out=np.array([False, True, False]))
+    found = Fixer().fix(scene(1), targets, PLACES, left_out=np.array([False, True, False]))
     assert {one.row for one in found.hypotheses} <= {0, 2}
-    assert Fixer().fix(scene(1), targets, PLACES_M, left_out=np.ones(3, bool)) == Fix()
+    assert Fixer().fix(scene(1), targets, PLACES, left_out=np.ones(3, bool)) == Fix()
 
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
-    assert all(one.alignment.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES_M).hypotheses)
+    assert all(one.alignment.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses)
 
 
-def test_the_runner_up_stands_elsewhere() -> None:
-    found = Fix.of([hypothesis(0, 0.4, 0.03), hypothesis(1, 0.9, 0.01), hypothesis(9, 0.5, 0.02)])
-    assert [one.alignment.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4]
-    assert found.alignment.overlap == 0.9
-    assert found.runner_up.overlap == 0.5
-    assert Fix.of(found.hypotheses[::2]).runner_up is NOWHERE
+OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
+"""By overlap alone: .5 is as likely right as none is."""
 
 
-def test_a_clear_hypothesis_ends_the_search(targets: Targets) -> None:
+def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:
+    found = Fix.of([hypothesis(0, 0.4, 0.001), hypothesis(7, 0.9, 0.03), hypothesis(9, 0.5), hypothesis(20, 0.3)], OVERLAPS)
+    assert [one.here.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4, 0.3]
+    assert found.elsewhere == [2, 3]  # 9 m is within 5 m of 7 m
+    odds = np.exp([4.0, 0.0, -1.0, -2.0])
+    assert found.chances == pytest.approx(odds / (1 + odds.sum()))
+
+
+def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
+    one, again, turned = hypothesis(0, 0.5), hypothesis(1.5, 0.4), hypothesis(0, 0.4, yaw_deg=6)
+    found = Fix.of([again, turned, one], OVERLAPS)
+    assert found.hypotheses == (one, turned)
+    assert found.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
+
+
+def test_an_earlier_end_of_the_search_is_as_if_nothing_else_had_been_found() -> None:
+    first, better, other = (
+        replace(hypothesis(x_m, share), step=step) for step, (x_m, share) in enumerate([(0, 0.5), (1, 0.6), (9, 0.9)])
+    )
+    found = Fix.of([first, better, other], OVERLAPS)
+    assert [one.step for one in found.hypotheses] == [2, 0]
+    assert found.upto(1, OVERLAPS).hypotheses == found.upto(2, OVERLAPS).hypotheses == (replace(better, step=0),)
+    assert found.upto(0).chance == Fix().upto(1).chance == 0
+
+
+def test_a_look_alike_takes_from_the_chance() -> None:
+    alone, beside = Fix.of([hypothesis(0, 0.9)], OVERLAPS), Fix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
+    assert alone.chance == pytest.approx(np.exp(4) / (1 + np.exp(4)))
+    assert beside.chance == pytest.approx(np.exp(4) / (1 + 2 * np.exp(4)))
+
+
+def test_a_sure_hypothesis_ends_the_search(targets: Targets) -> None:
     query = seen_from(scene(1), planar(1, 0, 90))
-    every, clear = (Fixer(clear_m=clear_m).fix(query, targets, PLACES_M) for clear_m in (0.0, 0.1))
-    assert len(every.hypotheses) > len(clear.hypotheses) == 1
-    assert clear.hypotheses[0].row == every.hypotheses[0].row == 1
+    every, first = (Fixer(sure=sure).fix(query, targets, PLACES) for sure in (1.0, 0.9))
+    assert len(every.hypotheses) > len(first.hypotheses)
+    assert first.hypotheses[0].row == every.hypotheses[0].row == 1
+
+
+def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
+    """Row 1 heads 90° and the query 30° to its left; no walls are sought when that is sure."""
+    query, world_T_query = seen_from(scene(1), planar(1, 2, 30)), ANCHORS[1] @ planar(1, 2, 30)
+    answers = Answers(world_T_query[None, :2, 3] + 0.5, np.array([123.0]))
+    found = Fixer(sure=0.9, rounds=(1,), tries=1).fix(query, targets, answers)
+    assert len(found.hypotheses) == 1
+    away_m, turn_deg = apart(found.hypotheses[0].world_T_query[None], world_T_query[None])
+    assert away_m[0] < 0.1
+    assert turn_deg[0] < 0.3
 
 
 def test_the_nearest_rows_come_in_the_order_of_the_positions(targets: Targets) -> None:

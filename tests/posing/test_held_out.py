@@ -1,36 +1,41 @@
 """Held-out fixes: blocks of a training day are asked with and without their surroundings, and say when a fix is clear."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Ranking, Rows
-from pipeline.posing.fix import Fixer
-from pipeline.posing.held_out import HeldOut
-from pipeline.posing.targets import GRAIN_M
+from pipeline.posing.ageing import Ageing
+from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
+from pipeline.posing.search import Fixer
+from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import Evidence
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from tests.posing.scene import planar, scene, seen_from
+from tests.posing.test_queries import drive
 
 ANCHORS = np.array([planar(x_m, y_m, 0) for y_m in (0, 400) for x_m in (0, 2, 4, 6)])
 """Two scenes far apart, each driven through in steps of 2 m."""
 VIEWS = Rows(np.zeros((8, 1)), np.arange(8), ANCHORS)
-HELD_OUT = HeldOut(every_m=4.0, length_m=2.0, around_m=30.0)
+HELD_OUT = HeldOut(every_m=4.0, length_m=2.0, around_m=(30.0, 40.0))
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("map") / "day.zarr"
+    """The map, beside the drive's scans and submaps."""
+    folder = tmp_path_factory.mktemp("day")
     clouds = [seen_from(scene(seed), planar(x_m, 0, 0)) for seed in (0, 1) for x_m in (0, 2, 4, 6)]
-    with store.write(path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
-        out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
-        out.put("offsets", np.cumsum([0, *map(len, clouds)]))
-        out.put("world_T_anchor", ANCHORS)
-    return path
+    write_map(folder / "day.zarr", *drive(folder, "day", ANCHORS, clouds), 0.5, 80.0, 50.0)
+    return folder / "day.zarr"
+
+
+def looked_at(points_m: np.ndarray) -> np.ndarray:
+    """A view of nothing: the localizer knows where each row is."""
+    return np.zeros(1)
 
 
 def localizer(views: Rows, k: int) -> Ranking:
@@ -40,19 +45,50 @@ def localizer(views: Rows, k: int) -> Ranking:
     return Ranking(np.zeros((n, 1), np.int64), column, xy_m, column, column[:, 0], column, ("own",))
 
 
-def asked(views: Rows, path: Path) -> tuple[Evidence, float]:
-    return HELD_OUT.evidence(Fixer(), path, localizer, views, np.zeros(len(views.stamps_ns), np.int64), 1, Compute(), Progress())
+def asked(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
+    drive = Drive(path.parent / "scans" / "day.zarr", path.parent / "submaps" / "day.zarr")
+    places = np.zeros(len(views.stamps_ns), np.int64)
+    return how.evidence(Fixer(), TrainingDay(path, drive, views, places, looked_at, localizer, 1), Compute(), Progress())
 
 
-def test_blocks_are_right_with_their_surroundings_and_wrong_without(path: Path) -> None:
-    evidence, clear_m = asked(VIEWS, path)
-    assert 0 < evidence.queries < 8
-    assert evidence.right.tolist() == [True] * evidence.queries + [False] * evidence.queries
-    assert evidence.features.shape == (2 * evidence.queries, 3)
-    overlap, spread_m = evidence.features[:, 0], 10 ** evidence.features[:, 2]
-    assert overlap[evidence.right].min() > overlap[~evidence.right].max()
-    assert spread_m[evidence.right].max() < clear_m
-    assert clear_m <= spread_m[~evidence.right].max()
+def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(path: Path) -> None:
+    """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their turn."""
+    evidence = asked(VIEWS, path)
+    queries = len(evidence.fixes) // 3
+    assert queries == 8
+    few = asked(VIEWS, path, replace(HELD_OUT, enough=1))
+    assert len(few.fixes) == 3 * 4
+    assert few.blocks < evidence.blocks
+    assert evidence.unseen.tolist() == [False, False, True] * queries
+    assert evidence.true()[:, 0].tolist() == [True, True, False] * queries
+    assert evidence.blocks == len(np.unique(evidence.block)) > 1
+    chance = np.array([fix.chance for fix in evidence.fixes])
+    assert chance[~evidence.unseen].min() > chance[evidence.unseen].max()
+    assert (chance[1::3] < chance[::3]).mean() > 0.5  # an aged one is less like the map
+
+
+def test_evidence_stands_for_as_many_queries_as_there_are_blocks(path: Path) -> None:
+    evidence = asked(VIEWS, path)
+    weight = evidence.weight(0.25)
+    assert weight.sum() == pytest.approx(evidence.blocks)
+    assert weight[evidence.unseen].sum() == pytest.approx(evidence.blocks / 4)
+
+
+def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
+    """Each change alone: walls only add and hide, a wedge of 90° leaves three quarters of a circle at least, leaves fall."""
+    rng = np.random.default_rng(0)
+    circle_m = np.column_stack([10 * np.cos(at := np.arange(3600) / 3600 * 2 * np.pi), 10 * np.sin(at), np.full(3600, 3.0)])
+    none = {"walls": 0, "wedge_deg": 0.0, "above": 0.0, "below": 0.0}
+    assert np.array_equal(Ageing(**none).aged(circle_m, rng), circle_m)
+    wedges = [len(Ageing(**none | {"wedge_deg": 90.0}).aged(circle_m, rng)) for _ in range(40)]
+    assert 2700 <= min(wedges) < 3400
+    assert max(wedges) == 3600
+    leaves = [len(Ageing(**none | {"above": 0.5}).aged(circle_m, rng)) for _ in range(40)]
+    assert 1700 < min(leaves) < 2400 < 3200 < max(leaves) <= 3600
+    assert [len(Ageing(**none | {"below": 0.5}).aged(circle_m, rng)) for _ in range(5)] == [3600] * 5
+    walls = [Ageing(**none | {"walls": 2}).aged(circle_m, rng) for _ in range(40)]
+    assert min(np.isclose(np.hypot(*one[:, :2].T), 10.0).sum() for one in walls) < 3600  # some stand before the circle
+    assert any(len(one) > 3600 for one in walls)
 
 
 def test_a_map_of_another_day_is_refused(path: Path) -> None:
@@ -61,6 +97,10 @@ def test_a_map_of_another_day_is_refused(path: Path) -> None:
         asked(other, path)
 
 
-def test_blocks_longer_than_their_distance_are_refused() -> None:
+def test_settings_that_make_no_evidence_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"held_out\.length_m=5\.0: expected less than held_out\.every_m=4\.0"):
-        HeldOut(every_m=4.0, length_m=5.0, around_m=20.0)
+        HeldOut(every_m=4.0, length_m=5.0, around_m=(20.0,))
+    with pytest.raises(ConfigError, match=r"held_out\.around_m=\[20\.0, 0\]: expected lengths above 0"):
+        HeldOut(every_m=4.0, length_m=2.0, around_m=(20.0, 0))
+    with pytest.raises(ConfigError, match=r"ageing\.walls=-1: expected a number from 0 on"):
+        Ageing(walls=-1)

@@ -1,5 +1,6 @@
 """Queries: the candidates that rankings name, and the points of altered cases."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,8 +12,9 @@ from pipeline.alterations import Case, generator
 from pipeline.alterations.turned import Turned
 from pipeline.errors import InputError
 from pipeline.frames import apart, turns
-from pipeline.posing.fix import Fixer, poses
+from pipeline.posing.fix import poses
 from pipeline.posing.queries import Queries
+from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.damage import one_line
@@ -23,21 +25,23 @@ TRUE = np.stack([planar(0.5, 1.0, 20), planar(-1.0, 0.0, -70)])
 STAMPS_NS = np.array([10, 20]) * 10**9
 
 
-def drive(folder: Path, name: str, world_T_anchor: np.ndarray) -> tuple[store.Artifact, store.Artifact]:
-    """Scans of the scene, and submaps of one each."""
-    clouds, rows = [seen_from(scene(), at) for at in world_T_anchor], np.arange(len(world_T_anchor))
+def drive(
+    folder: Path, name: str, world_T_anchor: np.ndarray, clouds: Sequence[np.ndarray] = ()
+) -> tuple[store.Artifact, store.Artifact]:
+    """Scans of the scene, or these, and submaps of one each."""
+    clouds, rows = clouds or [seen_from(scene(), at) for at in world_T_anchor], np.arange(len(world_T_anchor))
     paths = [folder / kind / f"{name}.zarr" for kind in ("scans", "submaps")]
     with store.write(paths[0], schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as out:
         out.append("points", np.concatenate([np.rint(cloud / 0.005) for cloud in clouds]).astype(np.int16))
         out.append("offsets", np.cumsum([0, *map(len, clouds)]))
         for column, values in {
-            "stamps_ns": STAMPS_NS[rows],
+            "stamps_ns": STAMPS_NS[0] * (1 + rows),
             **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
         }.items():
             out.put(column, values)
     with store.write(paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED) as out:
         used = {"first": rows, "scans": rows, "ground_m": np.zeros(len(rows)), "used": np.ones(len(rows), bool)}
-        for column, values in {**used, "stamps_ns": STAMPS_NS[rows], "world_T_anchor": world_T_anchor}.items():
+        for column, values in {**used, "stamps_ns": STAMPS_NS[0] * (1 + rows), "world_T_anchor": world_T_anchor}.items():
             out.put(column, values)
     return store.read(paths[0], schemas.SCANS), store.read(paths[1], schemas.SUBMAPS)
 

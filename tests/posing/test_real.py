@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from pipeline import schemas, store
 from pipeline.formats import pcd
 from pipeline.frames import apart, yaw
-from pipeline.posing.fix import Fix, Fixer, poses
+from pipeline.posing.fix import Fix, poses
 from pipeline.posing.registration import Registration
+from pipeline.posing.search import Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
 from pipeline.posing.walls import Walls
 from pipeline.readers.kitti import read_velodyne
@@ -55,7 +56,7 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
 
 def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[Fix]:
     """Of key frames without any ranking: the whole map is searched."""
-    return [Fixer().fix(frames.points_m(row), targets, np.empty((0, 2))) for row in rows]
+    return [Fixer().fix(frames.points_m(row), targets) for row in rows]
 
 
 def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(frames: KeyFrames, targets: Targets) -> None:
@@ -65,8 +66,8 @@ def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(frames
     right = (away_m < 2) & (turn_deg < 5)
     assert right.mean() > 0.9  # measured 14 of 14
     assert np.median(away_m) < 0.5  # the truth is another project's, good to some .2 m
-    spreads_m = np.array([fix.alignment.spread_m for fix in fixes(frames, targets, elsewhere)])
-    assert spreads_m.min() > np.percentile([fix.alignment.spread_m for fix in there], 90)
+    chances = np.array([fix.chance for fix in fixes(frames, targets, elsewhere)])
+    assert chances.max() < np.percentile([fix.chance for fix in there], 10)
 
 
 def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Path) -> None:

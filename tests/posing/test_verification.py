@@ -1,30 +1,51 @@
-"""Verification: a wall that the map has, one that it contradicts, and one that was hidden from it."""
+"""Verification: a wall that the map has, one that it contradicts, one that was hidden from it, and the map's own."""
 
 import numpy as np
 import pytest
 
 from pipeline.posing.registration import Registration
-from pipeline.posing.verification import structure
+from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Walls
+from tests.posing.scene import planar
+
+WALLS, REGISTRATION = Walls(), Registration()
 
 
-def wall(x_m: float, half_m: float = 10.0, n: int = 1000) -> np.ndarray:
+def wall(x_m: float, half_m: float = 10.0, n: int = 3000) -> np.ndarray:
     """Across the x axis, 1 to 6 m high."""
     rng = np.random.default_rng(int(x_m))
     return np.column_stack([np.full(n, x_m), rng.uniform(-half_m, half_m, n), rng.uniform(1.1, 6, n)])
 
 
+def seen(*walls_m: np.ndarray) -> Seen:
+    points_m = np.concatenate(walls_m)
+    return Seen(REGISTRATION.prepare(points_m), WALLS.chart(points_m))
+
+
+def found(query: Seen, ahead_m: float = 0.0) -> Agreement:
+    """With a map of one wall 30.5 m ahead, from so far ahead."""
+    return agreement(WALLS, 0.5, seen(wall(30.5)), query, planar(ahead_m, 0, 0))
+
+
 def test_walls_speak_for_and_against_a_pose_and_hidden_ones_say_nothing() -> None:
-    walls, registration = Walls(), Registration()
-    map_m = wall(30.5)
-    target, chart = registration.prepare(map_m), walls.chart(map_m)
+    assert found(seen(wall(30.5))) == Agreement(1.0, 1.0, 1.0)
+    behind = found(seen(wall(30.5), wall(38.5)))
+    assert behind.structure == 1.0
+    assert behind.overlap == pytest.approx(0.5, abs=0.05)  # hidden or not, the map does not have it
+    across = found(seen(wall(30.5), wall(15.5, half_m=4.0)))
+    assert across.structure == pytest.approx(20 / (20 + 8), abs=0.05)
+    assert found(seen(wall(15.5, half_m=4.0))).structure == 0.0
 
-    def share(*walls_m: np.ndarray) -> float:
-        return structure(np.concatenate(walls_m), target, chart, walls, 0.5)
 
-    assert share(wall(30.5)) == 1.0
-    assert share(wall(30.5), wall(38.5)) == 1.0  # behind the map's wall
-    assert share(wall(30.5), wall(15.5, half_m=4.0)) == pytest.approx(0.5, abs=0.01)
-    assert share(wall(15.5, half_m=4.0)) == 0.0
-    ground = np.column_stack([np.random.default_rng(0).uniform(-9, 9, (100, 2)), np.zeros(100)])
-    assert share(ground) == 0.0
+def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
+    assert found(seen(wall(20.5)), ahead_m=10.0) == Agreement(1.0, 1.0, 1.0)
+    assert found(seen(wall(38.5))).seen_again == 0.0  # the query looks through where the map has its wall
+    half = found(seen(wall(30.5)[wall(30.5)[:, 1] > 0], wall(38.5)[wall(38.5)[:, 1] < 0]))
+    assert half.seen_again == pytest.approx(0.5, abs=0.05)
+    assert found(seen(wall(15.5, half_m=9.0))).seen_again == 0.0  # hidden: nothing speaks for the pose
+
+
+def test_a_query_of_several_scans_contradicts_nothing() -> None:
+    points_m = wall(38.5)
+    gathered = Seen(REGISTRATION.prepare(points_m), WALLS.chart(points_m, single=False))
+    assert found(gathered) == Agreement(0.0, 0.0, 0.0)

@@ -1,0 +1,92 @@
+"""Chances: how likely each hypothesis of a query is right, from the signs that speak for it (METHODS 9.5).
+
+Of a query's hypotheses at most one is right. So their chances are shares: exp(s) / (1 + Σ exp(s)), with a score s for each,
+linear in its signs, and the 1 for "none of them" (McFadden's conditional logit). A look-alike takes from the others' chances.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import logsumexp
+
+SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "behind")
+"""What speaks for a hypothesis; more of each is never worse.
+
+The first two are the means of the Agreements with its own submap and with another beside it; surety is −log₁₀ of the spread in
+metres, upright −1 for 10° of tilt against the submap or more, lead that of its slide, behind how much lower its quality is than
+that of the query's best hypothesis, negative or 0.
+"""
+SCALES = np.array([0.1, 0.25, 0.2, 0.15, 0.12, 0.15])
+"""A usual difference of each sign: weights are learned as if the signs were divided by these."""
+STIFFNESS = 1.0
+"""Weights, so scaled, stray from their start by this standard deviation."""
+
+
+@dataclass(frozen=True)
+class Chances:
+    """The chance that each hypothesis of a query is right."""
+
+    weights: tuple[float, ...]
+    """(sign,), none below 0."""
+    offset: float
+
+    def scores(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The score (n,) of each hypothesis of one query, from its signs (n, sign): log-odds against none of them."""
+        return np.asarray(signs @ np.array(self.weights) + self.offset)
+
+    def shares(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The chance (n + 1,) of each hypothesis of one query, and that none is right."""
+        scores = np.append(self.scores(signs), 0.0)
+        return np.asarray(np.exp(scores - logsumexp(scores)))
+
+    def of(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The chance (n,) of each hypothesis of one query."""
+        return self.shares(signs)[:-1]
+
+
+USUAL = Chances((17.0, 10.5, 7.8, 2.5, 12.9, 7.9), -32.4)
+"""To start from: learned from held-out blocks of the training days of two simulated campuses."""
+
+
+def learned(
+    signs: Sequence[NDArray[np.float64]],
+    right: Sequence[NDArray[np.bool_]],
+    weight: NDArray[np.float64],
+    start: Chances = USUAL,
+) -> Chances:
+    """Chances from q queries: the signs (n, sign) of each one's hypotheses, which of these (n,) are right, and its weight (q,).
+
+    The likeliest weights, given that they stray little from those of `start`; of no query these.
+    """
+    queries, most = len(signs), max((len(one) for one in signs), default=0)
+    if not most:
+        return start
+    scaled = np.zeros((queries, most, len(SIGNS)))
+    there = np.zeros((queries, most), bool)
+    good = np.zeros((queries, most), bool)
+    for row, (one, is_right) in enumerate(zip(signs, right, strict=True)):
+        scaled[row, : len(one)] = one / SCALES
+        there[row, : len(one)] = True
+        good[row, : len(one)] = is_right
+    first = np.append(np.array(start.weights) * SCALES, start.offset)
+    any_good = good.any(axis=1)
+
+    def loss(found: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        scores = np.where(there, scaled @ found[:-1] + found[-1], -np.inf)
+        whole = logsumexp(np.column_stack([np.zeros(queries), scores]), axis=1)
+        chances = np.exp(scores - whole[:, None])
+        of_good = np.where(good, chances, 0.0)
+        total = np.maximum(of_good.sum(axis=1), 1e-300)
+        likelihood = np.where(any_good, np.log(total), -whole)
+        wanted = of_good / total[:, None]
+        slope = weight[:, None] * (chances - wanted)
+        strayed = (found - first)[:-1] / STIFFNESS**2
+        gradient = np.append(np.einsum("qn,qns->s", slope, scaled) + strayed, slope.sum())
+        return float(-weight @ likelihood + strayed @ (found - first)[:-1] / 2), gradient
+
+    bounds = [(0.0, None)] * len(SIGNS) + [(None, None)]
+    best = minimize(loss, first, jac=True, bounds=bounds, method="L-BFGS-B").x
+    return Chances(tuple(map(float, best[:-1] / SCALES)), float(best[-1]))

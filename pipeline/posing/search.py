@@ -1,0 +1,236 @@
+"""The search for a query's pose: the ranking's own first, then walls of more and more places (METHODS 9.4)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import chain, islice
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError, InputError
+from pipeline.frames import pose, yaw
+from pipeline.matching.ranking import Ranking
+from pipeline.posing.chances import USUAL, Chances
+from pipeline.posing.fix import Fix, Hypothesis
+from pipeline.posing.registration import Alignment, Cloud, Points, Registration
+from pipeline.posing.slides import slide
+from pipeline.posing.targets import Targets, around
+from pipeline.posing.verification import Seen, agreement
+from pipeline.posing.walls import Chart, Walls
+from pipeline.running.settings import Count, NotNegative, Share, check
+
+BESIDE_M = (2.5, 15.0)
+"""A pose is checked against a second submap, so far from the first at least and from the pose at most."""
+
+
+class Answers(NamedTuple):
+    """Where a ranking places a query, the likeliest first."""
+
+    xy_m: NDArray[np.float64]
+    """(k, 2); NaN of an answer that is none."""
+    heading_deg: NDArray[np.float64]
+    """(k,); NaN where the method names none."""
+
+    @classmethod
+    def of(cls, ranking: Ranking, row: int = 0) -> Self:
+        """Those of one query of a ranking."""
+        return cls(ranking.xy_m[row].astype(np.float64), ranking.heading_deg[row].astype(np.float64))
+
+    @classmethod
+    def at(cls, xy_m: NDArray[np.float64]) -> Self:
+        """Positions (k, 2) without headings."""
+        return cls(xy_m, np.full(len(xy_m), np.nan))
+
+
+NO_ANSWERS = Answers(np.empty((0, 2)), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Query:
+    """A query's points (n, 3), ready to be laid on training submaps."""
+
+    points_m: Points
+    rough: Cloud
+    fine: Cloud
+    walls: Walls
+    single: bool
+    """Of one scan, whose sensor saw through what lies before its walls."""
+
+    @cached_property
+    def chart(self) -> Chart:
+        return self.walls.chart(self.points_m, self.single)
+
+    @cached_property
+    def middles(self) -> NDArray[np.float64]:
+        return self.walls.middles(self.points_m)
+
+    @cached_property
+    def turned(self) -> NDArray[np.int64]:
+        return self.walls.turned(self.points_m)
+
+
+@dataclass(frozen=True)
+class Fixer:
+    """How the answers of a ranking become a fix (conf/poses.yaml)."""
+
+    coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
+    """What the whole map is searched by, once the ranking has no more candidates."""
+    walls: Walls = field(default_factory=Walls)
+    rough: Registration = field(default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0))
+    fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
+    rounds: Sequence[int] = (5, 20)
+    """Candidates that are looked at in each round."""
+    tries: Count = 5
+    """Rough registrations in each, of the best matches of walls."""
+    refined: Count = 2
+    """Fine ones, of the best of these."""
+    sure: Share = 0.95
+    """A hypothesis of this chance ends the search."""
+    depth: Count = 6
+    """So many steps at most: the ranking's own pose, then one or two of each round; learned from held-out blocks."""
+    least_lead: NotNegative = 0.1
+    """The slid copy of a hypothesis is registered too unless it leads by so much."""
+    widest_m: NotNegative = 0.5
+    """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
+    chances: Chances = USUAL
+    """Learned from held-out blocks (`held_out`)."""
+
+    def __post_init__(self) -> None:
+        check(self, "fixer")
+        object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
+        if not min(self.rounds, default=0) >= 1:
+            raise ConfigError(f"fixer.rounds={self.rounds}: expected at least 1")
+
+    def fix(
+        self, points_m: Points, targets: Targets, answers: Answers = NO_ANSWERS, left_out: NDArray[np.bool_] | None = None
+    ) -> Fix:
+        """The fix of a query's points (n, 3), z up from the ground, from the answers of a ranking, then from the whole map.
+
+        Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis where the points are too few or
+        not finite.
+        """
+        query = self._prepared(points_m, targets)
+        if query is None:
+            return Fix()
+        left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
+        return self._first_sure(islice(_Search(self, query, targets, left_out).everywhere(answers), self.depth))
+
+    def track(self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2) -> Fix:
+        """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees: registered against the nearest
+        `rows` submaps from there alone, one after the other until one is sure."""
+        query = self._prepared(points_m, targets)
+        if query is None:
+            return Fix()
+        search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
+        return self._first_sure(search.around(world_T_guess, rows))
+
+    def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
+        """Nothing of too few points."""
+        points_m = around(points_m, targets.range_m)
+        try:
+            fine = self.fine.prepare(points_m)
+            rough = self.rough.prepare(np.ascontiguousarray(fine.xyz_m))
+        except InputError:
+            return None
+        return Query(points_m, rough, fine, self.walls, targets.single)
+
+    def _first_sure(self, tried: Iterator[list[Hypothesis]]) -> Fix:
+        """The fix of as many hypotheses as it takes to be sure of one."""
+        found: list[Hypothesis] = []
+        fix = Fix()
+        for step, hypotheses in enumerate(tried):
+            found += [replace(one, step=step) for one in hypotheses]
+            fix = Fix.of(found, self.chances)
+            if fix.chance >= self.sure:
+                break
+        return fix
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The hypotheses of one query, each computed when it is asked for."""
+
+    fixer: Fixer
+    query: Query
+    targets: Targets
+    left_out: NDArray[np.bool_]
+
+    def everywhere(self, answers: Answers) -> Iterator[list[Hypothesis]]:
+        """The ranking's own pose; then the candidates of each round, by their walls; each with its slid copy."""
+        nearest = self.targets.nearest(answers.xy_m, self.left_out)
+        alike = self.targets.alike(self.fixer.coarse, self.query.points_m, self.left_out)
+        rows = self.targets.apart(chain(nearest, alike))
+        rounds = (self._round(list(islice(rows, count))) for count in self.fixer.rounds)
+        return map(self._with_slid, chain(self._straight(answers), chain.from_iterable(rounds)))
+
+    def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[list[Hypothesis]]:
+        """From one pose alone, against the nearest submaps."""
+        away_m = np.linalg.norm(self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1)
+        for row in np.argsort(away_m, kind="stable")[:rows].tolist():
+            yield list(self._registered(row, np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess))
+
+    def _straight(self, answers: Answers) -> Iterator[Hypothesis]:
+        """From the position and heading of the ranking's first answer, where it has both."""
+        if not len(answers.xy_m) or not np.isfinite([*answers.xy_m[0], answers.heading_deg[0]]).all():
+            return
+        for row in self.targets.nearest(answers.xy_m[:1], self.left_out):
+            world_T_anchor = self.targets.world_T_anchor[row]
+            turn_rad = np.deg2rad(answers.heading_deg[0]) - yaw(world_T_anchor[None])[0]
+            ahead_m = world_T_anchor[:3, :3].T @ np.append(answers.xy_m[0] - world_T_anchor[:2, 3], 0.0)
+            at_m = ahead_m * (np.abs(ahead_m[:2]) <= self.fixer.walls.offset_m).all()
+            yield from self._registered(row, pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0])
+
+    def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
+        """Of candidate rows: the best match of walls first, then the best rough overlaps."""
+        fixer, targets, query = self.fixer, self.targets, self.query
+        matches = [(row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows]
+        likely = sorted(matches, key=lambda one: -one[1].score)[: fixer.tries]
+        for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
+            guesses = [(row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query)) for row, match in few]
+            for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[:refined]:
+                yield from self._refined(row, guess)
+
+    def _with_slid(self, one: Hypothesis) -> list[Hypothesis]:
+        """A hypothesis and, where it hardly leads, its slid copy."""
+        if one.slide.row < 0 or one.slide.lead >= self.fixer.least_lead:
+            return [one]
+        return [one, *self._registered(one.slide.row, one.slide.target_T_query)]
+
+    def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
+        """From a guess against one submap, roughly and then finely; nothing where it does not hold."""
+        yield from self._refined(row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query))
+
+    def _refined(self, row: int, rough: Alignment) -> Iterator[Hypothesis]:
+        fine = self.targets.aligned(self.fixer.fine, row, self.query.fine, rough.target_T_source)
+        if fine.spread_m <= self.fixer.widest_m:
+            yield self._hypothesis(row, fine)
+
+    def _hypothesis(self, row: int, alignment: Alignment) -> Hypothesis:
+        """What a fine registration against a row comes to."""
+        fixer, targets = self.fixer, self.targets
+        world_T_query = targets.world_T_anchor[row] @ alignment.target_T_source
+        seen = Seen(self.query.fine, self.query.chart)
+        both = [
+            agreement(
+                fixer.walls,
+                fixer.fine.inlier_m,
+                Seen(targets.cloud(fixer.fine, one), targets.chart(fixer.walls, one)),
+                seen,
+                np.linalg.inv(targets.world_T_anchor[one]) @ world_T_query,
+            )
+            for one in (row, self._beside(row, world_T_query))
+        ]
+        tilt_deg = float(np.rad2deg(np.arccos(np.clip(alignment.target_T_source[2, 2], -1, 1))))
+        slid = slide(fixer.walls, targets, self.query.middles, world_T_query, self.left_out)
+        return Hypothesis(row, world_T_query, alignment, both[0], both[1], tilt_deg, slid)
+
+    def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
+        """The submap nearest to a pose that is not where `row` is; `row` where there is none."""
+        anchors_m = self.targets.world_T_anchor[:, :2, 3]
+        away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)
+        other = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= BESIDE_M[0]
+        away_m[self.left_out | ~other] = np.inf
+        nearest = int(away_m.argmin())
+        return nearest if away_m[nearest] < BESIDE_M[1] else row

@@ -1,0 +1,90 @@
+"""Verdicts: what is believed of a fix, and where a promise is kept, by evidence that is known by hand."""
+
+import numpy as np
+import pytest
+
+from pipeline.matching.rejection import ACCEPT_NOTHING
+from pipeline.posing.chances import Chances
+from pipeline.posing.fix import Fix
+from pipeline.posing.verdict import PROMISES, Evidence, Judge, Verdict, middle
+from tests.posing.scene import hypothesis, planar
+
+OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
+"""By overlap alone: .5 is as likely right as none is."""
+
+
+def test_doubts_in_the_pose_in_its_place_and_in_the_first_three() -> None:
+    """Odds of e², 1, e⁻¹ and e⁻² against 1, at 0, 10, 40 and 80 m: the first two are near."""
+    fix = Fix.of([hypothesis(x_m, overlap) for x_m, overlap in ((0, 0.7), (10, 0.5), (40, 0.4), (80, 0.3))], OVERLAPS)
+    odds = np.exp([2.0, 0.0, -1.0, -2.0])
+    shares = odds / (1 + odds.sum())
+    doubts = Judge(OVERLAPS, OVERLAPS).doubts(fix)
+    assert doubts == pytest.approx(1 - np.array([shares[0], shares[:2].sum(), shares[:3].sum()]))
+    assert Judge(OVERLAPS, OVERLAPS).doubts(Fix()).tolist() == [1, 1, 1]
+
+
+def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence:
+    """A right fix of much overlap in each block, and one of little without its surroundings; the first few of these overlap."""
+    rng = np.random.default_rng(seed)
+    fixes, true = [], []
+    for block in range(blocks):
+        fixes.append(Fix.of([hypothesis(0, rng.uniform(0.6, 0.8))]))
+        fixes.append(Fix.of([hypothesis(0, rng.uniform(0.6, 0.8) if block < wrong else rng.uniform(0.2, 0.3))]))
+        true += [planar(0, 0, 0), planar(300, 0, 0)]
+    return Evidence(fixes, np.array(true), np.tile([False, True], blocks), np.arange(blocks).repeat(2))
+
+
+def test_right_and_near_are_told_apart() -> None:
+    fixes = [Fix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
+    fixes.append(Fix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
+    known = Evidence([*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6))
+    assert known.true().tolist() == [
+        [True, True, True], [False, True, False], [False, True, False], [False, False, False], [False, False, True], [False] * 3
+    ]  # fmt: skip
+
+
+def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
+    """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100 blocks 80 keep .95 alone."""
+    many, few = (Verdict(evidence(blocks), 0.2, 1) for blocks in (200, 100))
+    assert [limit > 0 for limit in many.limits("fix")] == [True, True, False]
+    assert [limit > 0 for limit in few.limits("fix")] == [True, False, False]
+    assert few.limits("fix")[1] == ACCEPT_NOTHING
+
+
+def test_wrong_ones_among_the_right_break_a_promise() -> None:
+    """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
+    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2, 1).limits("fix")] == [True, False, False]
+
+
+def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
+    """Odds of 1/9 and 9: in the middle 1."""
+    assert middle(np.array([0.05, 0.1, 0.9]), 0.11) == pytest.approx(0.5)
+    assert middle(np.array([0.05, 0.1]), 0.11) == 0.11  # beyond all there is no gap
+    assert middle(np.array([0.5]), ACCEPT_NOTHING) == ACCEPT_NOTHING
+
+
+def test_without_evidence_nothing_is_promised() -> None:
+    none = Evidence([], np.zeros((0, 4, 4)), np.zeros(0, bool), np.zeros(0, np.int64))
+    assert Verdict.learned(none, 0.2, 2).limits("fix") == [ACCEPT_NOTHING] * len(PROMISES)
+
+
+def test_the_search_goes_as_deep_as_held_out_blocks_gain() -> None:
+    """The second step finds each right pose in one world, and in the other a look-alike of each that is not there."""
+    gain, harm = [], []
+    for block in range(200):
+        late = [hypothesis(100, 0.25), hypothesis(0, 0.7)] if block % 2 else [hypothesis(0, 0.7), hypothesis(100, 0.25)]
+        gain.append(_stepped(*late))
+        harm += [_stepped(hypothesis(0, 0.7), hypothesis(100, 0.25)), _stepped(hypothesis(50, 0.25), hypothesis(0, 0.7))]
+    seen, both = np.zeros(200, bool), np.tile([False, True], 200)
+    here, there = planar(0, 0, 0), planar(300, 0, 0)
+    found = Verdict.learned(Evidence(gain, np.tile(here, (200, 1, 1)), seen, np.arange(200)), 0.2, 2)
+    assert found.depth == 2
+    found = Verdict.learned(Evidence(harm, np.array([here, there] * 200), both, np.arange(200).repeat(2)), 0.2, 2)
+    assert found.depth == 1
+
+
+def _stepped(*hypotheses: object) -> Fix:
+    """Found one after the other."""
+    from dataclasses import replace
+
+    return Fix.of([replace(one, step=step) for step, one in enumerate(hypotheses)])  # type: ignore[type-var]
