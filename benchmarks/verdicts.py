@@ -1,0 +1,101 @@
+"""What verdicts on poses are worth, day by day: `python -m benchmarks.verdicts ARTIFACTS STUDY/GRID/MODEL [SITE]`.
+
+It reads the poses that `dvc repro` built. A row a day and promise: how many of the seen queries (< 5 m of training) have a right
+pose (2 m and 5°); of the right poses the share that is accepted; wrong ones of those accepted, with an exact interval of 95 %;
+what is called near (within 15 m) or ambiguous besides, and how much of the first is true. The calibration error is that of the
+chance against the truth, over ten bins of as many poses. With the file of a packed SITE every twentieth query is localised by it:
+CPU time of one thread from points to fix, drawing and ranking included.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from pipeline import schemas, store
+from pipeline.mapping.gathering import submap_points
+from pipeline.online.site import Site
+from pipeline.posing.verdict import BELIEFS, NEAR_M, right
+
+SEEN_M, EVERY, BINS = 5.0, 20, 10
+
+
+def interval(wrong: int, accepted: int) -> tuple[float, float]:
+    """Clopper and Pearson's, of 95 %."""
+    if not accepted:
+        return 0.0, 1.0
+    low = beta.ppf(0.025, wrong, accepted - wrong + 1) if wrong else 0.0
+    high = beta.ppf(0.975, wrong + 1, accepted - wrong) if wrong < accepted else 1.0
+    return float(low), float(high)
+
+
+def calibration(chance: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
+    """The mean distance of chance from truth, over bins of as many poses."""
+    order = np.argsort(chance, kind="stable")
+    parts = [part for part in np.array_split(order, BINS) if len(part)]
+    off = [len(part) * abs(float(chance[part].mean() - good[part].mean())) for part in parts]
+    return sum(off) / max(len(order), 1)
+
+
+def day(fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]) -> list[str]:
+    """The rows of one day."""
+    n = len(world_T_true)
+    world_T_query = fixes.load("world_T_query")[:n]
+    doubts = fixes.load("novelty")[:n, : len(BELIEFS)].astype(np.float64)
+    away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(axis=1)
+    good, seen = right(world_T_query, world_T_true), away_m < SEEN_M
+    near = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < NEAR_M
+    told = calibration(1 - doubts[:, 0], good)
+    rows = [f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration error {told:.3f}"]
+    limits = zip(*(fixes.attrs[name] for name in ("promised", "promised_place", "promised_several")), strict=True)
+    for promise, (pose, place, several) in zip(fixes.attrs["promises"], limits, strict=True):
+        accepted = doubts[:, 0] < pose
+        close = ~accepted & (doubts[:, 1] < place)
+        open_ = ~accepted & ~close & (doubts[:, 2] < several)
+        wrong = int((accepted & ~good).sum())
+        low, high = interval(wrong, int(accepted.sum()))
+        recall = (accepted & good).sum() / max(good.sum(), 1)
+        rows.append(
+            f"  {promise:<6} of right {recall:.3f}, of seen {(accepted & good & seen).sum() / max(seen.sum(), 1):.3f}; "
+            f"wrong {wrong:>2} of {accepted.sum():<3} ({low:.3f} to {high:.3f}); "
+            f"near {close.sum():>2}, true {(close & near).sum():>2}; ambiguous {open_.sum():>2}"
+        )
+    return rows
+
+
+def times_ms(site: Site, scans: store.Artifact, submaps: store.Artifact) -> str:
+    """Mean, median and 95 % of every EVERY-th query."""
+    took: list[float] = []
+    for row in range(0, submaps["scans"].shape[0], EVERY):
+        points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))
+        start = time.process_time()
+        site.localize(points_m, promise=None)
+        took.append(1e3 * (time.process_time() - start))
+    return f"  CPU-ms mean {np.mean(took):.0f}, median {np.median(took):.0f}, 95 % {np.quantile(took, 0.95):.0f}"
+
+
+def main(artifacts: str, model: str, site: str = "") -> None:
+    root, study = Path(artifacts), model.split("/")[0]
+    (mapped,) = (root / "map" / study).glob("*.zarr")
+    world_T_anchor = store.read(mapped, schemas.MAPS).load("world_T_anchor")
+    opened = Site.open(site) if site else None
+    for path in sorted((root / "poses" / model).glob("*.zarr")):
+        submaps = store.read(root / "submaps" / study / path.name, schemas.SUBMAPS)
+        fixes = store.read(path, schemas.FIXES)
+        first, *rows = day(fixes, submaps.load("world_T_anchor"), world_T_anchor)
+        print(f"{study} {path.stem}: {first}", *rows, sep="\n", flush=True)
+        if opened:
+            scans = store.read(root / "scans" / study / path.name, schemas.SCANS)
+            times_ms(opened, scans, submaps)  # compiles kernels, fills caches
+            print(times_ms(opened, scans, submaps), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
