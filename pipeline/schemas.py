@@ -77,9 +77,15 @@ LABELS = Schema(
         "y_m": "the grid's box along y: lowest, highest",
     },
 )
+_ANSWERED = {
+    "cases": CASES,
+    "kinds": "name of each kind of novelty",
+    "thresholds": "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the training sequence",
+    "wanted_precision": "that they were chosen for",
+}
 RANKINGS = Schema(
     "rankings",
-    4,
+    5,
     {
         "places": Column("i8", ("query", "rank"), "places, cheapest first"),
         "costs": Column("f4", ("query", "rank"), "cost of each, smaller is better"),
@@ -90,10 +96,8 @@ RANKINGS = Schema(
         "turned_deg": Column("f4", ("query",), "by how much the case turned the robot to the left, in (−180, 180]"),
     },
     {
-        "cases": CASES,
-        "kinds": "name of each kind of novelty",
-        "thresholds": "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the training sequence",
-        "wanted_precision": "that they were chosen for",
+        **_ANSWERED,
+        "kept_precision": "that each threshold keeps on those blocks, wanted or less; null of one that accepts nothing",
     },
 )
 FIXES = Schema(
@@ -107,7 +111,7 @@ FIXES = Schema(
         ),
     },
     {
-        **RANKINGS.attrs,
+        **_ANSWERED,
         "promises": "precisions that a user may want",
         "promised": "reject from this novelty in use on to keep each of them, by held-out blocks of the training sequence",
         "promised_place": "the same of the novelty `place`: the query is within 15 m of its pose",
@@ -140,7 +144,7 @@ def _judged(dtype: str, dims: tuple[str, ...], doc: str) -> Column:
 
 EVALUATIONS = Schema(
     "evaluations",
-    8,
+    9,
     {
         "thresholds": _judged("f8", ("threshold",), "novelties from which a query is rejected"),
         "hits": _judged("i8", ("protocol", "top_n", "threshold"), "accepted, and a true place among the first n"),
@@ -184,6 +188,7 @@ EVALUATIONS = Schema(
         "kinds": "name of each kind of novelty",
         "reject_from": "novelty from which the model rejects, for each kind",
         "wanted_precision": "that it was chosen for",
+        "kept_precision": "that it keeps on held-out blocks of training, for each kind; null where that is not known",
         "promised": "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
         "blind": "by protocol, recall@1 of one and the same answer to every query; null of none seen",
         "unsuited": "doubts about its submaps, which do not suit the views",

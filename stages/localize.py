@@ -1,6 +1,7 @@
 """A model and the test sequences' views → a ranking of places for each query, and when to reject one as unseen."""
 
 from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 
 from hydra.utils import instantiate
@@ -28,14 +29,16 @@ def rank(cfg: DictConfig, sequence: str, asked: Asked, folder: Path) -> str:
     cases = Rows.queries(Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations])
     ranking, rejection, driven = asked.rank(cases), asked.rejection, len(next(iter(cases.values())).stamps_ns)
     thresholds = rejection.thresholds(asked.model, ranking.kinds)
-    attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision}
-    with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, thresholds=thresholds, **attrs) as out:
+    reject_from, kept = ([float(one) for one in values] for values in zip(*thresholds, strict=True))
+    chosen = {"thresholds": reject_from, "kept_precision": [None if isnan(one) else one for one in kept]}
+    attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision, **chosen}
+    with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, **attrs) as out:
         out.put("turned_deg", turned_deg(cases))
         for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             out.put(column, getattr(ranking, column))
-    rejected = int((ranking.novelty[:driven, 0].astype(float) >= thresholds[0]).sum())
+    rejected = int((ranking.novelty[:driven, 0].astype(float) >= reject_from[0]).sum())
     altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
-    said = rejection.summary(asked.model, ranking.kinds[0], rejected)
+    said = rejection.summary(asked.model, thresholds[0], rejected)
     return f"{sequence}: {ranking.places.shape[1]} places for {driven} queries{altered}, {said}"
 
 

@@ -15,13 +15,13 @@ BLIND = "blind_recall_at_1"
 VOID = "void"
 HALF, FEW, FEW_BLOCKS = 0.5, 30, 5
 UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
-OF_SCORES = "one_answer", "few_seen", "few_blocks", "all_rejected", "none_rejected", "no_threshold"
+OF_SCORES = "one_answer", "few_seen", "few_blocks", "all_rejected", "none_rejected", "no_threshold", "less_kept"
 DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED)
 """Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
 seen, if FEW or fewer, and in how many blocks of the path, if FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no
-threshold kept the wanted precision on held-out blocks. Of the submaps: degrees of azimuth with points, under ROUND_DEG; z of the
-ground, farther than GROUND_M from 0; z of the highest points, under LOW_M; the share of the drive without a whole window, if half
-or more."""
+threshold kept any precision on held-out blocks; the precision that it kept there, if less than wanted. Of the submaps: degrees
+of azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the highest points, under LOW_M; the
+share of the drive without a whole window, if half or more."""
 ROUND_DEG, GROUND_M, LOW_M = 300.0, 0.5, 1.0
 
 
@@ -43,9 +43,19 @@ def blind(
 
 
 def doubts(
-    blind: float, answers: NDArray[np.int64], novelty: NDArray[np.floating], reject_from: float, seen: int, blocks: int
+    blind: float,
+    answers: NDArray[np.int64],
+    novelty: NDArray[np.floating],
+    reject_from: float,
+    kept: float,
+    wanted: float,
+    seen: int,
+    blocks: int,
 ) -> dict[str, float]:
-    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,) and the threshold in use."""
+    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,) and the threshold in use.
+
+    That threshold keeps the precision `kept` on held-out blocks, where `wanted` was wanted.
+    """
     _, counts = np.unique(answers, return_counts=True)
     one = counts.max(initial=0) / max(len(answers), 1)
     rejected = novelty.astype(np.float64) >= reject_from
@@ -56,6 +66,7 @@ def doubts(
         "doubt_all_rejected": (1.0, rejected.all() and reject_from > ACCEPT_NOTHING),
         "doubt_none_rejected": (1.0, not rejected.any()),
         "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),
+        "doubt_less_kept": (kept, kept < wanted),
         VOID: (1.0, not blind < HALF),
     }
     return {BLIND: blind, **_applying(applies)}

@@ -19,6 +19,7 @@ from pipeline.evaluation.protocols import Distance, Truth, by_cells
 from pipeline.frames import Poses, apart, turns, wrapped_deg, yaw
 from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.schemas import LABELS
 from pipeline.store import Artifact
 
@@ -80,6 +81,8 @@ def judge(
         block_m=bootstrap.block_m,
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
+        wanted=np.nan,
+        kept=(np.nan,) * len(ranking.kinds),
     )
 
 
@@ -103,8 +106,21 @@ def judge_cases(
         ranking = Ranking(**{name: array[own] for name, array in arrays.items()}, kinds=kinds)
         given = (ranking, rankings.attrs["thresholds"], true, world_T_anchor, days, distance, bootstrap, turned_deg[own])
         poses = (np.asarray(rankings["world_T_query"][own]), float(rankings.attrs["promised"][1])) if posed else ()
-        found[case] = replace(judge(*given, *poses), unsuited=unsuited(submaps))
+        wanted, kept = float(rankings.attrs["wanted_precision"]), kept_precision(rankings)
+        found[case] = replace(judge(*given, *poses), unsuited=unsuited(submaps), wanted=wanted, kept=kept)
     return found
+
+
+def kept_precision(rankings: Artifact) -> tuple[float, ...]:
+    """What each threshold (kind,) keeps on held-out blocks; NaN where that is not known, or nothing is accepted.
+
+    The verdict on poses, the first kind, keeps what is wanted or accepts nothing.
+    """
+    told = rankings.attrs.get("kept_precision")
+    if told is None:
+        accepts = rankings.attrs["thresholds"][0] > ACCEPT_NOTHING
+        told = [rankings.attrs["wanted_precision"] if accepts else None] + [None] * (len(rankings.attrs["kinds"]) - 1)
+    return tuple(np.nan if one is None else float(one) for one in told)
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:

@@ -74,6 +74,10 @@ class Evaluation:
     kinds: tuple[str, ...]
     reject_from: tuple[float, ...]
     promised: float
+    wanted: float
+    """Precision that the thresholds were chosen for; NaN where it is not known."""
+    kept: tuple[float, ...]
+    """(kind,) precision that each keeps on held-out blocks of training; NaN where it is not known, or accepts nothing."""
     days: int
     blind: Mapping[str, float]
     block_m: float
@@ -93,7 +97,8 @@ class Evaluation:
         """What makes the numbers by that protocol say little, or nothing."""
         seen = self.protocol(name).seen
         held = len(np.unique(blocks(self.xy_m, self.block_m)[seen]))
-        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], self.reject_from[0], int(seen.sum()), held)
+        chosen = (self.reject_from[0], self.kept[0], self.wanted)
+        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], *chosen, int(seen.sum()), held)
         return own | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
@@ -126,6 +131,8 @@ class Evaluation:
         promised = artifact.attrs["promised"]
         own |= {"kinds": tuple(artifact.attrs["kinds"]), "reject_from": tuple(map(float, artifact.attrs["reject_from"]))}
         own["promised"] = np.nan if promised is None else float(promised)
+        own["wanted"] = float(artifact.attrs["wanted_precision"])
+        own["kept"] = tuple(np.nan if one is None else float(one) for one in artifact.attrs["kept_precision"])
         own["blind"] = {by: np.nan if share is None else float(share) for by, share in artifact.attrs["blind"].items()}
         own["unsuited"] = artifact.attrs["unsuited"]
         block_m = float(artifact.attrs["bootstrap"]["block_m"])
@@ -148,6 +155,7 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
     promised = None if np.isnan(first.promised) else first.promised
     own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised, "blind": _valid(first.blind)}
     own["unsuited"] = dict(first.unsuited)
+    own["kept_precision"] = [None if np.isnan(one) else one for one in first.kept]
     return {"cases": [asdict(case) for case in evaluations], **own, **names}
 
 
@@ -173,6 +181,7 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
         "recall_at_1": evaluation.number("distance", "recall_at_1")[0],
         "answered": evaluation.distance.answered,
         "right_of_answered": evaluation.number("distance", "precision_at_threshold")[0],
+        "kept_precision": evaluation.kept[0],
         "within_2m_5deg": evaluation.number("distance", "within_2m_5deg")[0],
     }
     return {name: value for name, value in shown.items() if np.isfinite(value)}

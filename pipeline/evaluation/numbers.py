@@ -27,7 +27,8 @@ NUMBERS = (
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
 were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
 every threshold there is; of the oracle, which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen
-from seen. …_at_threshold: where the model itself rejects. …heading…: of the seen that are placed right and given a heading, since
+from seen. …_at_threshold: where the model itself rejects. Beside them stand kept_precision, what that threshold
+keeps on held-out blocks, and wanted_precision. …heading…: of the seen that are placed right and given a heading, since
 an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
 wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
 than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of

@@ -27,7 +27,7 @@ from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES, WORDS, Rows
 from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, viewpoint_rows
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
-from pipeline.matching.rejection import PREFIX, Evidence, best_precision
+from pipeline.matching.rejection import PREFIX, Evidence
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.store import Artifact
 from pipeline.studies.expansion import (
@@ -85,10 +85,8 @@ class Gathering:
                 if not model.posed:
                     learned = store.read_model(self._path("train", grid, f"{model.name}.safetensors"))
                     kind = driven[tests[0]].kinds[0]
-                    evidence = Evidence.of(learned)
-                    yield place | row("held_out_auc", "cells", held_out_auc(evidence, kind, self.unseen_share))
-                    best = best_precision(*evidence.queries(kind, self.unseen_share))
-                    yield place | row("held_out_best_precision", "cells", best)
+                    area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)
+                    yield place | row("held_out_auc", "cells", area)
                 if model.name == model.method:
                     of_methods[model.method] = by_day
                     held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)

@@ -47,13 +47,13 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         by = evaluation.protocol(protocol)
         counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
         shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
-        shares["answered"] = by.answered
+        shares |= {"answered": by.answered, "kept_precision": evaluation.kept[0], "wanted_precision": evaluation.wanted}
         numbers = dict(zip(NUMBERS, by.numbers, strict=True))
         known = {name: values for name, values in numbers.items() if name not in POSES or not np.isnan(evaluation.promised)}
         yield from several(parts, protocol, counts | shares | known | ({} if case.change else evaluation.doubts(protocol)))
-        for kind, measures in () if case.change else zip(evaluation.kinds, by.rejection, strict=True):
+        for kind, measures, kept in () if case.change else zip(evaluation.kinds, by.rejection, evaluation.kept, strict=True):
             own = parts | {"case": f"novelty {kind}", "kind": kind}
-            yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)))
+            yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept})
     yield from several(parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True)))
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.evaluation.judge import kept_precision
 from pipeline.evaluation.judgement import Evaluation, Judgement, summary
 from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -51,15 +52,22 @@ def rankings(artifact: Artifact, found: Inspection) -> None:
         ("confidence", "none" if np.isnan(confidence).any() else _spread(confidence)),
     )
     kinds = zip(artifact.attrs["kinds"], artifact.attrs["thresholds"], novelty.T, strict=True)
-    rejection = (
-        (kind, f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from {threshold:.4g} on")
-        for kind, threshold, values in kinds
-    )
+    rejection = [
+        (kind, f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from {threshold:.4g} on{less}")
+        for (kind, threshold, values), less in zip(kinds, _less_kept(artifact), strict=True)
+    ]
     found.add("novelty, the first kind in use", *rejection)
     falls = (np.diff(costs, axis=1) < 0).any()
     found.warn(falls, "costs do not rise along the ranks: the method ranked wrongly, and its recall means nothing")
     blank = "every query gets the same first answer: the model learned nothing, or the views are blank"
     found.warn(len(places) > 1 and answers == 1, blank)
+
+
+def _less_kept(artifact: Artifact) -> list[str]:
+    """What each threshold keeps on held-out blocks, where that is less than wanted."""
+    wanted = float(artifact.attrs["wanted_precision"])
+    every = kept_precision(artifact)
+    return [f"; keeps {kept:.3f} of the wanted {wanted:g} on held-out blocks" if kept < wanted else "" for kept in every]
 
 
 def evaluations(artifact: Artifact, found: Inspection) -> None:

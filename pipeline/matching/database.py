@@ -87,7 +87,8 @@ class Database:
         away = others & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
         seen, found = search(queries, others)
         unseen, _ = search(queries, np.where(away.any(axis=1, keepdims=True), away, others))
-        return Evidence(self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen})
+        block = holdout.numbered(views.world_T_anchor, held, method.held_out_every_m, method.held_out_length_m)
+        return Evidence(self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen}, block)
 
     def answer(
         self,

@@ -18,12 +18,22 @@ def blocks(
     return held & (trained[places] > 0)
 
 
-def block_of(world_T_anchor: Poses, every_m: float) -> NDArray[np.int64]:
-    """The number (n,) of the stretch of `every_m` of path that each submap lies in, a block in the middle of each."""
-    return ((_path_m(world_T_anchor) + every_m / 2) // every_m).astype(np.int64)
+def numbered(world_T_anchor: Poses, held: NDArray[np.bool_], every_m: float, length_m: float) -> NDArray[np.int64]:
+    """The block (h,) of each submap that is held out (n,), from 0 along the path.
+
+    A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is more:
+    so do stretches of a path all of which is held out.
+    """
+    path_m, block, first_m = _path_m(world_T_anchor)[held], -1, -np.inf
+    found = np.empty(len(path_m), np.int64)
+    for i, at_m in enumerate(path_m):
+        if at_m - first_m >= max(every_m / 2, length_m):
+            block, first_m = block + 1, at_m
+        found[i] = block
+    return found
 
 
 def _path_m(world_T_anchor: Poses) -> NDArray[np.float64]:
-    """Driven up to each submap (n,)."""
+    """The way (n,) along the path to each submap."""
     steps = np.linalg.norm(np.diff(world_T_anchor[:, :3, 3], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

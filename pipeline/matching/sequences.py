@@ -80,7 +80,8 @@ class SequenceMethod(Alignment):
         counts = self.held_out(views)[odd]
         counts = counts if counts.any() else np.ones(len(odd), bool)
         aligned = Aligned(self, difference(even, odd))
-        right, seen, unseen = [], [], []
+        asked, right, seen, unseen = np.zeros(n, bool), [], [], []
+        asked[odd[counts]] = True
         for queries, sums in aligned.blocks():
             rows, sums = odd[queries][counts[queries]], sums[counts[queries]]
             if not len(rows):
@@ -94,4 +95,5 @@ class SequenceMethod(Alignment):
         seen_kinds, unseen_kinds = (
             {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds} for parts in (seen, unseen)
         )
-        return Evidence(np.concatenate(right), seen_kinds, unseen_kinds)
+        block = holdout.numbered(views.world_T_anchor, asked, self.held_out_every_m, self.held_out_length_m)
+        return Evidence(np.concatenate(right), seen_kinds, unseen_kinds, block)

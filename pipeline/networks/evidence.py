@@ -44,6 +44,7 @@ def judged(
     predict: Callable[[Tensor, Tensor | None], Prediction],
     novelties: Novelties,
     held_out: Known,
+    block: NDArray[np.int64],
     place_xy_m: NDArray[np.float64],
     memory: Known,
     neighbour_m: float,
@@ -52,7 +53,7 @@ def judged(
 ) -> tuple[float, Evidence]:
     """The temperature, and the answers to held-out views, once more with the places and training views near them forgotten.
 
-    Where the views fix no temperature, it is the `usual` one.
+    `block` (h,) is the held-out block of each. Where the views fix no temperature, it is the `usual` one.
     """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
@@ -69,4 +70,5 @@ def judged(
         seen.scores.argmax(axis=1) == places,
         novelties(seen.scores, softness, cosines.max(axis=1)),
         novelties(unseen.scores, softness, others.max(axis=1)),
+        block,
     )

@@ -87,7 +87,10 @@ class Training:
             return self.method.reranked(self.method.predict(self.net, heights, forgotten), images, kept)
 
         asked, near_m = Known(self.heights, self.data.places, self.xy_m).some(self.held), self.method.neighbour_m
-        softness, own = judged(predict, self.method.novelties, asked, self.place_xy_m, known, near_m, self.progress, usual)
+        world_T_anchor, of_blocks = self.data.views.world_T_anchor, (self.method.held_out_every_m, self.method.held_out_length_m)
+        block = holdout.numbered(world_T_anchor, self.held, *of_blocks)
+        about = (asked, block, self.place_xy_m, known, near_m, self.progress, usual)
+        softness, own = judged(predict, self.method.novelties, *about)
         return softness, own if earlier is None else Evidence.joined([Evidence.of(earlier), own])
 
     def model(self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model) -> Model:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.gathering import submap_points
-from pipeline.matching.holdout import block_of, blocks
+from pipeline.matching.holdout import blocks, numbered
 from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.fix import Fix
@@ -125,7 +125,7 @@ class HeldOut:
 
         done = progress.track(compute.each(fixes, asked), len(asked), "held-out blocks")
         found = [fix for part in done for fix in part]
-        block = block_of(anchors, self.every_m)[rows]
+        block = numbered(anchors, held, self.every_m, self.length_m)
         return Evidence(found, anchors[rows].repeat(3, axis=0), np.tile([False, False, True], len(rows)), block.repeat(3))
 
     def _aged(self, drive: Drive, row: int) -> Points:

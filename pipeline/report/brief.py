@@ -21,7 +21,7 @@ LINES, WIDEST = 30, 78
 AROUND = 5
 """Lines of a study besides its methods; the last line of all says where the rest is."""
 SHORT = 7  # strategies of a study of learning further days
-NARROW, NARROWEST = 70, 56
+NARROW, NARROWEST = 72, 64
 """Below these widths the columns that matter less are left out."""
 
 
@@ -75,7 +75,7 @@ def _print(console: Console, name: str, grid: str, found: Summary, study: Mappin
     console.print(title, overflow="ellipsis", no_wrap=True)
     ends = [0, -1] if len(found.tests) > 1 else [0]
     heads = [f"{'' if n else f'within {found.within_m:g} m'}\n{day(found.tests[at])}" for n, at in enumerate(ends)]
-    heads += ["answers\nof all"] * (console.width >= NARROWEST) + ["right\nof those"] * (console.width >= NARROWEST)
+    heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (console.width >= NARROWEST)
     heads += ["ms a\nquery"] * (console.width >= NARROW and found.is_timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True
@@ -92,4 +92,5 @@ def _print(console: Console, name: str, grid: str, found: Summary, study: Mappin
 def _cells(row: Row, ends: Sequence[int]) -> list[str]:
     right = [VOID if row.void[at] else fixed(row.right[at], 3) for at in ends]
     ms = MISSING if np.isnan(row.query_ms) else fixed(row.query_ms, 0 if row.query_ms >= 10 else 1)
-    return [*right, fixed(row.answers[-1], 3), fixed(row.kept[-1], 3), ms]
+    promise = fixed(row.promised, 3) + f" of {row.wanted:g}" * (row.promised < row.wanted)
+    return [*right, fixed(row.answers[-1], 3), fixed(row.kept[-1], 3), promise, ms]

@@ -42,7 +42,7 @@ def answer(study: Study) -> Finding:
         means = {by: average([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
         ends = [(one.number("distance", "recall_at_1"), one.days) for one in (group[0], group[-1])]
         at = {of: average([one.number("distance", f"{of}_at_threshold") for one in group]) for of in ("precision", "recall")}
-        return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision}
+        return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision, "kept": group[0].kept}
 
     learned, (first, *others) = study.models[study.best], map(shares, study.ranked)
     budget = float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
@@ -58,7 +58,7 @@ def doubts(study: Study) -> list[Finding]:
         same = every["cells"] == every["distance"]
         for by, listed in {"both protocols": every["cells"]}.items() if same else every.items():
             blind = max(one.number(protocol, BLIND) for one in group for protocol in PROTOCOLS if same or protocol == by)
-            about = {"wanted": group[0].wanted_precision, "best": study.held_out_best(model), "tests": len(group), "blind": blind}
+            about = {"wanted": group[0].wanted_precision, "tests": len(group), "blind": blind}
             found += [Finding("doubts", model=model, protocol=by, listed=listed, **about)] if listed else []
     return found
 
@@ -103,7 +103,9 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
             "ahead": int((auroc[there][:, first] > auroc[there][:, 0]).sum()),
             "clearly": int((low > high).sum()),
         }
-        miss = np.where(np.isfinite(precision).all(axis=0), np.abs(precision - wanted).mean(axis=0), np.inf)
+        less = np.array(group[0].evaluation.kept) < wanted  # chosen for what could be kept, not for what was wanted
+        chosen = np.isfinite(precision).all(axis=0) & ~less
+        miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
         best, kept = int(miss.argmin()), {}
         if protocol == "cells" and np.isfinite(miss[best]):
             kept = {"kind": kinds[best], "miss": miss[best], "wanted": wanted}

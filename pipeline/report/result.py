@@ -36,6 +36,11 @@ class Result:
         """Whether its answers are poses."""
         return not np.isnan(self.evaluation.promised)
 
+    @property
+    def kept(self) -> float:
+        """The precision that the threshold in use keeps on these blocks; NaN where it is not known, or accepts nothing."""
+        return self.evaluation.kept[0]
+
     def void(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing: one answer to every query would do as well, or none is seen."""
         return (protocol, VOID) in self.numbers

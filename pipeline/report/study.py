@@ -124,12 +124,6 @@ class Study:
                 found.append(Result(model, sequence, evaluation.days, evaluation, wanted, numbers[model, sequence]))
         return [one for group in by_model(found).values() for one in group]
 
-    def held_out_best(self, model: str) -> float:
-        """The highest precision that any threshold of a model kept on held-out blocks; NaN where that is not known."""
-        rows = self.driven[self.driven["number"] == "held_out_best_precision"]
-        known = {ModelName(one.method, one.variant).name: one.value for one in rows.itertuples()}
-        return float(known.get(model, np.nan))
-
     @cached_property
     def ranked(self) -> list[str]:
         """The models, those that place most right by distance first, on average over the test sequences."""

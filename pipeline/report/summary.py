@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.doubts import VOID
-from pipeline.report.table import Cell, Table, average, number, table
+from pipeline.report.table import Cell, Table, average, kept, number, table
 from pipeline.studies.expansion import ModelName
 
 
@@ -28,6 +28,10 @@ class Row:
     """A share a test day: of the judged queries, seen or not, those that the model answers at its own threshold."""
     kept: Sequence[float]
     """A share a test day: of these answers, those that are right; NaN of none."""
+    promised: float
+    """The precision that the threshold keeps on held-out blocks of training; NaN of one that accepts nothing."""
+    wanted: float
+    """The precision that was wanted there."""
     query_ms: float
     """From points to place, the median; NaN where it was not measured."""
 
@@ -64,13 +68,15 @@ class Summary:
         ):
             of = {
                 name: [known.get((method, variant, name, day), (np.nan,) * 3) for day in days.index]
-                for name in ("recall_at_1", "answered", "precision_at_threshold")
+                for name in ("recall_at_1", "answered", "precision_at_threshold", "kept_precision", "wanted_precision")
             }
-            right, answers, kept = ([value for value, *_ in values] for values in of.values())
+            right, answers, of_those, promised, wanted = ([value for value, *_ in values] for values in of.values())
             void = [(method, variant, VOID, day) in known for day in days.index]
             bounds = [(low, high) for _, low, high in of["recall_at_1"]]
             ms = float(cost.get((method, variant), np.nan))
-            rows.append(Row(ModelName(method, variant).name, right, bounds, void, answers, kept, ms))
+            rows.append(
+                Row(ModelName(method, variant).name, right, bounds, void, answers, of_those, promised[-1], wanted[-1], ms)
+            )
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
         within_m = own.loc[(own["number"] == "correct_m") & (own["sequence"] == ""), "value"].max()
         if rows and np.isnan(within_m):
@@ -79,7 +85,8 @@ class Summary:
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
-    """A row a model, a column a test day; then what it answers of the last day, how much of it is right, and its time."""
+    """A row a model, a column a test day; then what it answers of the last day, how much of it is right, how much was promised by
+    held-out blocks, and its time."""
 
     def share(row: Row, i: int) -> Cell:
         cell = number(row.right[i], 3, row.bounds[i])
@@ -88,7 +95,8 @@ def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
     timed = summary.is_timed
     rows = []
     for row in summary.rows:
-        last = (number(row.answers[-1], 3), number(row.kept[-1], 3), *([number(row.query_ms, 1)] if timed else []))
+        answered = (number(row.answers[-1], 3), number(row.kept[-1], 3), kept(row.promised, row.wanted))
+        last = (*answered, *([number(row.query_ms, 1)] if timed else []))
         rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
-    heads = ("answers", "right of those", *(["ms a query"] if timed else []))
+    heads = ("answers", "right of those", "keeps", *(["ms a query"] if timed else []))
     return table("scorecard", ("method", *dates, *heads), rows, last=dates[-1])

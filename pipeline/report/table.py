@@ -1,7 +1,7 @@
 """Tables of a report: each cell has a text and a number to sort by."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import fmean, stdev
 from typing import Any
 
@@ -74,6 +74,11 @@ def table(kind: str, header: Iterable[str], rows: Iterable[Iterable[object]], /,
 def number(value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = "") -> Cell:
     """A number and its interval; a dash for NaN."""
     return Cell(fixed(value, digits), float(value), bracket(interval, digits), mark) if np.isfinite(value) else Cell(MISSING)
+
+
+def kept(precision: float, wanted: float) -> Cell:
+    """The precision that a threshold keeps on held-out blocks; where that is less than wanted: `0.731 of 0.9`."""
+    return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 
 def count(value: float) -> Cell:

@@ -15,14 +15,15 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
 from pipeline.report.result import NONE, Result, by_model, by_sequence, dates, day
 from pipeline.report.study import Study, against, indexed
-from pipeline.report.table import MISSING, Cell, Table, average, count, difference, number, spread, table
+from pipeline.report.table import MISSING, Cell, Table, average, count, difference, kept, number, spread, table
 from pipeline.studies import catalogue
 from pipeline.studies.expansion import ModelName
 
 # heading, number, digits: what is shown without intervals
 SHOWN_MEANS = (
     ("AUC exact", "auc_exact_top1", 3), ("F1max", "f1_max", 3), ("R@99%P", "recall_at_99_precision", 3), ("AUROC", "auroc", 3),
-    ("precision", "precision_at_threshold", 3), ("recall", "recall_at_threshold", 3), ("error [m]", "median_error_m", 1),
+    ("precision", "precision_at_threshold", 3), ("keeps", "kept_precision", 3), ("recall", "recall_at_threshold", 3),
+    ("error [m]", "median_error_m", 1),
     ("heading error [°]", "median_heading_error_deg", 1), ("within 10°", "heading_within_10deg", 3),
 )  # fmt: skip
 HEADINGS = SHOWN_MEANS[-2:]
@@ -105,7 +106,7 @@ def means(study: Study) -> Table:
 
 def everything(study: Study, protocol: str) -> Table:
     """The numbers of each sequence and model by one protocol."""
-    columns = (("recall@1", "recall_at_1", 3), ("oracle", "oracle", 3), ("AUC top-1", "auc_top1", 3), *SHOWN_MEANS[:7])
+    columns = (("recall@1", "recall_at_1", 3), ("oracle", "oracle", 3), ("AUC top-1", "auc_top1", 3), *SHOWN_MEANS[:-2])
     rows = [
         (name, one.model, *(number(one.number(protocol, key), digits) for _, key, digits in columns))
         for name, group in by_sequence(study.results).items()
@@ -132,7 +133,7 @@ def headings(study: Study) -> Table | None:
 
 def novelties(study: Study, protocol: str) -> Table:
     """How each kind of novelty rejects by one protocol: means over the test sequences, and the sequence it does worst in."""
-    shown, rows = ("AUROC", "AUC exact", "R@99%P", "precision", "recall"), []
+    shown, rows = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps"), []
     for model, group in by_model(study.results).items():
         values = np.stack([one.evaluation.protocol(protocol).rejection[:, :, 0] for one in group])  # (sequence, kind, measure)
         for k, kind in enumerate(group[0].evaluation.kinds):
@@ -140,7 +141,8 @@ def novelties(study: Study, protocol: str) -> Table:
             at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
             worst = replace(number(auroc[at], 3), small=f"on {day(group[at].sequence)}" * bool(np.isfinite(auroc[at])))
             cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
-            rows.append((model, kind + ("" if k else ", in use"), *cells, worst))
+            keeps = kept(group[0].evaluation.kept[k], group[0].wanted_precision)
+            rows.append((model, kind + ("" if k else ", in use"), *cells, keeps, worst))
     return table("novelties", ("model", "novelty", *shown, "worst AUROC"), rows, words=2, protocol=protocol)
 
 

@@ -36,10 +36,13 @@ def test_what_one_answer_to_all_would_reach() -> None:
         ({"reject_from": -0.1}, {"doubt_all_rejected": 1}),
         ({"reject_from": 1.1}, {"doubt_none_rejected": 1}),
         ({"reject_from": ACCEPT_NOTHING}, {"doubt_no_threshold": 1}),
+        ({"kept": 0.731}, {"doubt_less_kept": 0.731}),
+        ({"kept": np.nan}, {}),
     ],
 )
 def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
-    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "seen": 31, "blocks": 6}
+    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "kept": 0.9, "wanted": 0.9}
+    usual |= {"seen": 31, "blocks": 6}
     found = doubts(**usual | change)
     assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
     assert found == applies

@@ -8,7 +8,7 @@ from pipeline.matching.rejection import Evidence
 
 
 def evidence(right: list[bool], seen: list[float], unseen: list[float]) -> Evidence:
-    return Evidence(np.array(right), {"entropy": np.array(seen)}, {"entropy": np.array(unseen)})
+    return Evidence(np.array(right), {"entropy": np.array(seen)}, {"entropy": np.array(unseen)}, np.arange(len(right)))
 
 
 def test_right_and_apart_is_one_and_never_right_is_nothing() -> None:

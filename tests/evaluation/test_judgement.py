@@ -241,7 +241,8 @@ def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
 def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     cases, ranking = [Case(), Case("turned", repeat=1)], joined([RANKING, TURNED])
     attrs = {"cases": [asdict(case) for case in cases], "kinds": ["entropy", "energy"], "thresholds": [0.5, 4.5]}
-    with store.write(tmp_path / "rankings", schemas.RANKINGS, **attrs, wanted_precision=0.99) as draft:
+    attrs |= {"wanted_precision": 0.99, "kept_precision": [0.812, None]}
+    with store.write(tmp_path / "rankings", schemas.RANKINGS, **attrs) as draft:
         draft.put("turned_deg", np.r_[np.zeros(5), LEFT_DEG])
         for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             draft.put(name, getattr(ranking, name))
@@ -257,6 +258,8 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     artifacts = [store.read(tmp_path / name, getattr(schemas, name.upper())) for name in ("rankings", "labels", "submaps")]
     found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
     assert list(found) == cases
+    assert [(one.wanted, one.kept[0]) for one in found.values()] == [(0.99, 0.812)] * 2
+    assert np.isnan(found[Case()].kept[1])
     for one, alone in zip(found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True):
         for name, column in columns([alone]).items():
             np.testing.assert_allclose(columns([one])[name], column, atol=1e-12, err_msg=name)

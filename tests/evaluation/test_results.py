@@ -36,7 +36,8 @@ STUDY: Mapping[str, Any] = {
 CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
 WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
 """As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
-EVIDENCE = Evidence(np.ones(3, bool), *(dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7)))
+KNOWN, UNKNOWN = (dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7))
+EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
 """Right, and told apart."""
 
 
@@ -78,7 +79,7 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
-    one = evaluation()
+    one = replace(evaluation(), kept=(0.731, 0.95), wanted=0.9)
     found = {(row["case"], row["protocol"], row["number"]): row for row in of_evaluation(one)}
     names = (
         "queries",
@@ -87,19 +88,23 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         "threshold",
         "turned_share",
         "answered",
+        "kept_precision",
+        "wanted_precision",
         *(name for name in NUMBERS if name not in POSES),
     )
     novelties = [f"novelty {kind}" for kind in one.kinds]
     assert list(found) == [
         *(key for by in ("cells", "distance") for key in (
             *(("", by, name) for name in (*names, *one.doubts(by))),
-            *((case, by, name) for case in novelties for name in MEASURES))),
+            *((case, by, name) for case in novelties for name in (*MEASURES, "kept_precision")))),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
     ]  # fmt: skip
-    told = {name: found["", "cells", name]["value"] for name in names}
+    told = {name: found["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and unseen right, energy all.
     assert [told[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
     assert told["answered"] == 5 / 7  # novelties below .5: .1, .2, .3, .05, .4
+    assert (told["kept_precision"], told["wanted_precision"], told["doubt_less_kept"]) == (0.731, 0.9, 0.731)
+    assert found["novelty energy", "cells", "kept_precision"]["value"] == 0.95
     assert told["recall_at_1"] == 3 / 5
     assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx([0.9, 1.0])
     assert found["novelty energy", "cells", "auroc"]["kind"] == "energy"
@@ -113,7 +118,7 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
     parts = {(row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found}
     assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
-    assert len(found) == 2 * (6 + len(NUMBERS) - len(POSES)) + 2
+    assert len(found) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2
 
 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(gathered: pd.DataFrame) -> None:

@@ -20,6 +20,7 @@ ATTRS |= {"bootstrap": {"block_m": 50.0}}
 ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}, "grain_m": 0.005, "skipped": {}, "clipped": 0}
 ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
+ATTRS |= {"kept_precision": (0.731, None)}
 ROWS = 10
 SCHEMAS = {schema.kind: schema for schema in ALL}
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.matching.holdout import blocks
+from pipeline.matching.holdout import blocks, numbered
 
 
 def along(n: int, step_m: float = 1.0) -> np.ndarray:
@@ -27,6 +27,20 @@ def test_a_place_never_loses_its_last_row() -> None:
     # Rows 20 to 23 would go; 20 and 21 are all of place 1, 22 and 23 share place 2 with row 24.
     places = np.concatenate([np.zeros(20), [1, 1, 2, 2, 2], np.full(10, 3)]).astype(np.int64)
     assert np.flatnonzero(blocks(along(35), places, 40.0, 4.0)).tolist() == [22, 23]
+
+
+def test_held_out_submaps_are_numbered_by_their_block() -> None:
+    poses = along(120)
+    held = blocks(poses, np.zeros(120, np.int64), 40.0, 4.0)
+    assert numbered(poses, held, 40.0, 4.0).tolist() == [0] * 4 + [1] * 4 + [2] * 4
+    # A block that lost its middle, since a place would have lost its last row, stays one.
+    held[21:23] = False
+    assert numbered(poses, held, 40.0, 4.0).tolist() == [0] * 2 + [1] * 4 + [2] * 4
+    # All held out: stretches of half of 40 m, or of the 40 m that a block is long. 120 rows are 119 m.
+    every = np.ones(120, bool)
+    assert numbered(poses, every, 40.0, 4.0).tolist() == np.repeat(np.arange(6), 20).tolist()
+    assert numbered(poses, every, 40.0, 40.0).tolist() == np.repeat(np.arange(3), 40).tolist()
+    assert not len(numbered(poses, ~every, 40.0, 4.0))
 
 
 @given(st.integers(1, 200), st.integers(1, 40), st.floats(1, 50), st.floats(0, 50), st.integers(0, 2**32))

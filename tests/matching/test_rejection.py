@@ -9,13 +9,22 @@ from hypothesis import strategies as st
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.matching.ranking import Ranking
-from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection, threshold_for
+from pipeline.matching.rejection import (
+    ACCEPT_NOTHING,
+    LEAST_BLOCKS,
+    Evidence,
+    Rejection,
+    Threshold,
+    reachable,
+    threshold_for,
+)
 
 # Four held-out queries, the third misplaced: how new they look as they are, and with their surroundings forgotten.
 EVIDENCE = Evidence(
     np.array([True, True, False, True]),
     {"entropy": np.array([0.1, 0.2, 0.3, 0.4]), "energy": np.array([-9.0, -8.0, -7.0, -6.0])},
     {"entropy": np.array([0.25, 0.5, 0.6, 0.7]), "energy": np.array([-10.0, -10.0, -10.0, -10.0])},
+    np.arange(4),
 )
 RANKING = Ranking(
     np.zeros((2, 1), np.int64),
@@ -29,16 +38,18 @@ RANKING = Ranking(
 
 
 def test_a_threshold_keeps_the_wanted_precision_among_seen_and_unseen() -> None:
-    # Half of the queries unseen, in order of entropy: right .1, right .2, unseen .25, wrong .3, right .4, ...: precisions
-    # 1, 1, 2/3, 2/4, 3/5, 3/6. Two thirds are kept up to .25, one half up to .5.
-    for wanted, last in ((0.9, 0.2), (0.66, 0.25), (0.5, 0.5)):
+    # Half of the queries unseen, each counting half, in order of entropy: right .1, right .2, unseen .25, wrong .3, right .4,
+    # unseen .5, .6, .7. One more counted wrong, kept are .5/1.5, 1/2, 1/2.5, 1/3, 1.5/3.5, 1.5/4, 1.5/4.5, 1.5/5.
+    for wanted, ends, kept in ((0.5, 0.225, 1 / 2), (0.4, 0.45, 1.5 / 3.5), (0.37, 0.55, 1.5 / 4)):
         (threshold,) = Rejection("own", wanted, 0.5).thresholds(EVIDENCE.arrays(), ("entropy",))
-        assert last < threshold < last + 1e-6
-    # With no unseen query to expect, the precisions are 1, 1, 2/3, 3/4.
-    (threshold,) = Rejection("own", 0.75, 0.0).thresholds(EVIDENCE.arrays(), ("entropy",))
-    assert threshold > 0.4
-    # Energy takes the unseen for the most familiar.
-    assert Rejection("own", 0.9, 0.5).thresholds(EVIDENCE.arrays(), ("entropy", "energy"))[1] == ACCEPT_NOTHING
+        assert threshold == pytest.approx((ends, kept), rel=1e-6)
+    # With no unseen query to expect, they are 1/2, 2/3, 2/4, 3/5 of the seen; the unseen up to .7 then break nothing.
+    (threshold,) = Rejection("own", 0.6, 0.0).thresholds(EVIDENCE.arrays(), ("entropy",))
+    assert threshold == pytest.approx((0.7, 0.6), rel=1e-6)
+    # Energy takes the unseen for the most familiar, and four blocks are too few to offer less than wanted.
+    entropy, energy = Rejection("own", 0.9, 0.5).thresholds(EVIDENCE.arrays(), ("entropy", "energy"))
+    assert entropy.reject_from == energy.reject_from == ACCEPT_NOTHING
+    assert np.isnan([entropy.kept_precision, energy.kept_precision]).all()
 
 
 def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() -> None:
@@ -48,8 +59,85 @@ def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() ->
         assert mine.keys() == theirs.keys()
         for kind in mine:
             np.testing.assert_allclose(mine[kind], theirs[kind], rtol=1e-6)
+    assert (back.block.tolist(), back.blocks) == ([0, 1, 2, 3], 4)
     with pytest.raises(InputError, match="held_out/right"):
         Evidence.of({"net/weight": np.zeros(3)})
+    earlier = {name: array for name, array in EVIDENCE.arrays().items() if name != "held_out/block"}
+    with pytest.raises(InputError, match="the model has no held_out/block: an earlier version made it; train it anew"):
+        Evidence.of(earlier)
+
+
+def test_blocks_of_several_days_stay_apart() -> None:
+    assert Evidence.joined([EVIDENCE, EVIDENCE]).block.tolist() == [0, 1, 2, 3, 4, 5, 6, 7]
+
+
+def test_queries_of_one_block_share_a_weight_of_one() -> None:
+    # Twenty right answers, none unseen to expect: each a block keep 20 of 21, ten in each of two blocks 2 of 3.
+    novelty = {"entropy": np.arange(20) / 100}
+    alone = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.arange(20))
+    together = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.repeat([0, 1], 10))
+    (kept,) = Rejection("own", 0.9, 0.0).thresholds(alone.arrays(), ("entropy",))
+    assert kept.kept_precision == pytest.approx(20 / 21)
+    (nothing,) = Rejection("own", 0.9, 0.0).thresholds(together.arrays(), ("entropy",))
+    assert nothing.reject_from == ACCEPT_NOTHING
+    (less,) = Rejection("own", 0.66, 0.0).thresholds(together.arrays(), ("entropy",))
+    assert less.kept_precision == pytest.approx(2 / 3)
+    # A block of two queries counts as one of one: right, then wrong and right in one block, keep 1/2, 1/2.5, 1.5/3.
+    uneven = Evidence(np.array([1, 0, 1], bool), {"e": np.array([1.0, 2, 3])}, {"e": np.full(3, 9.0)}, np.array([0, 1, 1]))
+    assert uneven.threshold("e", 0.0, 0.5) == pytest.approx((np.nextafter(9, 10), 0.5))
+
+
+def offered(wanted: float, right: list[int], blocks: list[int] | None = None, novelty: list[float] | None = None) -> Threshold:
+    """Of queries with the novelties 0, 1, 2, ..., each in a block of its own, unless they are given."""
+    n = np.arange(len(right))
+    given = n.astype(float) if novelty is None else np.array(novelty)
+    return reachable(wanted, given, np.array(right, bool), np.ones(len(n)), n if blocks is None else np.array(blocks))
+
+
+def test_a_threshold_stands_midway_to_the_next_novelty_and_just_above_the_last() -> None:
+    # Nine right of nine and one more counted wrong are 9 of 10; the tenth, wrong, would make 9 of 11.
+    novelty = [*range(9), 11.0]
+    assert offered(0.9, [1] * 9 + [0], novelty=novelty) == pytest.approx((9.5, 0.9))
+    assert offered(0.9, [1] * 8 + [0] * 2).reject_from != pytest.approx(7.5)  # 8 of 9 are .889
+    assert offered(0.9, [1] * 9) == pytest.approx((np.nextafter(8, 9), 0.9))
+    # What is infinitely new is accepted by no threshold, and is no end of a gap.
+    assert offered(0.9, [1] * 9 + [0], novelty=[*range(9), np.inf]) == pytest.approx((np.nextafter(8, 9), 0.9))
+
+
+def test_where_the_wanted_precision_is_not_kept_the_most_is_offered() -> None:
+    # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of 11 or 9 of 13.
+    assert LEAST_BLOCKS == 10
+    assert offered(0.9, [1, 1, 0, 1, 1, 0, 1, 1, 1, 1, 1, 0]) == pytest.approx((10.5, 0.75))
+    # 10 of 12 are .8333...: told as .833, since .834 would promise more than is kept.
+    assert offered(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0]).kept_precision == 0.833
+    # 8 of 9 would be more, but of eight blocks: the first ten keep 8 of 11.
+    assert offered(0.9, [1] * 8 + [0] * 4) == pytest.approx((9.5, 0.727))
+
+
+def test_too_few_blocks_or_none_right_offer_nothing() -> None:
+    for none in (
+        offered(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1]),  # 8 of 10, but of nine blocks
+        offered(0.95, [1, 1, 0] + [1] * 17, blocks=[*range(9), *[8] * 11]),  # 19 of 21, but of nine
+        offered(0.91, [0] * 12),
+        offered(0.9, []),
+    ):
+        assert none.reject_from == ACCEPT_NOTHING
+        assert np.isnan(none.kept_precision)
+
+
+def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
+    rejection, novelty = Rejection("own", 0.9, 0.0), {"e": np.arange(12.0)}
+
+    def said(right: list[int]) -> str:
+        n = len(right)
+        evidence = Evidence(np.array(right, bool), {"e": novelty["e"][:n]}, {"e": np.full(n, 99.0)}, np.arange(n))
+        (threshold,) = rejection.thresholds(evidence.arrays(), ("e",))
+        return rejection.summary(evidence.arrays(), threshold, 7)
+
+    assert said([1] * 12) == "7 rejected"
+    assert said([1] * 8 + [0] * 4) == "7 rejected; keeps 0.727 of the wanted 0.9 on 12 held-out blocks"
+    nothing = "all rejected: no threshold keeps the wanted 0.9 on held-out blocks, or is right on 10 of them (there are 6)"
+    assert said([1] * 6) == nothing
 
 
 def test_the_wanted_kind_of_novelty_comes_first() -> None:
@@ -115,6 +203,26 @@ def test_a_query_counts_as_often_as_it_weighs() -> None:
     assert chosen(0.81, [0.1, 0.2], [1, 0], [0.8, 0.2]) <= 0.2
     # Unweighted it would be 0.5.
     assert chosen(0.8, [0.1, 0.2], [1, 0]) <= 0.2
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()), min_size=1, max_size=12), st.floats(0.05, 1)
+)
+@settings(max_examples=60, deadline=None)
+def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
+    queries: list[tuple[float, bool]], wanted: float
+) -> None:
+    novelty, right = np.array([n for n, _ in queries]), np.array([r for _, r in queries])
+    threshold = offered(wanted, right, novelty=novelty)  # type: ignore[arg-type]
+    accepted = novelty < threshold.reject_from
+    if not accepted.any():
+        assert np.isnan(threshold.kept_precision)
+        return
+    kept = right[accepted].sum() / (accepted.sum() + 1)
+    assert threshold.kept_precision - 1e-8 <= kept <= threshold.kept_precision + 0.0011
+    bound = wanted if threshold.kept_precision >= wanted else kept
+    for larger in np.unique(novelty[~accepted]):
+        assert right[novelty <= larger].sum() / ((novelty <= larger).sum() + 1) < bound + 1e-9
 
 
 @given(

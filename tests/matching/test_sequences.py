@@ -205,7 +205,10 @@ def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
     assert evidence.right.mean() > 0.7
     assert set(evidence.seen) == set(evidence.unseen) == {"cost", "ratio"}
     assert (evidence.unseen["cost"] > evidence.seen["cost"]).all()
-    assert np.isfinite(Rejection(wanted_precision=0.6).thresholds({**evidence.arrays()}, ("cost", "ratio"))).all()
+    assert evidence.block.tolist() == [0] * 5 + [1] * 5 + [2] * 5
+    for threshold, kept in Rejection(wanted_precision=0.6).thresholds({**evidence.arrays()}, ("cost", "ratio")):
+        assert np.isfinite(threshold)
+        assert kept >= 0.6 or np.isnan(kept)
 
 
 def test_all_odd_rows_count_on_a_path_without_blocks() -> None:

@@ -161,7 +161,10 @@ def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(met
     evidence = Evidence.of(model)
     assert evidence.right.all()
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
-    assert Rejection().thresholds(model, ("distance",))[0] > ACCEPT_NOTHING
+    # All right, a fifth of the queries unseen: of b blocks .8 b right ones, and one more counted wrong.
+    (threshold,) = Rejection(wanted_precision=0.5).thresholds(model, ("distance",))
+    assert threshold.kept_precision >= 0.5
+    assert threshold.reject_from > ACCEPT_NOTHING
 
 
 def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():

@@ -52,6 +52,7 @@ def folder(tmp_path: Path) -> Path:
     write_map(tmp_path / "map.zarr", *drive(tmp_path, "train", np.eye(4)[None]), 0.5, 80.0, 50.0)
     drive(tmp_path, "test", TRUE)
     given = {"kinds": ("entropy",), "thresholds": (0.5,), "cases": [asdict(case) for case in CASES], "wanted_precision": 0.9}
+    given |= {"kept_precision": (0.9,)}
     with store.write(tmp_path / "rankings" / "test.zarr", schemas.RANKINGS, **given) as out:
         for column, kind in schemas.RANKINGS.columns.items():
             shape = {"rank": 1, "xy": 2, "kind": 1}

@@ -43,7 +43,9 @@ def evaluation() -> SimpleNamespace:
     cells = SimpleNamespace(outcome=np.array([0, 1, 2, 2, 0, 2, 3]), true_rank=np.array([0, 0, -1, 1, 0, -1, -1]), seen=seen)
     distance.recall_at = np.array([0.6, 0.8])
     shown = {"xy_m": XY_M, "answer_xy_m": ANSWERS_XY_M.copy(), "nearest_m": np.where(seen, 1.0, 100.0)}
-    return SimpleNamespace(distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,), **shown)
+    return SimpleNamespace(
+        distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,), kept=(0.731,), **shown
+    )
 
 
 def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
@@ -63,7 +65,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     one = SimpleNamespace(name="campus", grid="10m", cell_m=10.0, simulated=True, train=" ".join(TRAIN), best="sci", find=find)
     one.distance, one.bootstrap, one.train_xy_m, one.results = Distance(correct_m=12.0), Bootstrap(), path_xy_m, results
     one.rows = one.driven = told()
-    one.words, one.families, one.held_out_best = {"tests": list(TESTS)}, list(LOOKS), lambda model: np.nan
+    one.words, one.families = {"tests": list(TESTS)}, list(LOOKS)
     learned = {"m2dp": SimpleNamespace(rounds=0, recipe={}), "sci": SimpleNamespace(rounds=4, recipe={"budget": "0.1"})}
     one.models, one.trained = learned, {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}

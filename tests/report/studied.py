@@ -43,7 +43,7 @@ WORDS: dict[str, Any] = {
     "stress": {REVERSED: "all reversed"},
 }
 KNOWN = {"entropy": np.array([0.1, 0.2]), "energy": np.array([1.0, 2.0])}
-EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN)
+EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
 WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1)}
 """Which answers are misplaced besides those of SCI; turned, the last seen query's too, but for the 4-way model."""
 

@@ -23,6 +23,8 @@ def results(name: str, methods: int = 1, void: bool = False, within_m: float = 1
             rows.append(place | row("recall_at_1", "cells", 0.123))
             rows.append(place | row("answered", "distance", 0.25))
             rows.append(place | row("precision_at_threshold", "distance", np.nan if i else 0.875))
+            rows.append(place | row("kept_precision", "distance", 0.731 if i else 0.95))
+            rows.append(place | row("wanted_precision", "distance", 0.9))
             rows += [place | row("void", "distance", 1.0)] if void else []
         rows.append({"grid": "10m", "method": f"m{i}"} | row("query_ms", "", 12.4))
     rows.append({"grid": "10m"} | row("correct_m", "distance", within_m))
@@ -33,17 +35,17 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
     text = brief(results("campus", methods=2), {"campus": STUDY}, 200)
     title, above, heads, first, second, _ = text.split("\n")
     assert title == "campus, simulated: learned 2012-01-15, 2 test days, cells of 10 m"
-    assert above.split() == ["within", "15", "m", "answers", "right", "ms", "a"]
-    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "query"]
-    assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "12"]
-    assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "12"]
+    assert above.split() == ["within", "15", "m", "answers", "right", "keeps", "of", "ms", "a"]
+    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "wanted", "query"]
+    assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "0.731", "of", "0.9", "12"]
+    assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "0.950", "12"]
     assert max(map(len, text.split("\n"))) <= 78
 
 
 def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
     rows = results("campus")
     heads = brief(rows[rows["number"] != "query_ms"], {"campus": STUDY}, 200).split("\n")[2]
-    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those"]
+    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "wanted"]
 
 
 def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:

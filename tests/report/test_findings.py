@@ -58,6 +58,9 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(stu
     assert alone.endswith("for a precision of 90 %, it places none of them.")
     assert "with 50 %; the other has 40 %." in sentence(findings.answer(reporting(study, [*best, *others[:2]])))
     assert "with 50 %; the others lie between 30 % and 40 %." in sentence(findings.answer(reporting(study, [*best, *others])))
+    lower = [replace(one, evaluation=replace(one.evaluation, kept=(0.731, NAN))) for one in best]
+    unkept = "training day and that keeps a precision of 73.1 % there, not the wanted 90 %, it still places 60 % of them"
+    assert unkept in sentence(findings.answer(reporting(study, lower)))
     assert percent(NAN) == "–"
 
 
@@ -69,11 +72,15 @@ def test_doubts_are_said_once_where_both_protocols_share_them(study: Study) -> N
 
     sure, small = doubted("sci", 0), doubted("b", 0, void=(NAN, 1.0))
     del small.numbers["cells", VOID]  # type: ignore[attr-defined]
+    less = findings.doubts(reporting(study, [doubted("a", 0, doubt_less_kept=(0.731, 0.731))]))
+    assert [sentence(one) for one in less] == [
+        "Doubtful: `a`, by both protocols: its threshold keeps a precision of 0.731 on held-out blocks, where 0.9 was wanted."
+    ]
     several = [sure, doubted("a", 0, doubt_one_answer=(0.8, 0.8), doubt_no_threshold=(1, 1)), small, doubted("b", 1)]
     found = findings.doubts(reporting(study, several))
     assert [sentence(one) for one in found] == [
         "Doubtful: `a`, by both protocols: 80 % of the queries get one and the same answer; no threshold kept a precision of 0.9 "
-        "on held-out blocks, so every query is rejected.",
+        "on held-out blocks, which are too few to offer less, so every query is rejected.",
         "Doubtful: `b`, by distance: **void**, as one and the same answer to every query would have a recall@1 of 0.750 "
         f"({DAYS[0]}).",
     ]

@@ -95,6 +95,8 @@ def rejection(results: Sequence[Result]) -> Figure:
         column[1].set_xticks(range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor")
     fig.align_ylabels(axes[:, 0])
     names = [kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1) for i, kind in enumerate(kinds)]
+    promised = group[0].evaluation.kept[: len(kinds)]
+    names = [name + f", keeps {one:.3f}" * (one < wanted) for name, one in zip(names, promised, strict=True)]
     entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
     return fig

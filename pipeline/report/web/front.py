@@ -95,6 +95,8 @@ class Front:
             accepted = novelty < group[-1].evaluation.reject_from[0]
             kept, share = float(right[accepted].mean()) if accepted.any() else np.nan, float(accepted.mean())
             says = f"{model}, at its own threshold: answers {percent(share, 1)}, {percent(kept, 1)} of them right"
+            promised, wanted = group[-1].kept, group[-1].wanted_precision
+            says += f"; it keeps {percent(promised, 1)} on held-out blocks, wanted {percent(wanted)}" * (promised < wanted)
             lines.append(Series(model, PRECISIONS, coverage(novelty, right), dots=[(max(kept, PRECISIONS[0]), share, says)]))
         ticks = {share: percent(share) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}
         return chart(lines, self.roles, (PRECISIONS[0], PRECISIONS[-1]), ticks, LOW)
