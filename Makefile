@@ -134,6 +134,7 @@ benchmarks: .venv/ready
 	@echo "installing into .venv: yearloc and what its chain of stages needs"
 	@$(PIP) --editable '.[chain]'
 	@yearloc repair
+	@yearloc kernels
 	@touch $@
 	@echo "installed: $$(du -sh .venv | cut -f1) in .venv"
 

@@ -5,10 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline import kernel_cache
 from pipeline.cli.kernels import tell_cold
+from tests.online.made import packed, scan
 
 FIRST_KERNEL = """
 import os
@@ -60,3 +62,22 @@ def test_a_folder_that_can_be_written_is_left_to_numba(monkeypatch: pytest.Monke
     monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path))
     assert kernel_cache.settle() == ""
     assert os.environ[kernel_cache.GIVEN] == str(tmp_path)
+
+
+@pytest.mark.slow
+def test_what_is_compiled_beforehand_is_all_that_a_first_scan_takes(tmp_path: Path) -> None:
+    site = packed(tmp_path)
+    np.save(tmp_path / "scan.npy", scan()[0].astype(np.float32))
+    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+
+    def run(*words: str) -> tuple[str, set[str]]:
+        command = [sys.executable, "-m", "pipeline.cli", *words]
+        ended = subprocess.run(command, env=os.environ | kept, capture_output=True, text=True, check=True)
+        return ended.stdout, {str(path) for path in (tmp_path / "kernels").rglob("*.nbc")}
+
+    told, compiled = run("kernels")
+    assert told.startswith("compiled in ")
+    assert compiled
+    told, after = run("localize", str(site), str(tmp_path / "scan.npy"))
+    assert "accepted" in told
+    assert after == compiled

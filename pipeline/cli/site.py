@@ -45,6 +45,7 @@ def add_commands(commands: Any) -> None:
     )
     find.add_argument("--idle", type=float, default=10.0, metavar="S", help="of --follow: ends after so long without a byte (10)")
     find.add_argument("--threads", type=int, default=1, help="for the network (1)")
+    commands.add_parser("kernels", help="compile, once per machine, what a first scan would wait for; `make install` does it")
     onnx = commands.add_parser("export", help="a site's network as ONNX; or a site that answers through it, without torch")
     onnx.add_argument("site", type=Path, metavar="SITE")
     onnx.add_argument("-o", "--out", type=Path, required=True, metavar="FILE.onnx|FILE.site")
@@ -163,6 +164,14 @@ def _bridge(given: argparse.Namespace) -> None:
         way = f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
         placed = lidar_of(given)
         bridge.run(site, session, given.key, given.promise, lambda: print(way, file=sys.stderr, flush=True), print, placed)
+
+
+def kernels(given: argparse.Namespace) -> None:
+    """Compile them."""
+    from pipeline.online.first import compile_kernels
+
+    print("compiling what a first scan takes, once per machine", file=sys.stderr, flush=True)
+    print(f"compiled in {compile_kernels():.0f} s")
 
 
 def export(given: argparse.Namespace) -> None:

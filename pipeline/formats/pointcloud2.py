@@ -47,7 +47,7 @@ def decode(message: PointCloud2) -> NDArray[np.floating]:
     x, y, z = (np.ndarray(shape, kind, message.data, offset, strides).reshape(-1) for kind, offset in columns)
     if not all(kind == np.dtype(np.float32) for kind, _ in columns):
         x, y, z = _float64(x), _float64(y), _float64(z)
-    return np.asarray(_finite(x, y, z))
+    return np.asarray(finite(x, y, z))
 
 
 def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]:
@@ -102,7 +102,7 @@ def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _finite(x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]) -> NDArray[np.floating]:
+def finite(x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]) -> NDArray[np.floating]:
     """Points (n, 3) whose three coordinates are finite, at the speed of a copy whatever the columns' stride and alignment."""
     points = np.empty((x.shape[0], 3), x.dtype)
     kept = 0

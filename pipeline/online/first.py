@@ -1,0 +1,68 @@
+"""The first scan of a machine, made up: what it takes to localise is compiled, and kept for every later one."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.formats import kitti, nclt
+from pipeline.formats.pointcloud2 import finite
+from pipeline.frames import pose
+from pipeline.matching.outlines import Outlines, outlines, reranked
+from pipeline.matching.ranking import Rows
+from pipeline.methods.scan_context import ScanContext50
+from pipeline.online.tilt import lean
+from pipeline.posing.search import Answers, Fixer
+from pipeline.posing.targets import GRAIN_M, Targets
+from pipeline.running.progress import Progress
+from pipeline.views.m2dp import M2dp
+from pipeline.views.scan_context import ScanContext
+
+APART_M = 4.0
+"""From one made-up submap to the next."""
+
+
+def compile_kernels() -> float:
+    """Localise a scan in a made-up street by each way that has kernels; returns the seconds that it took."""
+    start = time.perf_counter()
+    points_m, anchors = street(), np.tile(np.eye(4), (3, 1, 1))
+    anchors[:, 0, 3] = APART_M * np.arange(len(anchors))
+    clouds_m = [points_m - anchor[:3, 3] for anchor in anchors]
+    _formats(points_m)
+    lean(points_m)
+    M2dp()(points_m)
+    images = np.stack([ScanContext()(cloud_m) for cloud_m in clouds_m])
+    rows = Rows(images, np.arange(len(anchors)), anchors)
+    ranker = ScanContext50(candidates=len(anchors))
+    ranker.localizer(ranker.learn(rows, np.arange(len(anchors)), Progress()))(rows, 1)
+    places, columns = np.arange(len(anchors)), np.zeros(len(anchors), np.float32)
+    seen = outlines(images)
+    reranked(np.ones((len(anchors), len(anchors))), np.zeros((len(anchors), len(anchors))), seen, Outlines(seen, places, columns))
+    grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
+    offsets = np.cumsum([0, *map(len, grains)])
+    arrays = {"points": np.concatenate(grains).astype(np.int16), "offsets": offsets, "world_T_anchor": anchors}
+    targets = Targets(arrays, GRAIN_M, 80.0, True)
+    Fixer(sure=1.0).fix(clouds_m[1], targets, Answers(anchors[:, :2, 3], np.zeros(len(anchors))))
+    return time.perf_counter() - start
+
+
+def street() -> NDArray[np.float64]:
+    """Points (n, 3) of a ground and of houses on both sides."""
+    rng = np.random.default_rng(0)
+    parts = [np.column_stack([rng.uniform(-40, 40, (4000, 2)), rng.normal(0, 0.02, 4000)])]
+    for x_m in range(-36, 36, 12):
+        front = np.column_stack([rng.uniform(x_m, x_m + 8, 400), np.full(400, 9.0), rng.uniform(0, 7, 400)])
+        side = np.column_stack([np.full(400, float(x_m)), rng.uniform(9, 15, 400), rng.uniform(0, 7, 400)])
+        parts += [front, side, front * (1, -1, 1), side * (1, -1, 1)]
+    return np.concatenate(parts) @ pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0, :3, :3].T
+
+
+def _formats(points_m: NDArray[np.float64]) -> None:
+    """Read the points as scans of each format whose reader has a kernel."""
+    fields = np.zeros(len(points_m), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    fields["x"], fields["y"], fields["z"] = points_m.T
+    finite(*(fields[axis] for axis in "xyz"))
+    kitti.decode(np.frombuffer(fields.tobytes(), "<f4"), 0.0)
+    packed = nclt.encode(points_m.astype(np.float32), np.zeros(len(points_m), np.uint8), np.zeros(len(points_m), np.uint8))
+    nclt.decode(np.frombuffer(packed, "<u2"), 0.0)
+    nclt.decode(np.frombuffer(packed, "<u2"))
