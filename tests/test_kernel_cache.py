@@ -49,7 +49,7 @@ def test_a_cold_start_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path / "kept"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     tell_cold()
-    assert "compiling kernels, once per machine: about a minute" in capsys.readouterr().err
+    assert "compiling kernels, once per machine: half a minute" in capsys.readouterr().err
     kept = tmp_path / "kept" / "views_0" / "kernels.bin-1.nbi"
     kept.parent.mkdir(parents=True)
     kept.write_text("")

@@ -10,11 +10,11 @@ def tell_cold() -> None:
     """Say so once, if the first scan takes so much longer than the others."""
     if pipeline.KERNELS == "nowhere":
         print(
-            f"  compiling kernels, at every start: about a minute; set {GIVEN} to a folder to keep them",
+            f"  compiling kernels, at every start: half a minute; set {GIVEN} to a folder to keep them",
             file=sys.stderr,
             flush=True,
         )
         return
     if cold():
         kept = f", kept in {pipeline.KERNELS}: set {GIVEN} to a folder that lasts" if pipeline.KERNELS else ""
-        print(f"  compiling kernels, once per machine: about a minute{kept}", file=sys.stderr, flush=True)
+        print(f"  compiling kernels, once per machine: half a minute{kept}", file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
 """Ageing: a held-out scan as a later day would see it, so that a verdict learns from more than its own day (METHODS 9.5).
 
-New walls and what they hide, a wedge in which nothing is left, leaves and snow: the strengths are fixed beforehand, never by a
-result.
+New walls and what they hide, a wedge in which nothing is left, cars and crowns that came, things that went, leaves and snow: the
+strengths are fixed beforehand, never by a result.
 """
 
 from dataclasses import dataclass, field
@@ -14,6 +14,14 @@ from pipeline.errors import ConfigError
 from pipeline.posing.registration import Points
 from pipeline.running.settings import NotNegative, Share, check
 
+AWAY_M = (5.0, 30.0)
+"""From the sensor to what came or went."""
+WENT_M = (2.0, 5.0)
+"""Radius of what went."""
+CAR_M, CAR_POINTS = np.array([4.5, 1.8, 1.5]), 150
+CROWN_M, CROWN_HIGH_M, CROWN_POINTS = (1.0, 2.5), (3.0, 6.0), 200
+"""Radius of a crown, and how high its middle is."""
+
 
 @dataclass(frozen=True)
 class Ageing:
@@ -23,6 +31,10 @@ class Ageing:
     """New walls, with what they hide: 0 to this many, each as likely."""
     wedge_deg: NotNegative = 90.0
     """Width of the directions in which nothing is left, up to this, in every other query."""
+    came: int = 20
+    """Cars and crowns of trees: 0 to this many, as many of each in the mean."""
+    went: int = 3
+    """Upright cylinders in which nothing is left, as of a kiosk or a hedge: 0 to this many."""
     above: Share = 0.3
     """Share of the points above `above_m` that are gone, up to this: leaves fall."""
     below: Share = 0.1
@@ -32,8 +44,9 @@ class Ageing:
 
     def __post_init__(self) -> None:
         check(self, "ageing")
-        if self.walls < 0:
-            raise ConfigError(f"ageing.walls={self.walls}: expected a number from 0 on")
+        for name in ("walls", "came", "went"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"ageing.{name}={getattr(self, name)}: expected a number from 0 on")
 
     def aged(self, points_m: Points, rng: np.random.Generator) -> Points:
         """What is left of points (n, 3), z up from the ground around the sensor, and what has been built."""
@@ -42,6 +55,11 @@ class Ageing:
             points_m = np.concatenate([points_m, wall.points(self.construction.spacing_m)])
         for wall in walls:
             points_m = points_m[~wall.hides(points_m, self.construction.sensor_height_m)]
+        for middle_m in _places(rng, int(rng.integers(0, self.went + 1))):
+            points_m = points_m[np.hypot(*(points_m[:, :2] - middle_m).T) >= rng.uniform(*WENT_M)]
+        for middle_m in _places(rng, int(rng.integers(0, self.came + 1))):
+            thing = _car(rng) if rng.integers(0, 2) else _crown(rng)
+            points_m = np.concatenate([points_m, thing + np.append(middle_m, 0.0)])
         width_rad = np.deg2rad(rng.uniform(0, self.wedge_deg)) * rng.integers(0, 2)
         first_rad = rng.uniform(0, 2 * np.pi)
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)
@@ -52,3 +70,28 @@ class Ageing:
         """The share (n,) of points such as each that is gone."""
         above, below = rng.uniform(0, self.above), rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)
+
+
+def _places(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Where things stand (count, 2), at any distance of AWAY_M."""
+    away_m, bearing = rng.uniform(*AWAY_M, count), rng.uniform(0, 2 * np.pi, count)
+    return np.column_stack([away_m * np.cos(bearing), away_m * np.sin(bearing)])
+
+
+def _car(rng: np.random.Generator) -> Points:
+    """Points (n, 3) of the five faces of a parked car, at any heading."""
+    points_m = rng.uniform(-0.5, 0.5, (CAR_POINTS, 3)) * CAR_M
+    face = rng.integers(0, 5, CAR_POINTS)
+    each = np.arange(CAR_POINTS)
+    points_m[each, face // 2] = np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]  # the last is its roof
+    turn = rng.uniform(0, np.pi)
+    rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return np.column_stack([points_m[:, :2] @ rotation, points_m[:, 2] + CAR_M[2] / 2])
+
+
+def _crown(rng: np.random.Generator) -> Points:
+    """Points (n, 3) of the leaves of a tree."""
+    out = rng.normal(0, 1, (CROWN_POINTS, 3))
+    radius_m = rng.uniform(*CROWN_M)
+    middle_m = np.array([0.0, 0.0, rng.uniform(*CROWN_HIGH_M)])
+    return np.asarray(radius_m * out / np.linalg.norm(out, axis=1, keepdims=True) + middle_m)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "behind")
+SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "ahead")
 """What speaks for a hypothesis; more of each is never worse.
 
 The first two are the means of the Agreements with its own submap and with another beside it; surety is −log₁₀ of the spread in
-metres, upright −1 for 10° of tilt against the submap or more, lead that of its slide, behind how much lower its quality is than
-that of the query's best hypothesis, negative or 0.
+metres, upright −1 for 10° of tilt against the submap or more, lead that of its slide, ahead how much higher its quality is than
+that of the query's best other hypothesis, negative of one that is behind; 0 where there is no other.
 """
 SCALES = np.array([0.1, 0.25, 0.2, 0.15, 0.12, 0.15])
 """A usual difference of each sign: weights are learned as if the signs were divided by these."""

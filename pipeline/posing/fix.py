@@ -112,7 +112,9 @@ def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
     """What speaks for each of a query's hypotheses, (n, sign) as chances.SIGNS has it."""
     found = np.array([one.signs for one in hypotheses]).reshape(len(hypotheses), len(SIGNS))
     quality = np.array([one.quality for one in hypotheses])
-    found[:, -1] = quality - quality.max(initial=0.0)
+    if len(quality) > 1:  # one alone is ahead of nothing
+        others = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
+        found[:, -1] = quality - others.max(axis=1)
     return found
 
 

@@ -1,7 +1,8 @@
-"""Slides: where else along its street a pose would look right (METHODS 9.4).
+"""Slides: where else along its street, or turned on its place, a pose would look right (METHODS 9.4).
 
-Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on as well as where it is. So its
-walls, at the heading of a pose, are laid on the charts of all training submaps around, and the best fit elsewhere is named.
+Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on as well as where it is; and a
+crossing of equal corners looks alike in four directions. So its walls are laid on the charts of all training submaps around at
+the heading of a pose, and on the nearest at right angles to it too; the best fit elsewhere is named.
 """
 
 from dataclasses import dataclass
@@ -17,13 +18,15 @@ FAR_M = 40.0
 """Slid copies are looked for so far around a pose."""
 SLID_M = 3.0
 """A fit nearer than this to the pose is the pose's own."""
+TURNS_DEG = (86.0, 90.0, 94.0, 176.0, 180.0, 184.0, 266.0, 270.0, 274.0)
+"""Headings besides, from that of the pose."""
 WIDEST_LEAD = 0.3
 """Leads are cut at this, either way: a street without another wall says no more."""
 
 
 @dataclass(frozen=True)
 class Slide:
-    """The best fit of walls elsewhere along the street."""
+    """The best fit of walls elsewhere."""
 
     lead: float
     """The score of the walls at the pose, less that of this fit; 0 where no submap near enough can tell."""
@@ -45,14 +48,17 @@ def slide(
     for other in around[_spaced(anchors_m[around])].tolist():
         target_T_query = np.linalg.inv(targets.world_T_anchor[other]) @ world_T_query
         heading = float(yaw(target_T_query[None])[0])
-        scores = walls.scores(targets.chart(walls, other), middles, heading)
         off_m = np.hypot(offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3])
-        own = max(own, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
-        slid = np.where(off_m >= SLID_M, scores, -np.inf)
-        x, y = np.unravel_index(slid.argmax(), slid.shape)
-        if slid[x, y] > best:
-            best, row = float(slid[x, y]), other
-            there = pose(np.array([[offsets_m[x], offsets_m[y], 0.0]]), np.array([[0.0, 0.0, heading]]))[0]
+        for turn_deg in (0.0, *(TURNS_DEG if other == around[0] else ())):
+            turned = heading + np.deg2rad(turn_deg)
+            scores = walls.scores(targets.chart(walls, other), middles, turned)
+            if not turn_deg:
+                own = max(own, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
+                scores = np.where(off_m >= SLID_M, scores, -np.inf)
+            x, y = np.unravel_index(scores.argmax(), scores.shape)
+            if scores[x, y] > best:
+                best, row = float(scores[x, y]), other
+                there = pose(np.array([[offsets_m[x], offsets_m[y], 0.0]]), np.array([[0.0, 0.0, turned]]))[0]
     if not np.isfinite(best) or not np.isfinite(own):
         return Slide(0.0, -1, there)
     return Slide(float(np.clip(own - best, -WIDEST_LEAD, WIDEST_LEAD)), row, there)

@@ -28,7 +28,7 @@ first SEVERAL poses."""
 
 
 LEAST_DOUBT = 1e-9
-TIMES = 10.0
+TIMES = 20.0
 
 
 @dataclass(frozen=True)

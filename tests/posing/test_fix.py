@@ -10,7 +10,7 @@ from pipeline import schemas, store
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.frames import apart
 from pipeline.posing.chances import Chances
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import Fix, signs
 from pipeline.posing.registration import NOWHERE
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
@@ -163,3 +163,10 @@ def test_settings_and_a_missing_map_are_refused(tmp_path: Path) -> None:
         Fixer(rounds=(5, 0))
     with pytest.raises(ArtifactError, match="no such artifact"):
         Targets.read(tmp_path / "none.zarr")
+
+
+def test_a_hypothesis_is_ahead_of_the_best_other_one_and_alone_of_none() -> None:
+    """Qualities are the overlaps here: .9, .5 and .4."""
+    three = [hypothesis(0, 0.5), hypothesis(20, 0.9), hypothesis(40, 0.4)]
+    assert signs(three)[:, -1] == pytest.approx([-0.4, 0.4, -0.5])
+    assert signs(three[:1])[:, -1].tolist() == [0.0]
