@@ -15,7 +15,7 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Side, Whole
+from pipeline.running.settings import Count, Positive, Side, Whole
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,8 @@ class Sad(MadeAnew, SequenceMethod):
     side_px: Side = 64  # views are brought to this side
     patch_px: Count = 8  # side of the patches that are normalised
     contrast_rows: Whole = 10
+    held_out_every_m: Positive = 80.0
+    """Nothing is trained, so held-out blocks cost nothing; between them lies the length of a sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""

@@ -63,7 +63,7 @@ def test_a_line_for_people_and_an_object_for_programs(site: str, tmp_path: Path,
     line, told = run(capsys, site, floats(tmp_path))
     assert line.startswith(f"{UTIME}.bin")
     assert " accepted " in line
-    assert "1 scan: 1 accepted, 0 rejected, 0 no pose" in told
+    assert "1 scan: 1 accepted, 0 near, 0 ambiguous, 0 rejected, 0 no pose" in told
     found = json.loads(run(capsys, site, tmp_path, "--json")[0])
     assert list(found) == [*COLUMNS, "covariance", "runners_up"]
     assert near(found)
