@@ -32,11 +32,11 @@ from omegaconf import OmegaConf
 
 from benchmarks.posing import REACHES_M, VOXEL_M, peers
 from pipeline import schemas, store
-from pipeline.frames import Poses, turns, yaw
+from pipeline.frames import Poses, turns, wrapped_deg, yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import right
+from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
 SEEN_M, TILE_M, CANDIDATES = 5.0, 20.0, 5
 LOCAL_M = (100.0, 60.0)
@@ -61,13 +61,20 @@ class Answers:
 
     def line(self, name: str) -> str:
         """A row of the table."""
-        good = right(self.world_T_query, self.world_T_true)
-        share = good[self.seen].mean() if self.seen.any() else np.nan
-        wrong = (self.accepted & ~good).sum()
-        times = " ".join(
-            f"{np.median(took_ms):8.0f}" if len(took_ms) else f"{'–':>8}" for took_ms in (self.took_ms[self.seen], self.took_ms)
+        good, level = right(self.world_T_query, self.world_T_true), self.right_from_above()
+        found, kept = (each[self.seen].mean() if self.seen.any() else np.nan for each in (good, good & self.accepted))
+        wrong, wrong_from_above = (self.accepted & ~good).sum(), (self.accepted & ~level).sum()
+        medians = (
+            f"{np.median(took_ms):7.0f}" if len(took_ms) else f"{'–':>7}" for took_ms in (self.took_ms[self.seen], self.took_ms)
         )
-        return f"  {name:<44} {len(good):5} {self.seen.sum():5} {share:6.3f} {self.accepted.sum():9} {wrong:6} {times}"
+        counts = f"{self.accepted.sum():9} {wrong:6} {wrong_from_above:6}"
+        return f"  {name:<40} {len(good):5} {self.seen.sum():5} {found:6.3f} {kept:6.3f} {counts} {' '.join(medians)}"
+
+    def right_from_above(self) -> NDArray[np.bool_]:
+        """Which are right but for height, roll and pitch."""
+        off_m = np.linalg.norm(self.world_T_query[:, :2, 3] - self.world_T_true[:, :2, 3], axis=1)
+        turn_deg = np.abs(wrapped_deg(np.rad2deg(yaw(self.world_T_query) - yaw(self.world_T_true))))
+        return np.asarray((off_m < RIGHT_M) & (turn_deg < RIGHT_DEG))
 
 
 class Day:
@@ -193,7 +200,8 @@ def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str,
 
 def table(day: Day, programs: Path) -> Iterator[str]:
     """A row a peer that is there, a line a peer that is not."""
-    yield f"  {'':<44} asked  seen  right  accepted  wrong  ms, seen  ms, all"
+    yield f"  {'':<40} {'':12} {'of the seen':>12}  {'':16} {'from':>6} {'ms of the':>11}"
+    yield f"  {'':<40} asked  seen  right   kept  accepted  wrong  above    seen     all"
     yield yearloc(day).line("yearloc")
     program = programs / "map_closures"
     if program.is_file():
@@ -212,7 +220,8 @@ def table(day: Day, programs: Path) -> Iterator[str]:
 
 
 def main(artifacts: str, model: str, sequence: str, every: str = "3", programs: str = "peers") -> None:
-    """Print a table: queries asked, those that training saw, the share of these within 2 m and 5°, accepted and wrong ones."""
+    """Print the table: of the seen the share within 2 m and 5° and that which is accepted too; of all the accepted, and the wrong
+    among them, in space and from above; medians of times."""
     print(f"{model} {sequence}")
     for line in table(Day(Path(artifacts), model, sequence, int(every)), Path(programs)):
         print(line, flush=True)
