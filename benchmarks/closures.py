@@ -1,0 +1,231 @@
+"""Poses and verdicts of one test day by peers: `python -m benchmarks.closures ARTIFACTS STUDY/GRID/MODEL DAY [EVERY [PEERS]]`.
+
+It reads artifacts that `dvc repro` built of a study with poses, and asks every so many queries. PEERS is a folder of programs
+built by benchmarks/PEERS.md. A peer that is not there is left out with a line. Everyone decides by a threshold of its own:
+
+- yearloc by what it promised, .99; its poses and verdicts are those of the artifact, and the time is that of a fix
+- MapClosures by its inliers, of local maps of what was driven through last, and of local maps as its authors cut them
+- GICP by whether it came to rest, from Scan Context's first candidates and headings
+- KISS-Matcher by its inliers with the map's tiles, submaps at least TILE_M apart
+
+Time is CPU time a query, one thread, once points, local maps, rankings and the map's clouds are there.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import small_gicp
+from hydra.utils import instantiate
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+
+from benchmarks.posing import REACHES_M, VOXEL_M, peers
+from pipeline import schemas, store
+from pipeline.frames import Poses, turns, wrapped_deg, yaw
+from pipeline.mapping.gathering import submap_points
+from pipeline.posing.registration import Points
+from pipeline.posing.targets import Targets
+from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
+
+SEEN_M, TILE_M, CANDIDATES = 5.0, 20.0, 5
+LOCAL_M = (100.0, 60.0)
+"""How far a local map of MapClosures reaches: what its program takes, and what suits drives of a kilometre better."""
+LEAST_INLIERS = 5
+"""From so many inliers on KISS-Matcher's examples call a registration a success."""
+One = Callable[[int, Points], tuple[NDArray[np.float64], bool]]
+"""A query's row and points (n, 3) → world_T_query (4, 4) and whether it is accepted."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What one peer says of the queries."""
+
+    world_T_query: Poses
+    """(q, 4, 4); NaN without one."""
+    world_T_true: Poses
+    accepted: NDArray[np.bool_]
+    seen: NDArray[np.bool_]
+    """(q,) training went by."""
+    took_ms: NDArray[np.float64]
+
+    def line(self, name: str) -> str:
+        """A row of the table."""
+        good, level = right(self.world_T_query, self.world_T_true), self.right_from_above()
+        found, kept = (each[self.seen].mean() if self.seen.any() else np.nan for each in (good, good & self.accepted))
+        wrong, wrong_from_above = (self.accepted & ~good).sum(), (self.accepted & ~level).sum()
+        medians = (
+            f"{np.median(took_ms):7.0f}" if len(took_ms) else f"{'–':>7}" for took_ms in (self.took_ms[self.seen], self.took_ms)
+        )
+        counts = f"{self.accepted.sum():9} {wrong:6} {wrong_from_above:6}"
+        return f"  {name:<40} {len(good):5} {self.seen.sum():5} {found:6.3f} {kept:6.3f} {counts} {' '.join(medians)}"
+
+    def right_from_above(self) -> NDArray[np.bool_]:
+        """Which are right but for height, roll and pitch."""
+        off_m = np.linalg.norm(self.world_T_query[:, :2, 3] - self.world_T_true[:, :2, 3], axis=1)
+        turn_deg = np.abs(wrapped_deg(np.rad2deg(yaw(self.world_T_query) - yaw(self.world_T_true))))
+        return np.asarray((off_m < RIGHT_M) & (turn_deg < RIGHT_DEG))
+
+
+class Day:
+    """The artifacts of one day, and the queries that are asked."""
+
+    def __init__(self, artifacts: Path, model: str, sequence: str, every: int) -> None:
+        study, name = model.split("/")[0], f"{sequence}.zarr"
+        (self.map_path,) = (artifacts / "map" / study).glob("*.zarr")
+        self.targets = Targets.read(self.map_path)
+        self.scans, self.trained = (
+            store.read(artifacts / "scans" / study / each, schemas.SCANS) for each in (name, self.map_path.name)
+        )
+        self.submaps = store.read(artifacts / "submaps" / study / name, schemas.SUBMAPS)
+        self.fixes = store.read(artifacts / "poses" / model / name, schemas.FIXES)
+        self.rankings = store.read(artifacts / "localize" / model / name, schemas.RANKINGS)
+        self.scan_context = artifacts / "localize" / Path(model).parent / "scan_context" / name
+        self.rows = np.arange(0, len(self.submaps.load("scans")), every)
+        self.world_T_true = self.submaps.load("world_T_anchor")[self.rows]
+
+    def clouds(self) -> Iterator[tuple[int, Points]]:
+        """Each query's row and points (n, 3)."""
+        for row in self.rows.tolist():
+            yield row, next(iter(submap_points(self.scans, self.submaps, slice(row, row + 1))))
+
+    def near(self, world_T_a: Poses) -> NDArray[np.bool_]:
+        """Which of these (n, 4, 4) training went by."""
+        anchors_m = self.targets.world_T_anchor[:, :2, 3]
+        return np.asarray(np.linalg.norm(world_T_a[:, None, :2, 3] - anchors_m, axis=2).min(axis=1) < SEEN_M)
+
+    def asked(self, one: One, prepares: bool) -> Answers:
+        """What a peer says of each query; one that `prepares` the map's clouds when it first meets them is asked twice."""
+        found, accepted, took_ms = [], [], []
+        for row, points_m in self.clouds():
+            if prepares:
+                one(row, points_m)
+            start = time.process_time()
+            world_T_query, kept = one(row, points_m)
+            took_ms.append(1e3 * (time.process_time() - start))
+            found.append(world_T_query)
+            accepted.append(kept)
+        return Answers(np.array(found), self.world_T_true, np.array(accepted), self.near(self.world_T_true), np.array(took_ms))
+
+
+def yearloc(day: Day) -> Answers:
+    """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
+    settings = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
+    fix = peers(replace(settings, clear_m=float(day.fixes.attrs["clear_m"])), day.targets)["yearloc"]
+    xy_m, novelty = day.rankings.load("xy_m"), day.fixes.load("novelty")[:, 0]
+    made = day.asked(lambda row, points_m: (fix(points_m, xy_m[row]), bool(novelty[row] < day.fixes.attrs["promised"][1])), True)
+    return replace(made, world_T_query=day.fixes.load("world_T_query")[day.rows])
+
+
+def gicp(day: Day) -> Answers:
+    """The candidate of the most inliers; each is tried from its own place and Scan Context's heading there."""
+    rankings = store.read(day.scan_context, schemas.RANKINGS)
+    xy_m, heading_deg = rankings.load("xy_m")[:, :CANDIDATES], rankings.load("heading_deg")[:, :CANDIDATES]
+    world_T_anchor = day.targets.world_T_anchor
+    prepared = lru_cache(128)(lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10))
+
+    def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
+        best, converged, most = np.full((4, 4), np.nan), False, -1
+        source = small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0]
+        rows = np.linalg.norm(world_T_anchor[:, :2, 3] - xy_m[query][:, None], axis=2).argmin(axis=1)
+        for row, found in zip(rows, turns(np.deg2rad(heading_deg[query]) - yaw(world_T_anchor[rows])), strict=True):
+            cloud, tree = prepared(row)
+            for reach_m in REACHES_M:
+                result = small_gicp.align(
+                    cloud, source, tree, found, registration_type="GICP", max_correspondence_distance=reach_m
+                )
+                found = result.T_target_source
+            if result.num_inliers > most:
+                best, converged, most = world_T_anchor[row] @ found, result.converged, result.num_inliers
+        return best, converged
+
+    return day.asked(one, True)
+
+
+def kiss(day: Day) -> Answers:
+    """KISS-Matcher at 1 m voxels with every tile of the map; that of the most inliers counts."""
+    import kiss_matcher
+
+    anchors_m, tiles = day.targets.world_T_anchor[:, :2, 3], list[int]()
+    for row, anchor_m in enumerate(anchors_m):
+        if (np.linalg.norm(anchors_m[tiles] - anchor_m, axis=1) >= TILE_M).all():
+            tiles.append(row)
+    clouds = [(row, list(day.targets.points_m(row).astype(np.float32))) for row in tiles]
+
+    def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
+        best, most, source = np.full((4, 4), np.nan), -1, list(points_m.astype(np.float32))
+        for row, target in clouds:
+            matcher, found = kiss_matcher.KISSMatcher(1.0), np.eye(4)
+            result = matcher.estimate(source, target)
+            found[:3, :3], found[:3, 3] = result.rotation, np.ravel(result.translation)
+            if matcher.get_num_final_inliers() > most:
+                best, most = day.targets.world_T_anchor[row] @ found, matcher.get_num_final_inliers()
+        return best, most >= LEAST_INLIERS
+
+    return day.asked(one, False)
+
+
+def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str, Answers]]:
+    """Of our queries, and of local maps as its authors cut them; its database has training's, so cut."""
+    with TemporaryDirectory() as scratch:
+        train, test, out = (Path(scratch, f"{each}.npz") for each in ("train", "test", "out"))
+        layout, last = day.submaps.attrs["layout"], day.submaps.load("scans")[day.rows]
+        for path, scans in ((train, day.trained), (test, day.scans)):
+            points_m = scans.load("points").astype(np.float32) * np.float32(scans.attrs["grain_m"])
+            np.savez(path, points=points_m, offsets=scans.load("offsets"), laid_T_scan=scans.load(layout), asked=last)
+        subprocess.run([program, train, test, str(reach_m), out], check=True)
+        with np.load(out) as found:
+            answers = dict(found)
+    world_T_trained, world_T_scan = day.trained.load("world_T_scan"), day.scans.load("world_T_scan")
+    near = day.near(world_T_scan)
+    for kind, name in (("asked", "queries"), ("own", "its own local maps")):
+        frame, first, stop, reference, accepted, inliers, took_ms, reference_T_frame = (
+            answers[f"{kind}_{each}"]
+            for each in ("frame", "first", "stop", "reference", "accepted", "inliers", "took_ms", "reference_T_frame")
+        )
+        seen = near[frame] if kind == "asked" else np.array([near[a:b].mean() > 0.5 for a, b in zip(first, stop, strict=True)])
+        world_T_query = np.where(inliers[:, None, None] > 0, world_T_trained[reference] @ reference_T_frame, np.nan)
+        yield f"MapClosures, {reach_m:.0f} m, {name}", Answers(world_T_query, world_T_scan[frame], accepted, seen, took_ms)
+
+
+def table(day: Day, programs: Path) -> Iterator[str]:
+    """A row a peer that is there, a line a peer that is not."""
+    yield f"  {'':<40} {'':12} {'of the seen':>12}  {'':16} {'from':>6} {'ms of the':>11}"
+    yield f"  {'':<40} asked  seen  right   kept  accepted  wrong  above    seen     all"
+    yield yearloc(day).line("yearloc")
+    program = programs / "map_closures"
+    if program.is_file():
+        for reach_m in LOCAL_M:
+            yield from (answers.line(name) for name, answers in map_closures(day, program, reach_m))
+    else:
+        yield f"  MapClosures left out: {program} is not there (benchmarks/PEERS.md)"
+    if day.scan_context.is_dir():
+        yield gicp(day).line("GICP from Scan Context")
+    else:
+        yield f"  GICP left out: {day.scan_context} is not there (yearloc use … methods=…,scan_context)"
+    try:
+        yield kiss(day).line(f"KISS-Matcher, tiles {TILE_M:.0f} m apart")
+    except ImportError:
+        yield "  KISS-Matcher left out: kiss_matcher is not installed (pip install .[kiss])"
+
+
+def main(artifacts: str, model: str, sequence: str, every: str = "3", programs: str = "peers") -> None:
+    """Print the table: of the seen the share within 2 m and 5° and that which is accepted too; of all the accepted, and the wrong
+    among them, in space and from above; medians of times."""
+    print(f"{model} {sequence}")
+    for line in table(Day(Path(artifacts), model, sequence, int(every)), Path(programs)):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
