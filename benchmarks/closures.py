@@ -121,7 +121,7 @@ class Day:
 def yearloc(day: Day) -> Answers:
     """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
     settings = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
-    fix = peers(replace(settings, clear_m=float(day.fixes.attrs["clear_m"])), day.targets)["yearloc"]
+    fix = peers(settings, day.targets)["yearloc"]
     xy_m, novelty = day.rankings.load("xy_m"), day.fixes.load("novelty")[:, 0]
     made = day.asked(lambda row, points_m: (fix(points_m, xy_m[row]), bool(novelty[row] < day.fixes.attrs["promised"][1])), True)
     return replace(made, world_T_query=day.fixes.load("world_T_query")[day.rows])

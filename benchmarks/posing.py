@@ -107,8 +107,7 @@ def line(name: str, found: Poses, true: Poses, took_ms: list[float]) -> str:
 def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
     """Print a row a peer, of every so many queries that training saw."""
     (path,) = Path("artifacts/map", dataset).glob("*.zarr")
-    fixes = store.read(Path("artifacts/poses", dataset, "10m", model, f"{sequence}.zarr"), schemas.FIXES)
-    fixer = replace(instantiate(OmegaConf.load("conf/poses.yaml").fixer), clear_m=float(fixes.attrs["clear_m"]))
+    fixer = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
     rankings = store.read(Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.RANKINGS)
     scans, submaps = (
         store.read(Path(f"artifacts/{kind}", dataset, f"{sequence}.zarr"), schema)
