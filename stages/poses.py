@@ -27,7 +27,7 @@ def main(cfg: DictConfig) -> str:
         Drive(Path(cfg.scans, map_path.name), Path(cfg.submaps, map_path.name)),
         Rows.read(Path(cfg.views, map_path.name)),
         labels.load("places"),
-        build("view", Path(cfg.views).name),
+        instantiate(cfg.view),
         instantiate(cfg.method).localizer(store.read_model(cfg.model)),
         cfg.k,
     )
