@@ -56,6 +56,13 @@ def test_wrong_ones_among_the_right_break_a_promise() -> None:
     assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2, 1).limits("fix")] == [True, False, False]
 
 
+def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() -> None:
+    """Evidence without a wrong one keeps every promise at any limit: .05 allows a doubt of a half, .01 one of a fifth."""
+    known = evidence(2000)
+    sure = Verdict(Evidence(known.fixes[::2], known.world_T_true[::2], known.unseen[::2], known.block[::2]), 0.2, 1)
+    assert all(limit <= most for limit, most in zip(sure.limits("fix"), (0.5, 0.2, 0.02), strict=True))
+
+
 def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
     """Odds of 1/9 and 9: in the middle 1."""
     assert middle(np.array([0.05, 0.1, 0.9]), 0.11) == pytest.approx(0.5)
