@@ -111,7 +111,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
             robust = ("question=robustness", "methods=sci,scan_context", "variants=engaged", "altered=turned", "cells=5m")
             clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")
             clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")
-            clone.edit("conf/poses.yaml", "rounds: [5, 20, 20]", "rounds: [8]")  # nothing is clear in so small a world
+            clone.edit("conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]")  # nothing is sure in so small a world
             clone.edit("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0")
             told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
     return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.special import logsumexp
 
 SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "ahead")
 """What speaks for a hypothesis; more of each is never worse.
@@ -40,7 +38,7 @@ class Chances:
     def shares(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The chance (n + 1,) of each hypothesis of one query, and that none is right."""
         scores = np.append(self.scores(signs), 0.0)
-        return np.asarray(np.exp(scores - logsumexp(scores)))
+        return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 
     def of(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The chance (n,) of each hypothesis of one query."""
@@ -61,6 +59,8 @@ def learned(
 
     The likeliest weights, given that they stray little from those of `start`; of no query these.
     """
+    from scipy.optimize import minimize  # a robot does not learn
+
     queries, most = len(signs), max((len(one) for one in signs), default=0)
     if not most:
         return start
@@ -76,7 +76,7 @@ def learned(
 
     def loss(found: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         scores = np.where(there, scaled @ found[:-1] + found[-1], -np.inf)
-        whole = logsumexp(np.column_stack([np.zeros(queries), scores]), axis=1)
+        whole = np.logaddexp.reduce(np.column_stack([np.zeros(queries), scores]), axis=1)
         chances = np.exp(scores - whole[:, None])
         of_good = np.where(good, chances, 0.0)
         total = np.maximum(of_good.sum(axis=1), 1e-300)

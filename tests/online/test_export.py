@@ -25,7 +25,11 @@ from tests.readers.damage import one_line
 SETTINGS = {"epochs": 3, "batch": 8, "threads": 1, "dropout": 0.1}
 WITHOUT_TORCH = """
 import sys
-sys.modules["torch"] = None
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "torch":
+            raise ModuleNotFoundError("torch", name="torch")
+sys.meta_path.insert(0, Missing())
 import numpy as np
 from pipeline.online.site import Site
 fix = Site.open(sys.argv[1]).localize(np.load(sys.argv[2]))
