@@ -132,7 +132,7 @@ EDITS = {
         ("pipeline/report/templates/words.yaml", "recorded: Recorded data", "recorded: Recorded numbers", {"report"}),
     ],
     "views, and how a figure looks": [
-        ("conf/view/scan_context.yaml", "rings: 16", "rings: 20", {"views", "altered"}),
+        ("conf/view/scan_context.yaml", "rings: 16", "rings: 20", {"views", "altered", "poses"}),
         ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "altered"}),
         ("pipeline/report/figures/style.py", "simulated, not recorded", "simulated, never recorded", {"report"}),
     ],
