@@ -106,7 +106,9 @@ class Day:
 
     def asked(self, one: One, prepares: bool) -> Answers:
         """What a peer says of each query; one that `prepares` the map's clouds when it first meets them is asked twice."""
-        found, accepted, took_ms = [], [], []
+        found = []
+        accepted = []
+        took_ms = []
         for row, points_m in self.clouds():
             if prepares:
                 one(row, points_m)
@@ -146,7 +148,9 @@ def gicp(day: Day) -> Answers:
                 )
                 found = result.T_target_source
             if result.num_inliers > most:
-                best, converged, most = world_T_anchor[row] @ found, result.converged, result.num_inliers
+                best = world_T_anchor[row] @ found
+                converged = result.converged
+                most = result.num_inliers
         return best, converged
 
     return day.asked(one, True)
@@ -156,7 +160,8 @@ def kiss(day: Day) -> Answers:
     """KISS-Matcher at 1 m voxels with every tile of the map; that of the most inliers counts."""
     import kiss_matcher
 
-    anchors_m, tiles = day.targets.world_T_anchor[:, :2, 3], list[int]()
+    anchors_m = day.targets.world_T_anchor[:, :2, 3]
+    tiles: list[int] = []
     for row, anchor_m in enumerate(anchors_m):
         if (np.linalg.norm(anchors_m[tiles] - anchor_m, axis=1) >= TILE_M).all():
             tiles.append(row)
@@ -169,7 +174,8 @@ def kiss(day: Day) -> Answers:
             result = matcher.estimate(source, target)
             found[:3, :3], found[:3, 3] = result.rotation, np.ravel(result.translation)
             if matcher.get_num_final_inliers() > most:
-                best, most = day.targets.world_T_anchor[row] @ found, matcher.get_num_final_inliers()
+                best = day.targets.world_T_anchor[row] @ found
+                most = matcher.get_num_final_inliers()
         return best, most >= LEAST_INLIERS
 
     return day.asked(one, False)
@@ -179,7 +185,8 @@ def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str,
     """Of our queries, and of local maps as its authors cut them; its database has training's, so cut."""
     with TemporaryDirectory() as scratch:
         train, test, out = (Path(scratch, f"{each}.npz") for each in ("train", "test", "out"))
-        layout, last = day.submaps.attrs["layout"], day.submaps.load("scans")[day.rows]
+        layout = day.submaps.attrs["layout"]
+        last = day.submaps.load("scans")[day.rows]
         for path, scans in ((train, day.trained), (test, day.scans)):
             points_m = scans.load("points").astype(np.float32) * np.float32(scans.attrs["grain_m"])
             np.savez(path, points=points_m, offsets=scans.load("offsets"), laid_T_scan=scans.load(layout), asked=last)

@@ -24,13 +24,16 @@ def numbered(world_T_anchor: Poses, held: NDArray[np.bool_], every_m: float, len
     A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is more:
     so do stretches of a path all of which is held out.
     """
-    path_m, block, first_m = _path_m(world_T_anchor)[held], -1, -np.inf
-    found = np.empty(len(path_m), np.int64)
-    for i, at_m in enumerate(path_m):
+    path_m = _path_m(world_T_anchor)[held]
+    numbers = np.empty(len(path_m), np.int64)
+    block = -1
+    first_m = -np.inf
+    for submap, at_m in enumerate(path_m):
         if at_m - first_m >= max(every_m / 2, length_m):
-            block, first_m = block + 1, at_m
-        found[i] = block
-    return found
+            block += 1
+            first_m = at_m
+        numbers[submap] = block
+    return numbers
 
 
 def _path_m(world_T_anchor: Poses) -> NDArray[np.float64]:

@@ -32,6 +32,8 @@ Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is within 15 m of the pose is.
 Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is believed. No pose: too few points, or nothing fits.
 """
+NO_LIMITS = (0.0,) * len(BELIEFS)
+"""No doubt is below them."""
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
 """Of each of BELIEFS."""
 
@@ -157,7 +159,7 @@ class Site:
             return Fix("no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, 1.0, None, (), 0.0)
         best = found.hypotheses[0]
         doubts = self.judged.doubts(found).astype(np.float32).astype(np.float64)
-        limits = self.promises.get(promise, (0.0,) * len(BELIEFS)) if promise is not None else (0.0,) * len(BELIEFS)
+        limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
         believed = [word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit]
         kept = [one for one, (reject_from, *_) in self.promises.items() if doubts[0] < reject_from]
         others = [(found.hypotheses[i], found.chances[i]) for i in found.elsewhere[:RUNNERS_UP]]
@@ -166,11 +168,11 @@ class Site:
             self._place(best),
             best.world_T_query,
             best.alignment.covariance,
-            best.here.overlap,
+            best.alignment.overlap,
             float(doubts[0]),
             float(doubts[1]),
             max(kept, default=None),
-            tuple(RunnerUp(self._place(one), one.world_T_query, one.here.overlap, chance) for one, chance in others),
+            tuple(RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap, chance) for one, chance in others),
             0.0,
         )
 

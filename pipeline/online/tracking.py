@@ -164,8 +164,8 @@ class Tracker:
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
         kept = [promise for promise in self.site.promises if believed >= promise]
         verdict: Word = "accepted" if self._promise in kept else "rejected"
-        if verdict == "rejected" and fix.verdict in ("near", "ambiguous"):
-            verdict = fix.verdict
+        if verdict == "rejected" and not tracked and fix.verdict in ("near", "ambiguous"):
+            verdict = fix.verdict  # of a tracked pose no rival was looked for, so its scan alone tells less
         axes = fix.world_T_sensor[:3, :3]
         covariance = fix.covariance.copy()
         covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes

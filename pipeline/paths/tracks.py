@@ -59,15 +59,13 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
     """The columns and attributes of a fixes artifact with the estimates along the path in place of the fixes.
 
     Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for no held-out blocks tell more.
-    Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps, or fixes are not rejected by their chance.
+    Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps.
     """
     columns = {name: fixes.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
     columns |= {name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance")}
     attrs, n, cases = fixes.attrs, len(odom_T_anchor), len(read_cases(fixes.attrs))
     if len(columns["places"]) != n * cases:
         raise InputError(f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps")
-    if attrs["kinds"][0] != "fix":
-        raise InputError(f"{fixes.path}: rejects by {attrs['kinds'][0]}; paths join chances: novelty: fix in conf/poses.yaml")
     for case in range(cases):
         own = slice(case * n, (case + 1) * n)
         odom_T_query = odom_T_anchor @ turns(np.deg2rad(columns["turned_deg"][own].astype(np.float64)))

@@ -18,9 +18,14 @@ AWAY_M = (5.0, 30.0)
 """From the sensor to what came or went."""
 WENT_M = (2.0, 5.0)
 """Radius of what went."""
-CAR_M, CAR_POINTS = np.array([4.5, 1.8, 1.5]), 150
-CROWN_M, CROWN_HIGH_M, CROWN_POINTS = (1.0, 2.5), (3.0, 6.0), 200
-"""Radius of a crown, and how high its middle is."""
+CAR_M = np.array([4.5, 1.8, 1.5])
+"""Length, width and height of a car."""
+CAR_POINTS = 150
+CROWN_M = (1.0, 2.5)
+"""Radius of a crown."""
+CROWN_HIGH_M = (3.0, 6.0)
+"""How high its middle is."""
+CROWN_POINTS = 200
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,9 @@ class Ageing:
 
 def _places(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     """Where things stand (count, 2), at any distance of AWAY_M."""
-    away_m, bearing = rng.uniform(*AWAY_M, count), rng.uniform(0, 2 * np.pi, count)
-    return np.column_stack([away_m * np.cos(bearing), away_m * np.sin(bearing)])
+    away_m = rng.uniform(*AWAY_M, count)
+    bearing_rad = rng.uniform(0, 2 * np.pi, count)
+    return np.column_stack([away_m * np.cos(bearing_rad), away_m * np.sin(bearing_rad)])
 
 
 def _car(rng: np.random.Generator) -> Points:

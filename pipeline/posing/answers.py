@@ -13,13 +13,12 @@ from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
-from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
 from pipeline.store import Artifact
 
-OWN_KINDS = (*BELIEFS, "overlap")
-"""Kinds of novelty that a fix adds: one minus the chance of each belief in it, and one minus its overlap."""
+OWN_KINDS = BELIEFS
+"""Kinds of novelty that a fix adds: one minus the chance of each belief in it."""
 MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """An answer that is none, column by column."""
 UNREGISTERED = 1.0
@@ -41,8 +40,7 @@ def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, doubts: NDArra
         xy_m, costs = own[:, :2, 3], 1 - np.array(fix.chances)
         answers["costs"][i] = UNREGISTERED + np.arange(k) / k
         lead(answers, i, {"places": places.at(xy_m), "costs": costs, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))})
-    overlap = np.array([fix.alignment.overlap for fix in fixes])
-    novelty = np.column_stack([doubts, 1 - overlap, ranking.novelty]).astype(np.float32)
+    novelty = np.column_stack([doubts, ranking.novelty]).astype(np.float32)
     confidence = (1 - doubts[:, 0]).astype(np.float32)
     return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=confidence)
 
@@ -77,7 +75,7 @@ class Posing:
         answered = posed(ranking, fixes, self.places, self.verdict.judge.of(fixes))
         limits = {belief: self.verdict.limits(belief) for belief in BELIEFS}
         wanted = PROMISES.index(self.wanted_precision)
-        thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True)) | {"overlap": ACCEPT_NOTHING}
+        thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
         thresholds |= {belief: limits[belief][wanted] for belief in BELIEFS}
         rejection = {"kinds": answered.kinds, "thresholds": [thresholds[kind] for kind in answered.kinds]}
         verdict = {"promises": PROMISES, "promised": limits["fix"], "held_out": self.verdict.evidence.blocks}
@@ -97,8 +95,8 @@ class Posing:
         number = next((i for i in range(wanted, -1, -1) if limits["fix"][i] > 0), None)
         if number is None:
             return f"{found} poses of {len(fixes)} queries; no promise can be kept"
-        believed = answered.novelty[:, : len(BELIEFS)].astype(float) < [limits[belief][number] for belief in BELIEFS]
-        first = np.where(believed.any(axis=1), believed.argmax(axis=1), -1)
-        pose, place, several = (int((first == i).sum()) for i in range(len(BELIEFS)))
-        believed_so = f"{pose} are accepted, {place} more are near, {several} more are one of several"
-        return f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {believed_so}"
+        below = answered.novelty[:, : len(BELIEFS)].astype(float) < [limits[belief][number] for belief in BELIEFS]
+        most_telling = np.where(below.any(axis=1), below.argmax(axis=1), -1)
+        pose, place, several = (int((most_telling == i).sum()) for i in range(len(BELIEFS)))
+        beliefs = f"{pose} are accepted, {place} more are near, {several} more are one of several"
+        return f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {beliefs}"

@@ -46,7 +46,8 @@ class Chances:
 
 
 USUAL = Chances((17.0, 10.5, 7.8, 2.5, 12.9, 7.9), -32.4)
-"""To start from: learned from held-out blocks of the training days of two simulated campuses."""
+"""To start from: what held-out blocks of the training days of two simulated campuses gave, for an earlier form of the signs and
+of ageing; each site's own evidence moves it."""
 
 
 def learned(
@@ -61,21 +62,24 @@ def learned(
     """
     from scipy.optimize import minimize  # a robot does not learn
 
-    queries, most = len(signs), max((len(one) for one in signs), default=0)
+    queries = len(signs)
+    most = max(map(len, signs), default=0)
     if not most:
         return start
     scaled = np.zeros((queries, most, len(SIGNS)))
     there = np.zeros((queries, most), bool)
     good = np.zeros((queries, most), bool)
-    for row, (one, is_right) in enumerate(zip(signs, right, strict=True)):
-        scaled[row, : len(one)] = one / SCALES
-        there[row, : len(one)] = True
-        good[row, : len(one)] = is_right
+    for row, (query_signs, query_right) in enumerate(zip(signs, right, strict=True)):
+        hypotheses = slice(len(query_signs))
+        scaled[row, hypotheses] = query_signs / SCALES
+        there[row, hypotheses] = True
+        good[row, hypotheses] = query_right
     first = np.append(np.array(start.weights) * SCALES, start.offset)
     any_good = good.any(axis=1)
 
-    def loss(found: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        scores = np.where(there, scaled @ found[:-1] + found[-1], -np.inf)
+    def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Of scaled weights and the offset (sign + 1,), with its gradient."""
+        scores = np.where(there, scaled @ weights[:-1] + weights[-1], -np.inf)
         whole = np.logaddexp.reduce(np.column_stack([np.zeros(queries), scores]), axis=1)
         chances = np.exp(scores - whole[:, None])
         of_good = np.where(good, chances, 0.0)
@@ -83,9 +87,9 @@ def learned(
         likelihood = np.where(any_good, np.log(total), -whole)
         wanted = of_good / total[:, None]
         slope = weight[:, None] * (chances - wanted)
-        strayed = (found - first)[:-1] / STIFFNESS**2
+        strayed = (weights - first)[:-1] / STIFFNESS**2
         gradient = np.append(np.einsum("qn,qns->s", slope, scaled) + strayed, slope.sum())
-        return float(-weight @ likelihood + strayed @ (found - first)[:-1] / 2), gradient
+        return float(-weight @ likelihood + strayed @ (weights - first)[:-1] / 2), gradient
 
     bounds = [(0.0, None)] * len(SIGNS) + [(None, None)]
     best = minimize(loss, first, jac=True, bounds=bounds, method="L-BFGS-B").x

@@ -90,7 +90,8 @@ class HeldOut:
 
         An aged one is drawn and ranked anew. Raises InputError for a map of another day.
         """
-        mapped, anchors = Targets.read(day.map_path).world_T_anchor, day.views.world_T_anchor
+        mapped = Targets.read(day.map_path).world_T_anchor
+        anchors = day.views.world_T_anchor
         if not np.array_equal(mapped, anchors):
             submaps = f"{len(mapped)} submaps that are not the {len(anchors)} of the training views"
             raise InputError(f"{day.map_path}: a map of {submaps}; is it of this data set?")
@@ -103,10 +104,11 @@ class HeldOut:
 
     def _turn(self, fixer: Fixer, day: TrainingDay, held: NDArray[np.bool_], compute: Compute, progress: Progress) -> Evidence:
         """Of the submaps held out (submap,) at a time."""
-        rows, anchors = np.flatnonzero(held), day.views.world_T_anchor
+        rows = np.flatnonzero(held)
+        anchors = day.views.world_T_anchor
         drive, map_path, view = day.drive, day.map_path, day.view  # a process gets these, not the model
         parts = [rows[first : first + PART] for first in range(0, len(rows), PART)]
-        drawn = list(compute.each(lambda part: [view(self._aged(drive, row)) for row in part.tolist()], parts))
+        drawn = list(compute.each(lambda part: [view(self._aged(drive.points_m(row), row)) for row in part.tolist()], parts))
         driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
         aged = day.answers(np.stack([image for part in drawn for image in part]), rows) if len(rows) else []
         answers = dict(zip(rows.tolist(), zip(driven, aged, strict=True), strict=True))
@@ -119,7 +121,7 @@ class HeldOut:
                 as_driven, as_aged = part[1][row]
                 points_m = drive.points_m(row)
                 found.append(fixer.fix(points_m, targets, as_driven, held))
-                found.append(fixer.fix(self._aged(drive, row), targets, as_aged, held))
+                found.append(fixer.fix(self._aged(points_m, row), targets, as_aged, held))
                 found.append(fixer.fix(points_m, targets, as_driven, held | self._around(anchors, row)))
             return found
 
@@ -128,8 +130,9 @@ class HeldOut:
         block = numbered(anchors, held, self.every_m, self.length_m)
         return Evidence(found, anchors[rows].repeat(3, axis=0), np.tile([False, False, True], len(rows)), block.repeat(3))
 
-    def _aged(self, drive: Drive, row: int) -> Points:
-        return self.ageing.aged(drive.points_m(row), np.random.default_rng((self.seed, row)))
+    def _aged(self, points_m: Points, row: int) -> Points:
+        """The points (n, 3) of a row on a later day, always the same one."""
+        return self.ageing.aged(points_m, np.random.default_rng((self.seed, row)))
 
     def _around(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
         """The submaps (submap,) that a row is asked without, as if nobody had been there."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline import schemas, store
 from pipeline.alterations import Alteration, Case, generator, read_cases
@@ -37,9 +38,9 @@ class Queries:
         targets = Targets.read(map_path)
         scans, submaps = self._read(self.scans, schemas.SCANS), self._read(self.submaps, schemas.SUBMAPS)
         stamps_ns, cases = submaps.load("stamps_ns"), read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
-        xy_m, heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
-        xy_m = xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
-        heading_deg = heading_deg.reshape(len(cases), len(stamps_ns), -1)
+        every_xy_m, every_heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
+        xy_m = every_xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
+        heading_deg = every_heading_deg.reshape(len(cases), len(stamps_ns), -1)
         found: list[list[Fix]] = [[] for _ in cases]
         for row, points_m in enumerate(submap_points(scans, submaps, slice(0, len(stamps_ns)))):
             for case, fixes, *answers in zip(cases, found, xy_m[:, row], heading_deg[:, row], strict=True):
@@ -55,18 +56,19 @@ class Queries:
             raise InputError(f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes")
         return np.asarray(alteration.alter(case, points_m, generator(alteration, stamp_ns))[0])
 
-    def _candidates(self, count: int, k: int) -> Answers:
+    def _candidates(self, count: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Positions (query, candidate, 2) and headings (query, candidate): the first place of each ranking, then the second of
         each, and so on."""
-        xy_m, heading_deg = [], []
+        positions_m = []
+        headings_deg = []
         for folder in self.rankings:
             ranking = self._read(folder, schemas.RANKINGS)
-            if len(ranking.load("xy_m")) != count:
-                answered = len(ranking.load("xy_m"))
-                raise InputError(f"{folder}: a ranking of {answered} queries; the submaps make {count} in all cases")
-            xy_m.append(ranking.load("xy_m")[:, :k].astype(np.float64))
-            heading_deg.append(ranking.load("heading_deg")[:, :k].astype(np.float64))
-        return Answers(np.stack(xy_m, axis=2).reshape(count, -1, 2), np.stack(heading_deg, axis=2).reshape(count, -1))
+            xy_m = ranking.load("xy_m")
+            if len(xy_m) != count:
+                raise InputError(f"{folder}: a ranking of {len(xy_m)} queries; the submaps make {count} in all cases")
+            positions_m.append(xy_m[:, :k].astype(np.float64))
+            headings_deg.append(ranking.load("heading_deg")[:, :k].astype(np.float64))
+        return np.stack(positions_m, axis=2).reshape(count, -1, 2), np.stack(headings_deg, axis=2).reshape(count, -1)
 
     def _read(self, folder: str, schema: Schema) -> Artifact:
         return store.read(Path(folder, f"{self.sequence}.zarr"), schema)

@@ -60,14 +60,17 @@ class Query:
 
     @cached_property
     def chart(self) -> Chart:
+        """Its walls from above."""
         return self.walls.chart(self.points_m, self.single)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
+        """Of its walls' cells (n, 2), in cells (Walls.middles)."""
         return self.walls.middles(self.points_m)
 
     @cached_property
     def turned(self) -> NDArray[np.int64]:
+        """The cells of its walls at each heading (Walls.turned)."""
         return self.walls.turned(self.points_m)
 
 
@@ -88,7 +91,7 @@ class Fixer:
     """Fine ones, of the best of these."""
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
-    depth: Count = 6
+    depth: Count = 5
     """So many steps at most: the ranking's own pose, then one or two of each round; learned from held-out blocks."""
     least_lead: NotNegative = 0.1
     """The slid copy of a hypothesis is registered too unless it leads by so much."""
@@ -184,7 +187,9 @@ class _Search:
 
     def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
         """Of candidate rows: the best match of walls first, then the best rough overlaps."""
-        fixer, targets, query = self.fixer, self.targets, self.query
+        fixer = self.fixer
+        targets = self.targets
+        query = self.query
         matches = [(row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows]
         likely = sorted(matches, key=lambda one: -one[1].score)[: fixer.tries]
         for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
@@ -203,28 +208,30 @@ class _Search:
         yield from self._refined(row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query))
 
     def _refined(self, row: int, rough: Alignment) -> Iterator[Hypothesis]:
+        """From a rough alignment with one submap; nothing where the fine one does not hold."""
         fine = self.targets.aligned(self.fixer.fine, row, self.query.fine, rough.target_T_source)
         if fine.spread_m <= self.fixer.widest_m:
             yield self._hypothesis(row, fine)
 
     def _hypothesis(self, row: int, alignment: Alignment) -> Hypothesis:
         """What a fine registration against a row comes to."""
-        fixer, targets = self.fixer, self.targets
+        fixer = self.fixer
+        targets = self.targets
         world_T_query = targets.world_T_anchor[row] @ alignment.target_T_source
         seen = Seen(self.query.fine, self.query.chart)
-        both = [
+        here, beside = (
             agreement(
                 fixer.walls,
                 fixer.fine.inlier_m,
-                Seen(targets.cloud(fixer.fine, one), targets.chart(fixer.walls, one)),
+                Seen(targets.cloud(fixer.fine, submap), targets.chart(fixer.walls, submap)),
                 seen,
-                np.linalg.inv(targets.world_T_anchor[one]) @ world_T_query,
+                np.linalg.inv(targets.world_T_anchor[submap]) @ world_T_query,
             )
-            for one in (row, self._beside(row, world_T_query))
-        ]
+            for submap in (row, self._beside(row, world_T_query))
+        )
         tilt_deg = float(np.rad2deg(np.arccos(np.clip(alignment.target_T_source[2, 2], -1, 1))))
         slid = slide(fixer.walls, targets, self.query.middles, world_T_query, self.left_out)
-        return Hypothesis(row, world_T_query, alignment, both[0], both[1], tilt_deg, slid)
+        return Hypothesis(row, world_T_query, alignment, here, beside, tilt_deg, slid)
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
         """The submap nearest to a pose that is not where `row` is; `row` where there is none."""

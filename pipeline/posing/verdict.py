@@ -11,7 +11,7 @@ from scipy.special import expit, logit
 
 from pipeline.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
-from pipeline.posing.chances import USUAL, Chances, learned
+from pipeline.posing.chances import Chances, learned
 from pipeline.posing.fix import Fix, signs
 
 PROMISES = (0.95, 0.99, 0.999)
@@ -21,14 +21,14 @@ RIGHT_M, RIGHT_DEG = 2.0, 5.0
 NEAR_M = 15.0
 """A place is right within this: the distance protocol's measure."""
 SEVERAL = 3
-"""So many hypotheses at most are named where none alone is believed."""
+"""So many poses at most, ELSEWHERE_M apart, are named where none alone is believed: the likeliest and its runners-up."""
 BELIEFS = ("fix", "place", "several")
-"""What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of it; that it has one of the
-first SEVERAL poses."""
-
-
+"""What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of it; that it has one of
+SEVERAL poses."""
 LEAST_DOUBT = 1e-9
-TIMES, HALF = 20.0, 0.5
+TIMES = 20.0
+"""No single belief is accepted whose doubt is over so many times what a promise allows in the mean (METHODS 9.5)."""
+HALF = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,13 @@ class Judge:
         """One minus the chance (belief,) of each of BELIEFS; 1 without a hypothesis."""
         if not fix.hypotheses:
             return np.ones(len(BELIEFS))
-        known, far = signs(fix.hypotheses), np.append(_distances_m(fix) >= NEAR_M, True)
-        pose = self.pose.shares(known)
-        return np.array([pose[1:].sum(), self.place.shares(known)[far].sum(), pose[min(SEVERAL, len(known)) :].sum()]).clip(0, 1)
+        fix_signs = signs(fix.hypotheses)
+        pose_shares = self.pose.shares(fix_signs)
+        place_shares = self.place.shares(fix_signs)
+        far = np.append(_distances_m(fix) >= NEAR_M, True)
+        unnamed = np.ones(len(pose_shares), bool)
+        unnamed[_named(fix)] = False
+        return np.array([pose_shares[1:].sum(), place_shares[far].sum(), pose_shares[unnamed].sum()]).clip(0, 1)
 
     def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
         """(q, belief) of q fixes."""
@@ -98,7 +102,7 @@ class Evidence:
         for row, fix, world_T_true in zip(found, self.fixes, self.world_T_true, strict=True):
             if fix.hypotheses:
                 good, near = _right(fix, world_T_true)
-                row[:] = good[0], near[0], good[:SEVERAL].any()
+                row[:] = good[0], near[0], good[_named(fix)].any()
         return found
 
 
@@ -140,9 +144,11 @@ class Verdict:
     @cached_property
     def judge(self) -> Judge:
         """Learned from the evidence."""
-        both = [_right(fix, true) for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)]
-        known, weight = [signs(fix.hypotheses) for fix in self.evidence.fixes], self.evidence.weight(self.unseen_share)
-        pose, place = (learned(known, list(good), weight, USUAL) for good in zip(*both, strict=True)) if both else (USUAL,) * 2
+        outcomes = [_right(fix, true) for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)]
+        all_signs = [signs(fix.hypotheses) for fix in self.evidence.fixes]
+        weight = self.evidence.weight(self.unseen_share)
+        pose = learned(all_signs, [right for right, _ in outcomes], weight)
+        place = learned(all_signs, [near for _, near in outcomes], weight)
         return Judge(pose, place)
 
     @cached_property
@@ -195,3 +201,8 @@ def _distances_m(fix: Fix) -> NDArray[np.float64]:
     """Of the hypotheses (n,) from the best one."""
     places_m = np.array([one.world_T_query[:2, 3] for one in fix.hypotheses])
     return np.asarray(np.linalg.norm(places_m - places_m[0], axis=1))
+
+
+def _named(fix: Fix) -> list[int]:
+    """The numbers of the SEVERAL poses that a robot is told: the likeliest, and the first that stand elsewhere."""
+    return [0, *fix.elsewhere[: SEVERAL - 1]]

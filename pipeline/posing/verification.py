@@ -28,9 +28,6 @@ class Agreement:
         return self.overlap * self.structure * self.seen_again
 
 
-NONE = Agreement(0.0, 0.0, 0.0)
-
-
 @dataclass(frozen=True)
 class Seen:
     """A cloud and its chart: what its sensor met, and what it saw through."""

@@ -7,8 +7,9 @@ import pytest
 
 from pipeline.online.site import Site
 from pipeline.online.tracking import PATIENCE, Motion, Tracker
+from pipeline.posing.fix import Fix as Registered
 from tests.online.made import ANCHORS, packed
-from tests.posing.scene import planar, scene, seen_from
+from tests.posing.scene import hypothesis, planar, scene, seen_from
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +115,10 @@ def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixtur
         np.save(tmp_path / f"{i}.npy", seen(1, 0.5 * i).astype(np.float32))
     main(["localize", str(packed(tmp_path)), str(tmp_path), "--track"])
     assert "3 scans: 3 accepted" in capsys.readouterr().err
+
+
+def test_what_is_near_by_one_scan_is_not_said_of_a_tracked_one(site: Site) -> None:
+    """An overlap of .5 is near; of a pose that was sought where the robot was believed no rival was looked for."""
+    found = Registered.of([hypothesis(0, 0.5)], site.judged.pose)
+    assert Tracker(site)._judge(found, tracked=False).verdict == "near"
+    assert Tracker(site)._judge(found, tracked=True).verdict == "rejected"

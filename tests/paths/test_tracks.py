@@ -144,8 +144,3 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     assert np.isnan(found["covariance"]).all()
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)
-    with store.write(path, schemas.FIXES, **attrs | {"kinds": ["overlap", "fix"]}) as out:
-        for name, values in columns.items():
-            out.put(name, values)
-    with pytest.raises(InputError, match="rejects by overlap"):
-        joined(store.read(path, schemas.FIXES), seen.odom_T_query, FILTER, places)

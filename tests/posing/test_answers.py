@@ -45,7 +45,7 @@ def test_registered_places_lead_the_ranking() -> None:
     headings_deg = [[90, 0, 7, np.nan], [7, 8, 9, np.nan], [-45, 7, 8, 9]]
     assert found.heading_deg == pytest.approx(np.array(headings_deg), nan_ok=True)
     assert found.kinds == (*OWN_KINDS, "entropy")
-    assert found.novelty == pytest.approx(np.column_stack([DOUBTS, [0.2, 1.0, 0.5], [0.2, 0.9, 0.4]]))
+    assert found.novelty == pytest.approx(np.column_stack([DOUBTS, [0.2, 0.9, 0.4]]))
     assert found.confidence == pytest.approx(1 - DOUBTS[:, 0])
 
 
