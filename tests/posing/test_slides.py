@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline import schemas, store
+from pipeline.frames import yaw
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.slides import slide
 from pipeline.posing.targets import GRAIN_M, Targets
@@ -141,3 +142,14 @@ def test_far_from_all_submaps_a_slide_tells_nothing(world: tuple[bool, np.ndarra
     middles, none = walls.middles(visible(points_m, planar(30, 0, 0))), np.zeros(len(targets.world_T_anchor), bool)
     assert slide(walls, targets, middles, planar(0, 500, 0), none).lead == 0.0
     assert slide(walls, targets, middles, planar(30, 0, 0), ~none).row == -1
+
+
+def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
+    """Four corners look alike when the robot turns by 90°; nothing along the street fits as well."""
+    points_m, targets = driven(tmp_path, "a crossing of equal corners", own=False)
+    walls = Walls()
+    at = planar(32, 0, 0)
+    found = slide(walls, targets, walls.middles(visible(points_m, at)), at, np.zeros(len(targets.world_T_anchor), bool))
+    turn_deg = np.rad2deg(yaw(found.target_T_query[None])[0])
+    assert abs(turn_deg) > 80
+    assert abs(found.lead) < 0.05
