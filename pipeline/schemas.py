@@ -102,13 +102,14 @@ RANKINGS = Schema(
 )
 FIXES = Schema(
     "fixes",
-    3,
+    4,
     {
         **RANKINGS.columns,
         "world_T_query": Column("f8", ("query", "row", "col"), "the query's pose; NaN where it has too few points to tell"),
         "covariance": Column(
             "f8", ("query", "turn_step", "turn_step"), "of a turn in radians and a step in metres; NaN along a path"
         ),
+        "overlap": Column("f4", ("query",), "share of the query's voxels that the map has; that of its own fix along a path"),
     },
     {
         **_ANSWERED,

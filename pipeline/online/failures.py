@@ -91,7 +91,7 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
     own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
     world_T_query, novelty = found.load("world_T_query")[own], found.load("novelty")[own].astype(np.float64)
     reject_from = 0.0 if promise is None else kept[promise]
-    overlap = 1 - novelty[:, found.attrs["kinds"].index("overlap")]
+    overlap = found.load("overlap")[own].astype(np.float64)
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
         known = (world_T_query[row], world_T_true[row], novelty[row, 0] < reject_from, overlap[row], novelty[row, 0])
         yield Judged(f"{fixes.stem} query {row}", partial(_points, recorded, anchors, row), *known)

@@ -13,6 +13,7 @@ from pipeline.errors import InputError
 from pipeline.frames import Poses, turns, yaw
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.answers import lead
 from pipeline.store import Artifact
 
@@ -62,7 +63,7 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
     Raises InputError where fixes and odometry (n, 4, 4) are not of the same submaps.
     """
     columns = {name: fixes.load(name) for name in [field.name for field in fields(Ranking) if field.name != "kinds"]}
-    columns |= {name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance")}
+    columns |= {name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance", "overlap")}
     attrs, n, cases = fixes.attrs, len(odom_T_anchor), len(read_cases(fixes.attrs))
     if len(columns["places"]) != n * cases:
         raise InputError(f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps")
@@ -82,4 +83,6 @@ def joined(fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places) ->
             lead(columns, case * n + row, first)
     thresholds = [1 - attrs["wanted_precision"], *attrs["thresholds"][1:]]
     kept = {name: attrs[name] for name in schemas.FIXES.attrs}
-    return columns, kept | {"thresholds": thresholds, "promised": [1 - promise for promise in attrs["promises"]]}
+    promised = {"promised": [1 - promise for promise in attrs["promises"]]}
+    nothing = [ACCEPT_NOTHING] * len(attrs["promises"])  # place and several were judged of another pose
+    return columns, kept | promised | {"thresholds": thresholds, "promised_place": nothing, "promised_several": nothing}

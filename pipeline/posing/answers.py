@@ -86,6 +86,7 @@ class Posing:
                 out.put(name, getattr(answered, name))
             out.put("turned_deg", rankings.load("turned_deg"))
             out.put("world_T_query", poses(fixes))
+            out.put("overlap", np.array([fix.alignment.overlap for fix in fixes], np.float32))
             out.put("covariance", np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6))
         return f"{path.stem}: {self._told(answered, limits, fixes, wanted)}"
 

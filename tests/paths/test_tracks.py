@@ -123,11 +123,12 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
         "turned_deg": np.zeros(N, np.float32),
         "world_T_query": seen.world_T_query,
         "covariance": seen.covariance,
+        "overlap": np.full(N, 0.5, np.float32),
     }
     case = {"change": "", "level": 0.0, "shadow": False, "repeat": 0}
-    attrs = {"cases": [case], "kinds": ["fix", "overlap"], "thresholds": [0.6, 0.5], "wanted_precision": 0.9}
+    attrs = {"cases": [case], "kinds": ["fix", "place"], "thresholds": [0.6, 0.5], "wanted_precision": 0.9}
     attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
-        key: [0.0, 0.0, 0.0] for key in ("promised_place", "promised_several")
+        key: [0.3, 0.2, 0.1] for key in ("promised_place", "promised_several")
     }
     with store.write(path, schemas.FIXES, **attrs) as out:
         for name, values in columns.items():
@@ -142,5 +143,6 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     assert found["novelty"][22, 1] == columns["novelty"][22, 1]
     assert told["thresholds"] == pytest.approx([0.1, 0.5])
     assert np.isnan(found["covariance"]).all()
+    assert max(told["promised_place"] + told["promised_several"]) < 0  # they were judged of each query's own pose
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)
