@@ -26,12 +26,14 @@ USUAL = 0.99
 def contradicted(targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual: float) -> dict[int, int]:
     """Submaps that scans (n,) contradict by more than is `usual`, each with the scan nearest to it."""
     tree, found = KDTree(world_T_scan[:, :2, 3]), {}
-    charts = [walls.chart(points_m) for points_m in scans]
+    walls_m = [walls.of(points_m) for points_m in scans]
+    charts = [walls.chart(points_m) for points_m in walls_m]
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
         near = tree.query_ball_point(world_T_anchor[:2, 3], NEAR_M)
         steps = {scan: np.linalg.inv(world_T_anchor) @ world_T_scan[scan] for scan in near}
+        old_m = walls.of(targets.points_m(row))
         shares = [
-            contradiction(walls, (targets.chart(walls, row), targets.points_m(row)), (charts[scan], scans[scan]), step)
+            contradiction(walls, (targets.chart(walls, row), old_m), (charts[scan], walls_m[scan]), step)
             for scan, step in steps.items()
         ]
         if sum(share > usual for share in shares) >= AGREEING:
@@ -44,20 +46,21 @@ def usual_contradiction(targets: Targets, walls: Walls) -> float:
     tree, shares = KDTree(targets.world_T_anchor[:, :2, 3]), []
     for row, other in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
         step = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other]
-        old, new = ((targets.chart(walls, one), targets.points_m(one)) for one in (row, other))
+        old, new = ((targets.chart(walls, side), walls.of(targets.points_m(side))) for side in (row, other))
         shares.append(contradiction(walls, old, new, step))
     return float(np.quantile(shares, USUAL)) if shares else 1.0
 
 
 def contradiction(walls: Walls, old: tuple[Chart, Points], new: tuple[Chart, Points], old_T_new: NDArray[np.float64]) -> float:
-    """The larger share of walls of an old and a new submap, each a chart and points (n, 3), that the other saw through."""
+    """The larger share of walls of an old and a new submap, each a chart and their points
+    (n, 3), that the other saw through."""
     gone = _seen_through(walls, new[0], moved(np.asarray(np.linalg.inv(old_T_new)), old[1]))
     return max(gone, _seen_through(walls, old[0], moved(old_T_new, new[1])))
 
 
-def _seen_through(walls: Walls, chart: Chart, points_m: Points) -> float:
-    """walls of points (n, 3) in the chart's frame, that the chart saw through, of those that it says anything of."""
-    cells = np.unique(np.floor(walls.walls(points_m) / walls.cell_m).astype(np.int64) + walls.half, axis=0)
+def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
+    """Of walls (n, 3) in the chart's frame that it says anything of, the share that it saw through."""
+    cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half
     values = chart[0][tuple(cells[((cells >= 0) & (cells < 2 * walls.half)).all(axis=1)].T)]
     known = np.count_nonzero(values)
     return float(np.count_nonzero(values == SEEN_THROUGH) / known) if known else 0.0

@@ -59,19 +59,29 @@ class Query:
     """Of one scan, whose sensor saw through what lies before its walls."""
 
     @cached_property
+    def walls_m(self) -> Points:
+        """The points (n, 3) of its walls."""
+        return self.walls.of(self.points_m)
+
+    @cached_property
     def chart(self) -> Chart:
         """Its walls from above."""
-        return self.walls.chart(self.points_m, self.single)
+        return self.walls.chart(self.walls_m, self.single)
+
+    @cached_property
+    def seen(self) -> Seen:
+        """What its sensor met."""
+        return Seen(self.fine, self.chart, self.walls.standing(self.fine.sample_m))
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
         """Of its walls' cells (n, 2), in cells (Walls.middles)."""
-        return self.walls.middles(self.points_m)
+        return self.walls.middles(self.walls_m)
 
     @cached_property
     def turned(self) -> NDArray[np.int64]:
         """The cells of its walls at each heading (Walls.turned)."""
-        return self.walls.turned(self.points_m)
+        return self.walls.turned(self.walls_m)
 
 
 @dataclass(frozen=True)
@@ -163,7 +173,7 @@ class _Search:
     def everywhere(self, answers: Answers) -> Iterator[list[Hypothesis]]:
         """The ranking's own pose; then the candidates of each round, by their walls; each with its slid copy."""
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
-        alike = self.targets.alike(self.fixer.coarse, self.query.points_m, self.left_out)
+        alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.apart(chain(nearest, alike))
         rounds = (self._round(list(islice(rows, count))) for count in self.fixer.rounds)
         return map(self._with_slid, chain(self._straight(answers), chain.from_iterable(rounds)))
@@ -218,12 +228,12 @@ class _Search:
         fixer = self.fixer
         targets = self.targets
         world_T_query = targets.world_T_anchor[row] @ alignment.target_T_source
-        seen = Seen(self.query.fine, self.query.chart)
+        seen = self.query.seen
         here, beside = (
             agreement(
                 fixer.walls,
                 fixer.fine.inlier_m,
-                Seen(targets.cloud(fixer.fine, submap), targets.chart(fixer.walls, submap)),
+                targets.seen(fixer.fine, fixer.walls, submap),
                 seen,
                 np.linalg.inv(targets.world_T_anchor[submap]) @ world_T_query,
             )

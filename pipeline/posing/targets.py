@@ -14,6 +14,7 @@ from pipeline.errors import InputError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration
+from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Chart, Walls
 from pipeline.store import Artifact
 
@@ -66,6 +67,7 @@ class Targets:
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
+        self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(KEPT)(self._seen)
         self.cloud: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
 
     @classmethod
@@ -84,10 +86,14 @@ class Targets:
 
     def _chart(self, walls: Walls, row: int) -> Chart:
         """A row's walls from above."""
-        return walls.chart(self.points_m(row), self.single)
+        return walls.chart(walls.of(self.points_m(row)), self.single)
 
     def _cloud(self, registration: Registration, row: int) -> Cloud:
         return registration.prepare(self.points_m(row))
+
+    def _seen(self, registration: Registration, walls: Walls, row: int) -> Seen:
+        cloud = self.cloud(registration, row)
+        return Seen(cloud, self.chart(walls, row), walls.standing(cloud.sample_m))
 
     def points_m(self, row: int) -> Points:
         """The thinned points (n, 3) of a row, in its anchor's frame, z up from the ground."""
@@ -100,9 +106,10 @@ class Targets:
             known = xy_m[np.isfinite(xy_m).all(axis=1)]
             yield from np.linalg.norm(anchors_m - known[:, None], axis=2).argmin(axis=1).tolist()
 
-    def alike(self, walls: Walls, points_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """All rows but those left out (row,), those first whose walls fit those of a query's points (n, 3) best."""
-        turned, rows = walls.turned(points_m), self.apart(np.flatnonzero(~left_out))
+    def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
+        """All rows but those left out (row,), those first whose walls fit a query's (n, 3) best."""
+        turned = walls.turned(walls_m)
+        rows = self.apart(np.flatnonzero(~left_out))
         matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
         yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))
 

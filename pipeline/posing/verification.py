@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.posing.registration import Cloud, Points, moved
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
@@ -34,6 +35,8 @@ class Seen:
 
     cloud: Cloud
     chart: Chart
+    standing: NDArray[np.bool_]
+    """Which points of the cloud's sample are of walls (Walls.standing)."""
 
 
 def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points) -> Agreement:
@@ -41,19 +44,14 @@ def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T
     query_m = moved(target_T_query, query.cloud.sample_m)
     _, away_m = target.cloud.nearest(query_m)
     near = away_m < inlier_m
-    standing = _standing(walls, query_m)
-    structure = _shared(walls, target.chart, query_m[standing], near[standing])
-    back_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.cloud.sample_m)
-    back_m = back_m[_standing(walls, back_m) & (np.hypot(back_m[:, 0], back_m[:, 1]) < walls.range_m)]
+    structure = _shared(walls, target.chart, query_m[query.standing], near[query.standing])
+    query_T_target = np.asarray(np.linalg.inv(target_T_query))
+    back_m = moved(query_T_target, target.cloud.sample_m[target.standing])
+    back_m = back_m[np.hypot(back_m[:, 0], back_m[:, 1]) < walls.range_m]
     if not len(back_m):
         return Agreement(float(near.mean()), structure, 0.0)
     _, away_m = query.cloud.nearest(back_m)
     return Agreement(float(near.mean()), structure, _shared(walls, query.chart, back_m, away_m < inlier_m))
-
-
-def _standing(walls: Walls, points_m: Points) -> np.ndarray:
-    """Which of points (n, 3) are of walls."""
-    return (points_m[:, 2] > walls.low_m) & (points_m[:, 2] < walls.high_m)
 
 
 def _shared(walls: Walls, chart: Chart, points_m: Points, has: np.ndarray) -> float:

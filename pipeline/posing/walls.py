@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
+from pipeline.posing.ground import heights_m
 from pipeline.running.settings import Count, NotNegative, Positive, check
 
 Chart = NDArray[np.int8]
@@ -65,20 +66,31 @@ class Walls:
         """Offsets in cells to each side."""
         return int(np.ceil(self.offset_m / self.cell_m))
 
-    def chart(self, points_m: NDArray[np.float64], single: bool = True) -> Chart:
-        """Of a submap's points (n, 3), z up from the ground; only a `single` scan has a place from which it saw through."""
-        chart: Chart = _chart(self.walls(points_m), self.cell_m, self.half, self.margin_m if single else np.inf)
+    def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The points (n, 3) of walls within range, of points (m, 3), z up from the ground."""
+        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
+        return np.ascontiguousarray(points_m[near & self.standing(points_m)])
+
+    def standing(self, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which of points (n, 3) are of walls; all that was seen tells where the ground is."""
+        above_m = heights_m(points_m)
+        return (above_m > self.low_m) & (above_m < self.high_m)
+
+    def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
+        """Of a submap's walls (n, 3); only a `single` scan has a place from which it saw through."""
+        margin_m = self.margin_m if single else np.inf
+        chart: Chart = _chart(walls_m, self.cell_m, self.half, margin_m)
         return chart
 
-    def turned(self, points_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The cells (heading, n, 2) of a query's walls, from points (m, 3), turned to each heading."""
+    def turned(self, walls_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The cells (heading, n, 2) of a query's walls (m, 3), turned to each heading."""
         angles = np.arange(self.headings) * (2 * np.pi / self.headings)
         rotations = np.array([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
-        return np.asarray(np.floor(self.middles(points_m) @ rotations).astype(np.int64) + self.half)
+        return np.asarray(np.floor(self.middles(walls_m) @ rotations).astype(np.int64) + self.half)
 
-    def middles(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The middles (n, 2), in cells, of the cells that walls of points (m, 3) lie in."""
-        return np.unique(np.floor(self.walls(points_m) / self.cell_m), axis=0) + 0.5
+    def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
+        return np.unique(np.floor(walls_m[:, :2] / self.cell_m), axis=0) + 0.5
 
     def scores(self, chart: Chart, middles: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
         """How well walls (`middles`, n of them), turned by a heading in radians, fit a chart at each offset.
@@ -100,16 +112,10 @@ class Walls:
         pose[:2, 3] = x * self.cell_m, y * self.cell_m
         return Match(score / (WALL * turned.shape[1]), pose)
 
-    def walls(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points (n, 2) of walls within range, from above."""
-        x, y, z = points_m.T
-        inside = (z > self.low_m) & (z < self.high_m) & (x * x + y * y < self.range_m**2)
-        return np.ascontiguousarray(points_m[inside, :2])
-
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
-    """The chart of walls (n, 2); `margin_m` is infinite where nothing is seen through."""
+    """The chart of walls (n, 3); `margin_m` is infinite where nothing is seen through."""
     width, first = 2 * half, np.full(SECTORS, np.inf)
     both = np.zeros((2, width, width), np.int8)
     chart, largest = both

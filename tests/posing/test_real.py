@@ -75,7 +75,7 @@ def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Pa
     lift_m = np.array([0.0, 0.0, 1.73])
     target_m, query_m = (read_velodyne(real / f"kitti/pairs/08/00{name}.bin") + lift_m for name in ("0720", "1500"))
     walls, registration = Walls(), Registration()
-    first = walls.match(walls.chart(target_m), walls.turned(query_m)).target_T_query
+    first = walls.match(walls.chart(walls.of(target_m)), walls.turned(walls.of(query_m))).target_T_query
     assert abs(abs(np.rad2deg(yaw(first[None]))[0]) - 148.5) < 5
     target, query = registration.prepare(target_m), registration.prepare(query_m)
     rng, ended = np.random.default_rng(0), []

@@ -123,7 +123,7 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_a_pose_leads_by_what_only_its_own_place_has(world: Scene) -> None:
     _, own, points_m, targets = world
     walls = Walls()
-    found = slide(walls, targets, walls.middles(visible(points_m, AT)), AT, np.zeros(len(targets.world_T_anchor), bool))
+    found = slide(walls, targets, walls.middles(walls.of(visible(points_m, AT))), AT, np.zeros(len(targets.world_T_anchor), bool))
     assert (found.lead > 0.05) is own
 
 
@@ -139,7 +139,7 @@ def test_where_a_street_repeats_itself_no_pose_is_believed(world: Scene) -> None
 def test_far_from_all_submaps_a_slide_tells_nothing(world: tuple[bool, np.ndarray, Targets]) -> None:
     *_, points_m, targets = world
     walls = Walls()
-    middles, none = walls.middles(visible(points_m, planar(30, 0, 0))), np.zeros(len(targets.world_T_anchor), bool)
+    middles, none = walls.middles(walls.of(visible(points_m, planar(30, 0, 0)))), np.zeros(len(targets.world_T_anchor), bool)
     assert slide(walls, targets, middles, planar(0, 500, 0), none).lead == 0.0
     assert slide(walls, targets, middles, planar(30, 0, 0), ~none).row == -1
 
@@ -149,7 +149,7 @@ def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_p
     points_m, targets = driven(tmp_path, "a crossing of equal corners", own=False)
     walls = Walls()
     at = planar(32, 0, 0)
-    found = slide(walls, targets, walls.middles(visible(points_m, at)), at, np.zeros(len(targets.world_T_anchor), bool))
+    found = slide(walls, targets, walls.middles(walls.of(visible(points_m, at))), at, np.zeros(len(targets.world_T_anchor), bool))
     turn_deg = np.rad2deg(yaw(found.target_T_query[None])[0])
     assert abs(turn_deg) > 80
     assert abs(found.lead) < 0.05

@@ -18,8 +18,13 @@ def wall(x_m: float, half_m: float = 10.0, n: int = 3000) -> np.ndarray:
 
 
 def seen(*walls_m: np.ndarray) -> Seen:
-    points_m = np.concatenate(walls_m)
-    return Seen(REGISTRATION.prepare(points_m), WALLS.chart(points_m))
+    return seen_by(np.concatenate(walls_m))
+
+
+def seen_by(points_m: np.ndarray, single: bool = True) -> Seen:
+    cloud = REGISTRATION.prepare(points_m)
+    chart = WALLS.chart(WALLS.of(points_m), single)
+    return Seen(cloud, chart, WALLS.standing(cloud.sample_m))
 
 
 def found(query: Seen, ahead_m: float = 0.0) -> Agreement:
@@ -46,6 +51,4 @@ def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
 
 
 def test_a_query_of_several_scans_contradicts_nothing() -> None:
-    points_m = wall(38.5)
-    gathered = Seen(REGISTRATION.prepare(points_m), WALLS.chart(points_m, single=False))
-    assert found(gathered) == Agreement(0.0, 0.0, 0.0)
+    assert found(seen_by(wall(38.5), single=False)) == Agreement(0.0, 0.0, 0.0)

@@ -1,0 +1,59 @@
+"""Ground: how high points stand above it, on slopes too (METHODS 9.2).
+
+A hillside is no wall. So the ground is followed outwards from the sensor in each direction, as far as
+it climbs and falls no more steeply than ground does (as Himmelsbach et al., IV 2010).
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SECTORS = 72
+"""Directions."""
+STEP_M = 1.0
+"""The lowest point of each such piece of a direction may be ground."""
+SLOPE = 0.15
+"""Steepest climb or fall from one piece of ground to the next."""
+ROUGH_M = 0.3
+"""It may be so much higher or lower besides."""
+LEAP_M = 1.0
+"""Ground is not followed across a higher step, however far off it is seen again."""
+
+
+def heights_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How high points (n, 3) stand above the ground (n,), which is at z = 0 around the sensor."""
+    heights: NDArray[np.float64] = _heights(np.asarray(points_m, np.float64))
+    return heights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _heights(points):  # type: ignore[no-untyped-def]
+    farthest = 0.0
+    for i in range(len(points)):
+        farthest = max(farthest, np.hypot(points[i, 0], points[i, 1]))
+    steps = int(farthest / STEP_M) + 1
+    lowest = np.full((SECTORS, steps), np.inf)
+    for i in range(len(points)):
+        sector, step = _piece(points[i, 0], points[i, 1])
+        lowest[sector, step] = min(lowest[sector, step], points[i, 2])
+    ground = np.zeros((SECTORS, steps))
+    for sector in range(SECTORS):
+        seen_at = 0
+        height = 0.0
+        for step in range(steps):
+            most = min(ROUGH_M + SLOPE * STEP_M * (step - seen_at), LEAP_M)
+            if abs(lowest[sector, step] - height) <= most:
+                seen_at = step
+                height = lowest[sector, step]
+            ground[sector, step] = height
+    heights = np.empty(len(points))
+    for i in range(len(points)):
+        sector, step = _piece(points[i, 0], points[i, 1])
+        heights[i] = points[i, 2] - ground[sector, step]
+    return heights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _piece(x, y):  # type: ignore[no-untyped-def]
+    sector = int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
+    return sector, int(np.hypot(x, y) / STEP_M)
