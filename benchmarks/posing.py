@@ -47,7 +47,8 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
     def icp(kind: str) -> Peer:
         def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
             source, turned, best, most = (
-                small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0], fixer.walls.turned(fixer.walls.of(points_m)), np.eye(4), -1
+                small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0],
+                fixer.walls.turned(fixer.walls.of(points_m)), np.eye(4), -1
             )  # fmt: skip
             for row in _rows(targets, answers_m):
                 cloud = targets.cloud(fixer.fine, row)

@@ -32,12 +32,14 @@ CROWN_POINTS = 200
 class Ageing:
     """How much changes, at most; each query draws its own."""
 
-    walls: int = 2
+    walls: int = 1
     """New walls, with what they hide: 0 to this many, each as likely."""
     wedge_deg: NotNegative = 90.0
     """Width of the directions in which nothing is left, up to this, in every other query."""
-    came: int = 20
-    """Cars and crowns of trees: 0 to this many, as many of each in the mean."""
+    cars: int = 10
+    """Cars that came: 0 to this many."""
+    crowns: int = 2
+    """Crowns of trees that came: 0 to this many."""
     went: int = 3
     """Upright cylinders in which nothing is left, as of a kiosk or a hedge: 0 to this many."""
     above: Share = 0.3
@@ -49,7 +51,7 @@ class Ageing:
 
     def __post_init__(self) -> None:
         check(self, "ageing")
-        for name in ("walls", "came", "went"):
+        for name in ("walls", "cars", "crowns", "went"):
             if getattr(self, name) < 0:
                 raise ConfigError(f"ageing.{name}={getattr(self, name)}: expected a number from 0 on")
 
@@ -62,9 +64,9 @@ class Ageing:
             points_m = points_m[~wall.hides(points_m, self.construction.sensor_height_m)]
         for middle_m in _places(rng, int(rng.integers(0, self.went + 1))):
             points_m = points_m[np.hypot(*(points_m[:, :2] - middle_m).T) >= rng.uniform(*WENT_M)]
-        for middle_m in _places(rng, int(rng.integers(0, self.came + 1))):
-            thing = _car(rng) if rng.integers(0, 2) else _crown(rng)
-            points_m = np.concatenate([points_m, thing + np.append(middle_m, 0.0)])
+        for most, thing in ((self.cars, _car), (self.crowns, _crown)):
+            for middle_m in _places(rng, int(rng.integers(0, most + 1))):
+                points_m = np.concatenate([points_m, thing(rng) + np.append(middle_m, 0.0)])
         width_rad = np.deg2rad(rng.uniform(0, self.wedge_deg)) * rng.integers(0, 2)
         first_rad = rng.uniform(0, 2 * np.pi)
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)

@@ -71,7 +71,7 @@ class Query:
     @cached_property
     def seen(self) -> Seen:
         """What its sensor met."""
-        return Seen(self.fine, self.chart, self.walls.standing(self.fine.sample_m))
+        return Seen.of(self.walls, self.fine, self.chart)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
@@ -104,7 +104,7 @@ class Fixer:
     depth: Count = 5
     """So many steps at most: the ranking's own pose, then one or two of each round; learned from held-out blocks."""
     least_lead: NotNegative = 0.1
-    """The slid copy of a hypothesis is registered too unless it leads by so much."""
+    """The slid copies of a hypothesis are registered too unless it leads by so much."""
     widest_m: NotNegative = 0.5
     """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
     chances: Chances = USUAL
@@ -171,7 +171,7 @@ class _Search:
     left_out: NDArray[np.bool_]
 
     def everywhere(self, answers: Answers) -> Iterator[list[Hypothesis]]:
-        """The ranking's own pose; then the candidates of each round, by their walls; each with its slid copy."""
+        """The ranking's own pose; then the candidates of each round, by their walls; each with its slid copies."""
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.apart(chain(nearest, alike))
@@ -208,10 +208,11 @@ class _Search:
                 yield from self._refined(row, guess)
 
     def _with_slid(self, one: Hypothesis) -> list[Hypothesis]:
-        """A hypothesis and, where it hardly leads, its slid copy."""
-        if one.slide.row < 0 or one.slide.lead >= self.fixer.least_lead:
+        """A hypothesis and, where it hardly leads, its slid copies."""
+        if one.slide.lead >= self.fixer.least_lead:
             return [one]
-        return [one, *self._registered(one.slide.row, one.slide.target_T_query)]
+        copies = (self._registered(copy.row, copy.target_T_query) for copy in one.slide.copies)
+        return [one, *chain.from_iterable(copies)]
 
     def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
         """From a guess against one submap, roughly and then finely; nothing where it does not hold."""

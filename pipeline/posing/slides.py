@@ -6,6 +6,7 @@ the heading of a pose, and on the nearest at right angles to it too; the best fi
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,44 +25,65 @@ WIDEST_LEAD = 0.3
 """Leads are cut at this, either way: a street without another wall says no more."""
 
 
-@dataclass(frozen=True)
-class Slide:
-    """The best fit of walls elsewhere."""
+COPIES = 3
+"""So many slid copies at most."""
 
-    lead: float
-    """The score of the walls at the pose, less that of this fit; 0 where no submap near enough can tell."""
+
+class Copy(NamedTuple):
+    """Where the walls of a query fit well."""
+
+    score: float
     row: int
-    """The training submap that it was found in; −1 of none."""
+    """The training submap that it was found in."""
     target_T_query: NDArray[np.float64]
     """(4, 4) in that submap's frame."""
 
 
+@dataclass(frozen=True)
+class Slide:
+    """The best fits of walls elsewhere."""
+
+    lead: float
+    """The score of the walls at the pose, less that of the best copy; 0 where no submap near enough
+    can tell."""
+    copies: tuple[Copy, ...]
+    """The best first, each APART_M or more from those before it."""
+
+
 def slide(
-    walls: Walls, targets: Targets, middles: NDArray[np.float64], world_T_query: NDArray[np.float64], left_out: NDArray[np.bool_]
+    walls: Walls,
+    targets: Targets,
+    middles: NDArray[np.float64],
+    world_T_query: NDArray[np.float64],
+    left_out: NDArray[np.bool_],
 ) -> Slide:
     """The slide of a query, of whose walls these are the `middles` (Walls.middles), at a pose (4, 4)."""
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
     around = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
     offsets_m = (np.arange(2 * walls.reach + 1) - walls.reach) * walls.cell_m
-    own, best, row, there = -np.inf, -np.inf, -1, np.eye(4)
-    for other in around[_spaced(anchors_m[around])].tolist():
-        target_T_query = np.linalg.inv(targets.world_T_anchor[other]) @ world_T_query
+    own = -np.inf
+    fits: list[Copy] = []
+    for row in around[_spaced(anchors_m[around])].tolist():
+        target_T_query = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_query
         heading = float(yaw(target_T_query[None])[0])
         off_m = np.hypot(offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3])
-        for turn_deg in (0.0, *(TURNS_DEG if other == around[0] else ())):
+        for turn_deg in (0.0, *(TURNS_DEG if row == around[0] else ())):
             turned = heading + np.deg2rad(turn_deg)
-            scores = walls.scores(targets.chart(walls, other), middles, turned)
+            scores = walls.scores(targets.chart(walls, row), middles, turned)
             if not turn_deg:
                 own = max(own, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
                 scores = np.where(off_m >= SLID_M, scores, -np.inf)
             x, y = np.unravel_index(scores.argmax(), scores.shape)
-            if scores[x, y] > best:
-                best, row = float(scores[x, y]), other
-                there = pose(np.array([[offsets_m[x], offsets_m[y], 0.0]]), np.array([[0.0, 0.0, turned]]))[0]
-    if not np.isfinite(best) or not np.isfinite(own):
-        return Slide(0.0, -1, there)
-    return Slide(float(np.clip(own - best, -WIDEST_LEAD, WIDEST_LEAD)), row, there)
+            at_m = np.array([[offsets_m[x], offsets_m[y], 0.0]])
+            turn = np.array([[0.0, 0.0, turned]])
+            fits.append(Copy(float(scores[x, y]), row, pose(at_m, turn)[0]))
+    fits = sorted((fit for fit in fits if np.isfinite(fit.score)), key=lambda fit: -fit.score)
+    if not fits or not np.isfinite(own):
+        return Slide(0.0, ())
+    lead = float(np.clip(own - fits[0].score, -WIDEST_LEAD, WIDEST_LEAD))
+    places_m = np.array([(targets.world_T_anchor[fit.row] @ fit.target_T_query)[:2, 3] for fit in fits])
+    return Slide(lead, tuple(fits[i] for i in _spaced(places_m)[:COPIES]))
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:

@@ -92,8 +92,7 @@ class Targets:
         return registration.prepare(self.points_m(row))
 
     def _seen(self, registration: Registration, walls: Walls, row: int) -> Seen:
-        cloud = self.cloud(registration, row)
-        return Seen(cloud, self.chart(walls, row), walls.standing(cloud.sample_m))
+        return Seen.of(walls, self.cloud(registration, row), self.chart(walls, row))
 
     def points_m(self, row: int) -> Points:
         """The thinned points (n, 3) of a row, in its anchor's frame, z up from the ground."""

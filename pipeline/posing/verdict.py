@@ -29,6 +29,8 @@ LEAST_DOUBT = 1e-9
 TIMES = 20.0
 """No single belief is accepted whose doubt is over so many times what a promise allows in the mean (METHODS 9.5)."""
 HALF = 0.5
+AS_MUCH = 0.005
+"""Shares of right poses that differ by less are no reason to search on."""
 
 
 @dataclass(frozen=True)
@@ -118,28 +120,19 @@ class Verdict:
 
     @classmethod
     def learned(cls, evidence: Evidence, unseen_share: float, depth: int) -> Self:
-        """From fixes searched to a depth: to whichever depth answers most with a promise, of these to which finds most.
+        """From fixes searched to a depth: to the least one that finds about as much as any.
 
-        To look farther helps where the right pose is still missing, and finds look-alikes where the map does not have it. A
-        hundredth more or less is no difference in the answers, a thousandth in what is found; then the least depth is taken.
+        To look farther takes time, and what changes over a year is found by it.
         """
         tried = [cls(evidence.upto(least), unseen_share, least) for least in range(1, depth + 1)]
-        return max(tried, key=lambda one: (*one.answered, one.found))
-
-    @property
-    def answered(self) -> tuple[float, ...]:
-        """The share of the evidence that is accepted, and right, with each promise, the usual one first."""
-        doubts, true = self._judged[0][:, 0], self._judged[1][:, 0]
-        weight = self.evidence.weight(self.unseen_share)
-        limits = self.limits("fix")
-        shares = [float(weight @ ((doubts < limit) & true)) / max(weight.sum(), 1e-9) for limit in limits]
-        return tuple(round(shares[i], 2) for i in (1, 0))
+        most = max(verdict.found for verdict in tried)
+        return next(verdict for verdict in tried if verdict.found >= most - AS_MUCH)
 
     @property
     def found(self) -> float:
         """The share of the evidence whose likeliest pose is right."""
         weight = self.evidence.weight(self.unseen_share)
-        return float(round(weight @ self._judged[1][:, 0] / max(weight.sum(), 1e-9), 3))
+        return float(weight @ self._judged[1][:, 0] / max(weight.sum(), 1e-9))
 
     @cached_property
     def judge(self) -> Judge:

@@ -1,6 +1,7 @@
 """Verification: which walls a query and a training submap have in common, and which they contradict (METHODS 9.4)."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,19 @@ from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a query that is laid on a training submap agrees with it: shares from 0 to 1."""
+    """How a query that is laid on a training submap agrees with it: shares from 0 to 1.
+
+    Of what stands alone, for ground lies on ground wherever a query is laid; and each column of wall
+    voxels counts once, for a long wall shall not outvote the trees that tell it from its neighbours.
+    """
 
     overlap: float
-    """Of the query's voxels: those that the submap has."""
+    """Of the query's wall voxels those that the submap has, and the other way round; their mean."""
     structure: float
     """Of the query's wall voxels that the submap has or contradicts: those that it has; 0 of none.
 
-    A wall where the submap's sensor saw through is contradicted; one that was hidden from it says nothing.
+    A wall where the submap's sensor saw through is contradicted; one that was hidden from it says
+    nothing.
     """
     seen_again: float
     """Of the submap's wall voxels that the query has or contradicts: those that it has; 0 of none."""
@@ -31,34 +37,50 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Seen:
-    """A cloud and its chart: what its sensor met, and what it saw through."""
+    """What a sensor met, and what it saw through."""
 
     cloud: Cloud
     chart: Chart
-    standing: NDArray[np.bool_]
-    """Which points of the cloud's sample are of walls (Walls.standing)."""
+    standing_m: Points
+    """Wall points (n, 3) of the cloud's sample, within range."""
+
+    @classmethod
+    def of(cls, walls: Walls, cloud: Cloud, chart: Chart) -> Self:
+        """Of a cloud and its chart."""
+        return cls(cloud, chart, walls.of(cloud.sample_m))
 
 
 def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points) -> Agreement:
-    """How the query, at a pose (4, 4) in the target's frame, agrees with it; a voxel is had by one nearer than `inlier_m`."""
-    query_m = moved(target_T_query, query.cloud.sample_m)
-    _, away_m = target.cloud.nearest(query_m)
-    near = away_m < inlier_m
-    structure = _shared(walls, target.chart, query_m[query.standing], near[query.standing])
-    query_T_target = np.asarray(np.linalg.inv(target_T_query))
-    back_m = moved(query_T_target, target.cloud.sample_m[target.standing])
+    """How the query, at a pose (4, 4) in the target's frame, agrees with it.
+
+    A voxel is had by one nearer than `inlier_m`.
+    """
+    there_m = moved(target_T_query, query.standing_m)
+    back_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.standing_m)
     back_m = back_m[np.hypot(back_m[:, 0], back_m[:, 1]) < walls.range_m]
-    if not len(back_m):
-        return Agreement(float(near.mean()), structure, 0.0)
-    _, away_m = query.cloud.nearest(back_m)
-    return Agreement(float(near.mean()), structure, _shared(walls, query.chart, back_m, away_m < inlier_m))
+    in_target, structure = _shares(walls, inlier_m, target, there_m)
+    in_query, seen_again = _shares(walls, inlier_m, query, back_m)
+    return Agreement((in_target + in_query) / 2, structure, seen_again)
 
 
-def _shared(walls: Walls, chart: Chart, points_m: Points, has: np.ndarray) -> float:
-    """Of wall points (n, 3) in the frame of a chart that `has` (n,) them or saw through them, the share that it has."""
+def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tuple[float, float]:
+    """Of wall points (n, 3) in the frame of what was seen, the share that it has, then of those that
+    it has or saw through."""
+    if not len(points_m):
+        return 0.0, 0.0
+    _, away_m = seen.cloud.nearest(points_m)
+    has = away_m < inlier_m
     cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
-    inside = ((cells >= 0) & (cells < chart.shape[1])).all(axis=1)
+    inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
     against = np.zeros(len(points_m), bool)
-    against[inside] = chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
+    against[inside] = seen.chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
+    weight = _per_column(cells)
     counted = has | against
-    return float(has[counted].mean()) if counted.any() else 0.0
+    shared = float(weight[has].sum() / weight[counted].sum()) if counted.any() else 0.0
+    return float(weight[has].sum() / weight.sum()), shared
+
+
+def _per_column(cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """What each of points in cells (n, 2) counts (n,): a high wall no more than a tree."""
+    _, column, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    return np.asarray(1.0 / count[column.ravel()])

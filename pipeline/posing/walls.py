@@ -68,13 +68,10 @@ class Walls:
 
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The points (n, 3) of walls within range, of points (m, 3), z up from the ground."""
-        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
-        return np.ascontiguousarray(points_m[near & self.standing(points_m)])
-
-    def standing(self, points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which of points (n, 3) are of walls; all that was seen tells where the ground is."""
         above_m = heights_m(points_m)
-        return (above_m > self.low_m) & (above_m < self.high_m)
+        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
+        standing = (above_m > self.low_m) & (above_m < self.high_m)
+        return np.ascontiguousarray(points_m[near & standing])
 
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
         """Of a submap's walls (n, 3); only a `single` scan has a place from which it saw through."""

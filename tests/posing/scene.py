@@ -41,4 +41,4 @@ def hypothesis(x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: floa
     """A hypothesis at (x, 0) of so much overlap and spread, whose walls the map has and which has the map's."""
     alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
-    return Hypothesis(0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Slide(lead, -1, np.eye(4)))
+    return Hypothesis(0, planar(x_m, 0, yaw_deg), alignment, agreement, agreement, 0.0, Slide(lead, ()))

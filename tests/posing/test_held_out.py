@@ -78,7 +78,7 @@ def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
     """Each change alone: walls only add and hide, a wedge of 90° leaves three quarters of a circle at least, leaves fall."""
     rng = np.random.default_rng(0)
     circle_m = np.column_stack([10 * np.cos(at := np.arange(3600) / 3600 * 2 * np.pi), 10 * np.sin(at), np.full(3600, 3.0)])
-    none = {"walls": 0, "wedge_deg": 0.0, "came": 0, "went": 0, "above": 0.0, "below": 0.0}
+    none = {"walls": 0, "wedge_deg": 0.0, "cars": 0, "crowns": 0, "went": 0, "above": 0.0, "below": 0.0}
     assert np.array_equal(Ageing(**none).aged(circle_m, rng), circle_m)
     wedges = [len(Ageing(**none | {"wedge_deg": 90.0}).aged(circle_m, rng)) for _ in range(40)]
     assert 2700 <= min(wedges) < 3400
@@ -86,10 +86,14 @@ def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
     leaves = [len(Ageing(**none | {"above": 0.5}).aged(circle_m, rng)) for _ in range(40)]
     assert 1700 < min(leaves) < 2400 < 3200 < max(leaves) <= 3600
     assert [len(Ageing(**none | {"below": 0.5}).aged(circle_m, rng)) for _ in range(5)] == [3600] * 5
-    came = [Ageing(**none | {"came": 10}).aged(circle_m, rng) for _ in range(40)]
-    assert all(np.array_equal(one[:3600], circle_m) for one in came)  # they hide nothing
-    assert min(map(len, came)) < 3600 + 5 * 150 < 3600 + 5 * 200 < max(map(len, came)) <= 3600 + 10 * 200
-    assert all(np.hypot(*one[3600:, :2].T).min(initial=9) > 5 - 3 and one[3600:, 2].min(initial=0) >= 0 for one in came)
+    for what, points, high_m in (("cars", 150, 1.5), ("crowns", 200, 8.5)):
+        came = [Ageing(**none | {what: 10}).aged(circle_m, rng) for _ in range(40)]
+        assert all(np.array_equal(aged[:3600], circle_m) for aged in came)  # they hide nothing
+        assert {len(aged) for aged in came} <= {3600 + count * points for count in range(11)}
+        assert min(map(len, came)) < 3600 + 3 * points < 3600 + 7 * points < max(map(len, came))
+        new_m = np.concatenate([aged[3600:] for aged in came])
+        assert np.hypot(*new_m[:, :2].T).min() > 5 - 3
+        assert 0 <= new_m[:, 2].min() < new_m[:, 2].max() <= high_m
     went = [len(Ageing(**none | {"went": 3}).aged(circle_m, rng)) for _ in range(40)]
     assert 2000 < min(went) < max(went) == 3600
     walls = [Ageing(**none | {"walls": 2}).aged(circle_m, rng) for _ in range(40)]

@@ -141,7 +141,21 @@ def test_far_from_all_submaps_a_slide_tells_nothing(world: tuple[bool, np.ndarra
     walls = Walls()
     middles, none = walls.middles(walls.of(visible(points_m, planar(30, 0, 0)))), np.zeros(len(targets.world_T_anchor), bool)
     assert slide(walls, targets, middles, planar(0, 500, 0), none).lead == 0.0
-    assert slide(walls, targets, middles, planar(30, 0, 0), ~none).row == -1
+    assert slide(walls, targets, middles, planar(30, 0, 0), ~none).copies == ()
+
+
+def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_path: Path) -> None:
+    """Houses stand every 18 m."""
+    points_m, targets = driven(tmp_path, "equal houses", own=False)
+    walls = Walls()
+    middles = walls.middles(walls.of(visible(points_m, AT)))
+    found = slide(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
+    assert [copy.score for copy in found.copies] == sorted((copy.score for copy in found.copies), reverse=True)
+    anchors = [targets.world_T_anchor[copy.row] for copy in found.copies]
+    pairs = zip(anchors, found.copies, strict=True)
+    away_m = [(anchor @ copy.target_T_query)[0, 3] - AT[0, 3] for anchor, copy in pairs]
+    assert len(away_m) == 3
+    assert min(abs(abs(away) - EVERY_M) for away in away_m) < 1.5
 
 
 def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
@@ -150,6 +164,6 @@ def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_p
     walls = Walls()
     at = planar(32, 0, 0)
     found = slide(walls, targets, walls.middles(walls.of(visible(points_m, at))), at, np.zeros(len(targets.world_T_anchor), bool))
-    turn_deg = np.rad2deg(yaw(found.target_T_query[None])[0])
+    turn_deg = np.rad2deg(yaw(found.copies[0].target_T_query[None])[0])
     assert abs(turn_deg) > 80
     assert abs(found.lead) < 0.05
