@@ -1,6 +1,6 @@
 """The search for a query's pose: the ranking's own first, then walls of more and more places (METHODS 9.4)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, islice
@@ -23,6 +23,9 @@ from pipeline.running.settings import Count, NotNegative, Share, check
 
 BESIDE_M = (2.5, 15.0)
 """A pose is checked against a second submap, so far from the first at least and from the pose at most."""
+
+LIKELY = 0.05
+"""A hypothesis of less chance is not compared with its slid copies."""
 
 
 class Answers(NamedTuple):
@@ -104,7 +107,7 @@ class Fixer:
     depth: Count = 5
     """So many steps at most: the ranking's own pose, then one or two of each round; learned from held-out blocks."""
     least_lead: NotNegative = 0.1
-    """The slid copies of a hypothesis are registered too unless it leads by so much."""
+    """The slid copies of the likeliest hypothesis are registered too unless it leads by so much."""
     widest_m: NotNegative = 0.5
     """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
     chances: Chances = USUAL
@@ -128,7 +131,8 @@ class Fixer:
         if query is None:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
-        return self._first_sure(islice(_Search(self, query, targets, left_out).everywhere(answers), self.depth))
+        search = _Search(self, query, targets, left_out)
+        return self._first_sure(islice(search.everywhere(answers), self.depth), search.copies)
 
     def track(self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2) -> Fix:
         """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees: registered against the nearest
@@ -137,7 +141,7 @@ class Fixer:
         if query is None:
             return Fix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
-        return self._first_sure(search.around(world_T_guess, rows))
+        return self._first_sure(search.around(world_T_guess, rows), lambda hypothesis: [])
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
         """Nothing of too few points."""
@@ -149,13 +153,27 @@ class Fixer:
             return None
         return Query(points_m, rough, fine, self.walls, targets.single)
 
-    def _first_sure(self, tried: Iterator[list[Hypothesis]]) -> Fix:
-        """The fix of as many hypotheses as it takes to be sure of one."""
+    def _first_sure(
+        self,
+        tried: Iterator[Hypothesis],
+        copies: Callable[[Hypothesis], list[Hypothesis]],
+    ) -> Fix:
+        """The fix of as many hypotheses as it takes to be sure of one.
+
+        The slid copies of the likeliest are tried too, unless it leads them or is hardly likely.
+        """
         found: list[Hypothesis] = []
+        compared: list[Hypothesis] = []
         fix = Fix()
-        for step, hypotheses in enumerate(tried):
-            found += [replace(one, step=step) for one in hypotheses]
+        for step, hypothesis in enumerate(tried):
+            found.append(replace(hypothesis, step=step))
             fix = Fix.of(found, self.chances)
+            best = fix.hypotheses[0]
+            leads = best.slide.lead >= self.least_lead or any(best is one for one in compared)
+            if fix.chance >= LIKELY and not leads:
+                compared.append(best)
+                found += [replace(copy, step=step) for copy in copies(best)]
+                fix = Fix.of(found, self.chances)
             if fix.chance >= self.sure:
                 break
         return fix
@@ -170,19 +188,26 @@ class _Search:
     targets: Targets
     left_out: NDArray[np.bool_]
 
-    def everywhere(self, answers: Answers) -> Iterator[list[Hypothesis]]:
-        """The ranking's own pose; then the candidates of each round, by their walls; each with its slid copies."""
+    def everywhere(self, answers: Answers) -> Iterator[Hypothesis]:
+        """The ranking's own pose; then the candidates of each round, by their walls."""
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.apart(chain(nearest, alike))
         rounds = (self._round(list(islice(rows, count))) for count in self.fixer.rounds)
-        return map(self._with_slid, chain(self._straight(answers), chain.from_iterable(rounds)))
+        return chain(self._straight(answers), chain.from_iterable(rounds))
 
-    def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[list[Hypothesis]]:
+    def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
         """From one pose alone, against the nearest submaps."""
         away_m = np.linalg.norm(self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1)
         for row in np.argsort(away_m, kind="stable")[:rows].tolist():
-            yield list(self._registered(row, np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess))
+            guess = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess
+            yield from self._registered(row, guess)
+
+    def copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
+        """What its slid copies come to."""
+        slid = hypothesis.slide.copies
+        found = (self._registered(copy.row, copy.target_T_query) for copy in slid)
+        return list(chain.from_iterable(found))
 
     def _straight(self, answers: Answers) -> Iterator[Hypothesis]:
         """From the position and heading of the ranking's first answer, where it has both."""
@@ -206,13 +231,6 @@ class _Search:
             guesses = [(row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query)) for row, match in few]
             for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[:refined]:
                 yield from self._refined(row, guess)
-
-    def _with_slid(self, one: Hypothesis) -> list[Hypothesis]:
-        """A hypothesis and, where it hardly leads, its slid copies."""
-        if one.slide.lead >= self.fixer.least_lead:
-            return [one]
-        copies = (self._registered(copy.row, copy.target_T_query) for copy in one.slide.copies)
-        return [one, *chain.from_iterable(copies)]
 
     def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
         """From a guess against one submap, roughly and then finely; nothing where it does not hold."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import pose, yaw
+from pipeline.frames import pose
 from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 
@@ -63,10 +63,10 @@ def slide(
     around = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
     offsets_m = (np.arange(2 * walls.reach + 1) - walls.reach) * walls.cell_m
     own = -np.inf
-    fits: list[Copy] = []
+    fits: list[tuple[float, int, float, float, float]] = []
     for row in around[_spaced(anchors_m[around])].tolist():
         target_T_query = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_query
-        heading = float(yaw(target_T_query[None])[0])
+        heading = np.arctan2(target_T_query[1, 0], target_T_query[0, 0])
         off_m = np.hypot(offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3])
         for turn_deg in (0.0, *(TURNS_DEG if row == around[0] else ())):
             turned = heading + np.deg2rad(turn_deg)
@@ -75,15 +75,18 @@ def slide(
                 own = max(own, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
                 scores = np.where(off_m >= SLID_M, scores, -np.inf)
             x, y = np.unravel_index(scores.argmax(), scores.shape)
-            at_m = np.array([[offsets_m[x], offsets_m[y], 0.0]])
-            turn = np.array([[0.0, 0.0, turned]])
-            fits.append(Copy(float(scores[x, y]), row, pose(at_m, turn)[0]))
-    fits = sorted((fit for fit in fits if np.isfinite(fit.score)), key=lambda fit: -fit.score)
+            fits.append((float(scores[x, y]), row, offsets_m[x], offsets_m[y], turned))
+    fits = sorted((fit for fit in fits if np.isfinite(fit[0])), key=lambda fit: -fit[0])
     if not fits or not np.isfinite(own):
         return Slide(0.0, ())
-    lead = float(np.clip(own - fits[0].score, -WIDEST_LEAD, WIDEST_LEAD))
-    places_m = np.array([(targets.world_T_anchor[fit.row] @ fit.target_T_query)[:2, 3] for fit in fits])
-    return Slide(lead, tuple(fits[i] for i in _spaced(places_m)[:COPIES]))
+    lead = float(np.clip(own - fits[0][0], -WIDEST_LEAD, WIDEST_LEAD))
+    places_m = np.array([(targets.world_T_anchor[row] @ (x_m, y_m, 0.0, 1.0))[:2] for _, row, x_m, y_m, _ in fits])
+    return Slide(lead, tuple(_copy(*fits[i]) for i in _spaced(places_m)[:COPIES]))
+
+
+def _copy(score: float, row: int, x_m: float, y_m: float, heading: float) -> Copy:
+    at_m = np.array([[x_m, y_m, 0.0]])
+    return Copy(score, row, pose(at_m, np.array([[0.0, 0.0, heading]]))[0])
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:

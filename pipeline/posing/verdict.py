@@ -26,9 +26,8 @@ BELIEFS = ("fix", "place", "several")
 """What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of it; that it has one of
 SEVERAL poses."""
 LEAST_DOUBT = 1e-9
-TIMES = 20.0
+TIMES = 5.0
 """No single belief is accepted whose doubt is over so many times what a promise allows in the mean (METHODS 9.5)."""
-HALF = 0.5
 AS_MUCH = 0.005
 """Shares of right poses that differ by less are no reason to search on."""
 
@@ -157,14 +156,14 @@ class Verdict:
         A promise is kept even if one more of the accepted had been wrong: that of .99 takes 99 independent accepted queries. So
         conformal prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR 2024). The
         limit stands in the middle of the gap, in log-odds, to the next query that would break it. And nothing is accepted that is
-        false more than TIMES as often as the promise allows in the mean, or likelier than true: what keeps it on this day may not
+        false more than TIMES as often as the promise allows in the mean: what keeps it on this day may not
         on a later one.
         """
         number = BELIEFS.index(belief)
         doubts, true = self._judged[0][:, number], self._judged[1][:, number]
         weight = self.evidence.weight(self.unseen_share)
         edges = [threshold_for(promise, doubts, true, weight, wrong_besides=1.0) for promise in PROMISES]
-        most = [min(TIMES * (1 - promise), HALF) for promise in PROMISES]
+        most = [TIMES * (1 - promise) for promise in PROMISES]
         return [min(middle(doubts, edge), limit) for edge, limit in zip(edges, most, strict=True)]
 
 
