@@ -158,6 +158,16 @@ def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_pat
     assert min(abs(abs(away) - EVERY_M) for away in away_m) < 1.5
 
 
+def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: Path) -> None:
+    """The ranking is a house off, where the walls fit; the kiosk tells the copy that is right."""
+    points_m, targets = driven(tmp_path, "equal houses", own=True)
+    answers = Answers(np.array([[32.0 - EVERY_M, 0.0]]), np.array([0.0]))
+    found = Fixer(depth=1).fix(visible(points_m, AT), targets, answers)
+    assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
+    wrong = Fixer().track(visible(points_m, AT), targets, planar(32.0 - EVERY_M, 0, 0))
+    assert np.linalg.norm(wrong.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) > 10
+
+
 def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
     """Four corners look alike when the robot turns by 90°; nothing along the street fits as well."""
     points_m, targets = driven(tmp_path, "a crossing of equal corners", own=False)

@@ -51,5 +51,13 @@ def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
     assert found(seen(wall(15.5, half_m=9.0))).seen_again == 0.0  # hidden: nothing speaks for the pose
 
 
+def test_a_high_wall_counts_no_more_than_a_low_one() -> None:
+    """Of the map's two walls of 20 m the query has the high one, of nine tenths of the voxels."""
+    low = wall(30.5) * (1.0, 1.0, 0.0) + (-10.0, 0.0, 1.2)
+    both = seen(wall(30.5), low)
+    agreed = agreement(WALLS, 0.5, both, seen(wall(30.5)), planar(0, 0, 0))
+    assert agreed.overlap == pytest.approx((1.0 + 0.5) / 2, abs=0.03)
+
+
 def test_a_query_of_several_scans_contradicts_nothing() -> None:
     assert found(seen_by(wall(38.5), single=False)) == Agreement(0.0, 0.0, 0.0)
