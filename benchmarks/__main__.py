@@ -1,4 +1,5 @@
-"""Run every race and print it; with `--peers DIR` those against peers' own programs (benchmarks/PEERS.md)."""
+"""Run every race and print it; with `--peers DIR` those against peers' own programs
+(benchmarks/PEERS.md)."""
 
 import argparse
 from pathlib import Path
@@ -18,11 +19,24 @@ from benchmarks import (
 )
 
 parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__)
-parser.add_argument("--peers", type=Path, metavar="DIR", help="a folder of programs built by benchmarks/PEERS.md")
+parser.add_argument(
+    "--peers", type=Path, metavar="DIR", help="a folder of programs built by benchmarks/PEERS.md"
+)
 if (folder := parser.parse_args().peers) is not None:
     for line in peers.run(folder):
         print(line)
 else:
-    for races in (scan_context, retrieval, m2dp, pointnetvlad, encoding, sequence, octree, reading, pointcloud2, waiting):
+    for races in (
+        scan_context,
+        retrieval,
+        m2dp,
+        pointnetvlad,
+        encoding,
+        sequence,
+        octree,
+        reading,
+        pointcloud2,
+        waiting,
+    ):
         for result in races.run():
             print(result.table(), end="\n\n")

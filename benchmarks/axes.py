@@ -27,7 +27,10 @@ def world_axes(study: str, sequence: str) -> tuple[NDArray[np.float64], NDArray[
     submaps = store.read(Path("artifacts/submaps", study, f"{sequence}.zarr"), schemas.SUBMAPS)
     poses = submaps.load("world_T_anchor")
     rows = np.arange(0, len(poses), EVERY)
-    axes = [principal_axes(kernel.moments(np.ascontiguousarray(cloud))[1]) for cloud in clouds(scans, submaps, rows)]
+    axes = [
+        principal_axes(kernel.moments(np.ascontiguousarray(cloud))[1])
+        for cloud in clouds(scans, submaps, rows)
+    ]
     return poses[rows, :2, 3], poses[rows, :3, :3] @ np.stack(axes)
 
 
@@ -40,8 +43,14 @@ def measure(study: str, train: str, test: str) -> str:
     cosine = np.einsum("qij,qij->qj", axes, trained[away_m.argmin(axis=1)])[seen]
     same = (cosine > SAME).all(axis=1)
     flipped = (np.abs(cosine) > SAME).all(axis=1) & ~same
-    shares = f"same {same.mean():.3f}, flipped {flipped.mean():.3f}, turned {1 - same.mean() - flipped.mean():.3f}"
-    return f"{study} {test}: of {seen.sum()} queries within {NEAR_M:g} m of a training pose, principal axes {shares}"
+    shares = (
+        f"same {same.mean():.3f}, flipped {flipped.mean():.3f}, turned "
+        f"{1 - same.mean() - flipped.mean():.3f}"
+    )
+    return (
+        f"{study} {test}: of {seen.sum()} queries within {NEAR_M:g} m of a training pose, "
+        f"principal axes {shares}"
+    )
 
 
 if __name__ == "__main__":

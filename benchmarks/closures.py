@@ -1,14 +1,19 @@
-"""Poses and verdicts of one test day by peers: `python -m benchmarks.closures ARTIFACTS STUDY/GRID/MODEL DAY [EVERY [PEERS]]`.
+"""Poses and verdicts of one test day by peers: `python -m benchmarks.closures ARTIFACTS
+STUDY/GRID/MODEL DAY [EVERY [PEERS]]`.
 
-It reads artifacts that `dvc repro` built of a study with poses, and asks every so many queries. PEERS is a folder of programs
-built by benchmarks/PEERS.md. A peer that is not there is left out with a line. Everyone decides by a threshold of its own:
+It reads artifacts that `dvc repro` built of a study with poses, and asks every so many queries.
+PEERS is a folder of programs built by benchmarks/PEERS.md. A peer that is not there is left out
+with a line. Everyone decides by a threshold of its own:
 
-- yearloc by what it promised, .99; its poses and verdicts are those of the artifact, and the time is that of a fix
-- MapClosures by its inliers, of local maps of what was driven through last, and of local maps as its authors cut them
+- yearloc by what it promised, .99; its poses and verdicts are those of the artifact, and the time
+  is that of a fix
+- MapClosures by its inliers, of local maps of what was driven through last, and of local maps as
+  its authors cut them
 - GICP by whether it came to rest, from Scan Context's first candidates and headings
 - KISS-Matcher by its inliers with the map's tiles, submaps at least TILE_M apart
 
-Time is CPU time a query, one thread, once points, local maps, rankings and the map's clouds are there.
+Time is CPU time a query, one thread, once points, local maps, rankings and the map's clouds are
+there.
 """
 
 import os
@@ -38,9 +43,12 @@ from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
-SEEN_M, TILE_M, CANDIDATES = 5.0, 20.0, 5
+SEEN_M = 5.0
+TILE_M = 20.0
+CANDIDATES = 5
 LOCAL_M = (100.0, 60.0)
-"""How far a local map of MapClosures reaches: what its program takes, and what suits drives of a kilometre better."""
+"""How far a local map of MapClosures reaches: what its program takes, and what suits drives of a
+kilometre better."""
 LEAST_INLIERS = 5
 """From so many inliers on KISS-Matcher's examples call a registration a success."""
 One = Callable[[int, Points], tuple[NDArray[np.float64], bool]]
@@ -61,14 +69,23 @@ class Answers:
 
     def line(self, name: str) -> str:
         """A row of the table."""
-        good, level = right(self.world_T_query, self.world_T_true), self.right_from_above()
-        found, kept = (each[self.seen].mean() if self.seen.any() else np.nan for each in (good, good & self.accepted))
-        wrong, wrong_from_above = (self.accepted & ~good).sum(), (self.accepted & ~level).sum()
+        good = right(self.world_T_query, self.world_T_true)
+        level = self.right_from_above()
+        found, kept = (
+            each[self.seen].mean() if self.seen.any() else np.nan
+            for each in (good, good & self.accepted)
+        )
+        wrong = (self.accepted & ~good).sum()
+        wrong_from_above = (self.accepted & ~level).sum()
         medians = (
-            f"{np.median(took_ms):7.0f}" if len(took_ms) else f"{'–':>7}" for took_ms in (self.took_ms[self.seen], self.took_ms)
+            f"{np.median(took_ms):7.0f}" if len(took_ms) else f"{'–':>7}"
+            for took_ms in (self.took_ms[self.seen], self.took_ms)
         )
         counts = f"{self.accepted.sum():9} {wrong:6} {wrong_from_above:6}"
-        return f"  {name:<40} {len(good):5} {self.seen.sum():5} {found:6.3f} {kept:6.3f} {counts} {' '.join(medians)}"
+        return (
+            f"  {name:<40} {len(good):5} {self.seen.sum():5} {found:6.3f} {kept:6.3f} {counts} "
+            f"{' '.join(medians)}"
+        )
 
     def right_from_above(self) -> NDArray[np.bool_]:
         """Which are right but for height, roll and pitch."""
@@ -81,11 +98,13 @@ class Day:
     """The artifacts of one day, and the queries that are asked."""
 
     def __init__(self, artifacts: Path, model: str, sequence: str, every: int) -> None:
-        study, name = model.split("/")[0], f"{sequence}.zarr"
+        study = model.split("/")[0]
+        name = f"{sequence}.zarr"
         (self.map_path,) = (artifacts / "map" / study).glob("*.zarr")
         self.targets = Targets.read(self.map_path)
         self.scans, self.trained = (
-            store.read(artifacts / "scans" / study / each, schemas.SCANS) for each in (name, self.map_path.name)
+            store.read(artifacts / "scans" / study / each, schemas.SCANS)
+            for each in (name, self.map_path.name)
         )
         self.submaps = store.read(artifacts / "submaps" / study / name, schemas.SUBMAPS)
         self.fixes = store.read(artifacts / "poses" / model / name, schemas.FIXES)
@@ -102,10 +121,13 @@ class Day:
     def near(self, world_T_a: Poses) -> NDArray[np.bool_]:
         """Which of these (n, 4, 4) training went by."""
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
-        return np.asarray(np.linalg.norm(world_T_a[:, None, :2, 3] - anchors_m, axis=2).min(axis=1) < SEEN_M)
+        return np.asarray(
+            np.linalg.norm(world_T_a[:, None, :2, 3] - anchors_m, axis=2).min(axis=1) < SEEN_M
+        )
 
     def asked(self, one: One, prepares: bool) -> Answers:
-        """What a peer says of each query; one that `prepares` the map's clouds when it first meets them is asked twice."""
+        """What a peer says of each query; one that `prepares` the map's clouds when it first meets
+        them is asked twice."""
         found = []
         accepted = []
         took_ms = []
@@ -117,34 +139,62 @@ class Day:
             took_ms.append(1e3 * (time.process_time() - start))
             found.append(world_T_query)
             accepted.append(kept)
-        return Answers(np.array(found), self.world_T_true, np.array(accepted), self.near(self.world_T_true), np.array(took_ms))
+        return Answers(
+            np.array(found),
+            self.world_T_true,
+            np.array(accepted),
+            self.near(self.world_T_true),
+            np.array(took_ms),
+        )
 
 
 def yearloc(day: Day) -> Answers:
     """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
     settings = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
     fix = peers(settings, day.targets)["yearloc"]
-    xy_m, novelty = day.rankings.load("xy_m"), day.fixes.load("novelty")[:, 0]
-    made = day.asked(lambda row, points_m: (fix(points_m, xy_m[row]), bool(novelty[row] < day.fixes.attrs["promised"][1])), True)
+    xy_m = day.rankings.load("xy_m")
+    novelty = day.fixes.load("novelty")[:, 0]
+    made = day.asked(
+        lambda row, points_m: (
+            fix(points_m, xy_m[row]),
+            bool(novelty[row] < day.fixes.attrs["promised"][1]),
+        ),
+        True,
+    )
     return replace(made, world_T_query=day.fixes.load("world_T_query")[day.rows])
 
 
 def gicp(day: Day) -> Answers:
-    """The candidate of the most inliers; each is tried from its own place and Scan Context's heading there."""
+    """The candidate of the most inliers; each is tried from its own place and Scan Context's
+    heading there."""
     rankings = store.read(day.scan_context, schemas.RANKINGS)
-    xy_m, heading_deg = rankings.load("xy_m")[:, :CANDIDATES], rankings.load("heading_deg")[:, :CANDIDATES]
+    xy_m = rankings.load("xy_m")[:, :CANDIDATES]
+    heading_deg = rankings.load("heading_deg")[:, :CANDIDATES]
     world_T_anchor = day.targets.world_T_anchor
-    prepared = lru_cache(128)(lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10))
+    prepared = lru_cache(128)(
+        lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10)
+    )
 
     def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
-        best, converged, most = np.full((4, 4), np.nan), False, -1
+        best = np.full((4, 4), np.nan)
+        converged = False
+        most = -1
         source = small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0]
-        rows = np.linalg.norm(world_T_anchor[:, :2, 3] - xy_m[query][:, None], axis=2).argmin(axis=1)
-        for row, found in zip(rows, turns(np.deg2rad(heading_deg[query]) - yaw(world_T_anchor[rows])), strict=True):
+        rows = np.linalg.norm(world_T_anchor[:, :2, 3] - xy_m[query][:, None], axis=2).argmin(
+            axis=1
+        )
+        for row, found in zip(
+            rows, turns(np.deg2rad(heading_deg[query]) - yaw(world_T_anchor[rows])), strict=True
+        ):
             cloud, tree = prepared(row)
             for reach_m in REACHES_M:
                 result = small_gicp.align(
-                    cloud, source, tree, found, registration_type="GICP", max_correspondence_distance=reach_m
+                    cloud,
+                    source,
+                    tree,
+                    found,
+                    registration_type="GICP",
+                    max_correspondence_distance=reach_m,
                 )
                 found = result.T_target_source
             if result.num_inliers > most:
@@ -168,11 +218,15 @@ def kiss(day: Day) -> Answers:
     clouds = [(row, list(day.targets.points_m(row).astype(np.float32))) for row in tiles]
 
     def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
-        best, most, source = np.full((4, 4), np.nan), -1, list(points_m.astype(np.float32))
+        best = np.full((4, 4), np.nan)
+        most = -1
+        source = list(points_m.astype(np.float32))
         for row, target in clouds:
-            matcher, found = kiss_matcher.KISSMatcher(1.0), np.eye(4)
+            matcher = kiss_matcher.KISSMatcher(1.0)
+            found = np.eye(4)
             result = matcher.estimate(source, target)
-            found[:3, :3], found[:3, 3] = result.rotation, np.ravel(result.translation)
+            found[:3, :3] = result.rotation
+            found[:3, 3] = np.ravel(result.translation)
             if matcher.get_num_final_inliers() > most:
                 best = day.targets.world_T_anchor[row] @ found
                 most = matcher.get_num_final_inliers()
@@ -182,27 +236,53 @@ def kiss(day: Day) -> Answers:
 
 
 def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str, Answers]]:
-    """Of our queries, and of local maps as its authors cut them; its database has training's, so cut."""
+    """Of our queries, and of local maps as its authors cut them; its database has training's, so
+    cut."""
     with TemporaryDirectory() as scratch:
         train, test, out = (Path(scratch, f"{each}.npz") for each in ("train", "test", "out"))
         layout = day.submaps.attrs["layout"]
         last = day.submaps.load("scans")[day.rows]
         for path, scans in ((train, day.trained), (test, day.scans)):
             points_m = scans.load("points").astype(np.float32) * np.float32(scans.attrs["grain_m"])
-            np.savez(path, points=points_m, offsets=scans.load("offsets"), laid_T_scan=scans.load(layout), asked=last)
+            np.savez(
+                path,
+                points=points_m,
+                offsets=scans.load("offsets"),
+                laid_T_scan=scans.load(layout),
+                asked=last,
+            )
         subprocess.run([program, train, test, str(reach_m), out], check=True)
         with np.load(out) as found:
             answers = dict(found)
-    world_T_trained, world_T_scan = day.trained.load("world_T_scan"), day.scans.load("world_T_scan")
+    world_T_trained = day.trained.load("world_T_scan")
+    world_T_scan = day.scans.load("world_T_scan")
     near = day.near(world_T_scan)
     for kind, name in (("asked", "queries"), ("own", "its own local maps")):
         frame, first, stop, reference, accepted, inliers, took_ms, reference_T_frame = (
             answers[f"{kind}_{each}"]
-            for each in ("frame", "first", "stop", "reference", "accepted", "inliers", "took_ms", "reference_T_frame")
+            for each in (
+                "frame",
+                "first",
+                "stop",
+                "reference",
+                "accepted",
+                "inliers",
+                "took_ms",
+                "reference_T_frame",
+            )
         )
-        seen = near[frame] if kind == "asked" else np.array([near[a:b].mean() > 0.5 for a, b in zip(first, stop, strict=True)])
-        world_T_query = np.where(inliers[:, None, None] > 0, world_T_trained[reference] @ reference_T_frame, np.nan)
-        yield f"MapClosures, {reach_m:.0f} m, {name}", Answers(world_T_query, world_T_scan[frame], accepted, seen, took_ms)
+        seen = (
+            near[frame]
+            if kind == "asked"
+            else np.array([near[a:b].mean() > 0.5 for a, b in zip(first, stop, strict=True)])
+        )
+        world_T_query = np.where(
+            inliers[:, None, None] > 0, world_T_trained[reference] @ reference_T_frame, np.nan
+        )
+        yield (
+            f"MapClosures, {reach_m:.0f} m, {name}",
+            Answers(world_T_query, world_T_scan[frame], accepted, seen, took_ms),
+        )
 
 
 def table(day: Day, programs: Path) -> Iterator[str]:
@@ -219,16 +299,21 @@ def table(day: Day, programs: Path) -> Iterator[str]:
     if day.scan_context.is_dir():
         yield gicp(day).line("GICP from Scan Context")
     else:
-        yield f"  GICP left out: {day.scan_context} is not there (yearloc use … methods=…,scan_context)"
+        yield (
+            f"  GICP left out: {day.scan_context} is not there (yearloc use … "
+            "methods=…,scan_context)"
+        )
     try:
         yield kiss(day).line(f"KISS-Matcher, tiles {TILE_M:.0f} m apart")
     except ImportError:
         yield "  KISS-Matcher left out: kiss_matcher is not installed (pip install .[kiss])"
 
 
-def main(artifacts: str, model: str, sequence: str, every: str = "3", programs: str = "peers") -> None:
-    """Print the table: of the seen the share within 2 m and 5° and that which is accepted too; of all the accepted, and the wrong
-    among them, in space and from above; medians of times."""
+def main(
+    artifacts: str, model: str, sequence: str, every: str = "3", programs: str = "peers"
+) -> None:
+    """Print the table: of the seen the share within 2 m and 5° and that which is accepted too; of
+    all the accepted, and the wrong among them, in space and from above; medians of times."""
     print(f"{model} {sequence}")
     for line in table(Day(Path(artifacts), model, sequence, int(every)), Path(programs)):
         print(line, flush=True)

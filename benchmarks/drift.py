@@ -1,4 +1,5 @@
-"""Effect of the odometry of a log on a submap: drift over its window, and the difference of its Scan Context from the true one.
+"""Effect of the odometry of a log on a submap: drift over its window, and the difference of its
+Scan Context from the true one.
 
 python -m benchmarks.drift artifacts/scans/town/*.zarr
 """
@@ -27,21 +28,40 @@ def measure(path: str) -> str:
     known = np.isfinite(truth).all(axis=(1, 2))
     unknown = np.concatenate([[0], np.cumsum(~known)])
     whole = np.flatnonzero(unknown[submaps.scans + 1] == unknown[submaps.first])
-    first, last, ground_m = submaps.first[whole], submaps.scans[whole], submaps.ground_m[whole]
-    newest_T_oldest, odom_T_scan = np.linalg.inv(truth[last]) @ truth[first], scans.load("odom_T_scan")
+    first = submaps.first[whole]
+    last = submaps.scans[whole]
+    ground_m = submaps.ground_m[whole]
+    newest_T_oldest = np.linalg.inv(truth[last]) @ truth[first]
+    odom_T_scan = scans.load("odom_T_scan")
     error = np.linalg.inv(newest_T_oldest) @ np.linalg.inv(odom_T_scan[last]) @ odom_T_scan[first]
     drift_m = np.linalg.norm(error[:, :3, 3], axis=1)
     drift_deg = np.degrees(np.abs(Rotation.from_matrix(error[:, :3, :3]).as_euler("ZYX")[:, 0]))
 
     def contexts(layout: Layout) -> list[NDArray[np.float32]]:
         rows = slice(None, None, EVERY)
-        return list(map(ScanContext(), Gathering(scans, layout, first[rows], last[rows], ground_m[rows], submaps.used)))
+        return list(
+            map(
+                ScanContext(),
+                Gathering(scans, layout, first[rows], last[rows], ground_m[rows], submaps.used),
+            )
+        )
 
-    cosines = np.array([column_cosine(a, b) for a, b in zip(contexts("odom_T_scan"), contexts("world_T_scan"), strict=True)])
+    cosines = np.array(
+        [
+            column_cosine(a, b)
+            for a, b in zip(contexts("odom_T_scan"), contexts("world_T_scan"), strict=True)
+        ]
+    )
     lines = [f"{path}: {len(whole)} windows with a true pose throughout, of {len(submaps.scans)}"]
-    for name, values in (("drift [m]", drift_m), ("drift of heading [deg]", drift_deg), ("column cosine", cosines)):
+    for name, values in (
+        ("drift [m]", drift_m),
+        ("drift of heading [deg]", drift_deg),
+        ("column cosine", cosines),
+    ):
         middle, low, high = np.percentile(values, (50, 10, 90))
-        lines.append(f"  {name:<24} median {middle:.3f}, 10th to 90th percentile {low:.3f}–{high:.3f}")
+        lines.append(
+            f"  {name:<24} median {middle:.3f}, 10th to 90th percentile {low:.3f}–{high:.3f}"
+        )
     return "\n".join(lines)
 
 

@@ -1,4 +1,5 @@
-"""Encoding one bird-view by place feature learning's encoder at full width: as we localise, against eager PyTorch."""
+"""Encoding one bird-view by place feature learning's encoder at full width: as we localise, against
+eager PyTorch."""
 
 import torch
 
@@ -10,17 +11,24 @@ IMAGES = 8
 
 
 def run() -> list[Race]:
-    """One image at a time, one thread, random weights. A code takes 1 KB, a place with eight headings 8 KB."""
+    """One image at a time, one thread, random weights.
+
+    A code takes 1 KB, a place with eight headings 8 KB.
+    """
     with loop.reproducible(1), torch.inference_mode():
         torch.manual_seed(0)
-        encoder, images = Encoder(), torch.rand(IMAGES, 1, 1, SIDE, SIDE) * 2 - 1
+        encoder = Encoder()
+        images = torch.rand(IMAGES, 1, 1, SIDE, SIDE) * 2 - 1
         for _ in range(4):  # running statistics unlike those of the start
             encoder(images[:, 0])
         encoder.eval()
-        half, single = folded(encoder, torch.bfloat16), folded(encoder)
+        half = folded(encoder, torch.bfloat16)
+        single = folded(encoder)
         for number in range(IMAGES):
             truth = encoder(images[number])
-            apart = [float((net(images[number]) - truth).norm() / truth.norm()) for net in (single, half)]
+            apart = [
+                float((net(images[number]) - truth).norm() / truth.norm()) for net in (single, half)
+            ]
             if apart[0] > 1e-4 or apart[1] > 0.02:
                 raise AssertionError(f"the folded encoder's code differs by {apart}")
         return [

@@ -1,4 +1,5 @@
-"""Kills of the commands that DVC does not run: whatever a kill leaves, the next call ends with what an undisturbed one gives."""
+"""Kills of the commands that DVC does not run: whatever a kill leaves, the next call ends with what
+an undisturbed one gives."""
 
 import io
 import json
@@ -32,25 +33,46 @@ sequences: [made]
 def published(project: Path) -> Any:
     """Name, settings and numbers of every run in MLflow's database."""
     with closing(sqlite3.connect(project / "mlflow.db")) as database:
-        of_runs = "select r.name, m.key, m.value from {} m join runs r using (run_uuid) where r.lifecycle_stage = 'active'"
-        return [sorted(map(repr, database.execute(of_runs.format(table)))) for table in ("params", "latest_metrics")]
+        of_runs = (
+            "select r.name, m.key, m.value from {} m join runs r using (run_uuid) where "
+            "r.lifecycle_stage = 'active'"
+        )
+        return [
+            sorted(map(repr, database.execute(of_runs.format(table))))
+            for table in ("params", "latest_metrics")
+        ]
 
 
 def swept(project: Path) -> Any:
     """The rows that the last sweep recorded; of artifacts that it found or built anew alike."""
     last = max((project / ".sweeps/runs").iterdir(), key=lambda folder: folder.stat().st_mtime_ns)
-    return [json.loads(path.read_text(encoding="utf-8"))["rows"] for path in sorted(last.glob("*.json"))]
+    return [
+        json.loads(path.read_text(encoding="utf-8"))["rows"] for path in sorted(last.glob("*.json"))
+    ]
 
 
 COMMANDS: dict[str, tuple[str, tuple[str, ...], Callable[[Path], Any]]] = {
-    "publish": (f"{sys.executable} -m stages.publish dataset=campus study=campus", ("mlflow.db", "mlruns"), published),
-    "pack": (f"{YEARLOC} pack campus/10m/scan_context -o killed.site", ("killed.site",), lambda at: digest(at / "killed.site")),
+    "publish": (
+        f"{sys.executable} -m stages.publish dataset=campus study=campus",
+        ("mlflow.db", "mlruns"),
+        published,
+    ),
+    "pack": (
+        f"{YEARLOC} pack campus/10m/scan_context -o killed.site",
+        ("killed.site",),
+        lambda at: digest(at / "killed.site"),
+    ),
     "sweep": (
-        f"{sys.executable} -m stages.sweep grid.cell_m=5,20 method=scan_context tracking.database=swept.db",
+        f"{sys.executable} -m stages.sweep grid.cell_m=5,20 method=scan_context "
+        "tracking.database=swept.db",
         (".sweeps", "swept.db", "mlruns"),
         swept,
     ),
-    "fetch": (f"{YEARLOC} fetch made root=fetched", ("fetched",), lambda at: digest(at / "fetched")),
+    "fetch": (
+        f"{YEARLOC} fetch made root=fetched",
+        ("fetched",),
+        lambda at: digest(at / "fetched"),
+    ),
 }
 """Of each command what it makes, which is removed before, and what of that must be the same."""
 
@@ -61,16 +83,27 @@ def cases(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str
     with _served(project):
         for case in range(done, number):
             rng = random.Random(f"{seed} command {case}")
-            name, how, part = rng.choice([*COMMANDS]), rng.choice(SIGNALS), rng.random()
+            name = rng.choice([*COMMANDS])
+            how = rng.choice(SIGNALS)
+            part = rng.random()
             command, made, found = COMMANDS[name]
             if name not in right:
                 _remove(project, made)
                 start = time.monotonic()
-                subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
+                subprocess.run(
+                    command,
+                    shell=True,
+                    cwd=project,
+                    capture_output=True,
+                    timeout=EVER_S,
+                    check=True,
+                )
                 right[name] = found(project), time.monotonic() - start
             _remove(project, made)
             left = stopped(command, project, how, part * right[name][1])
-            again = subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S)
+            again = subprocess.run(
+                command, shell=True, cwd=project, capture_output=True, timeout=EVER_S
+            )
             said = again.stderr.decode(errors="replace")
             traced = "Traceback" in said or (how == signal.SIGINT and "Traceback" in left)
             same = again.returncode == 0 and found(project) == right[name][0]
@@ -92,7 +125,8 @@ def _remove(project: Path, made: tuple[str, ...]) -> None:
 
 @contextmanager
 def _served(project: Path) -> Iterator[None]:
-    """A server of an archive that comes slowly and goes on where it was cut off, and its file in conf/fetch."""
+    """A server of an archive that comes slowly and goes on where it was cut off, and its file in
+    conf/fetch."""
     with io.BytesIO() as packed:
         with tarfile.open(fileobj=packed, mode="w:gz") as tar:
             for number in range(200):

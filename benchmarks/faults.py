@@ -1,8 +1,10 @@
-"""A campaign of faults against a built project: `python -m benchmarks.faults PROJECT --tries 1000 --kills 20 --seed 0`.
+"""A campaign of faults against a built project: `python -m benchmarks.faults PROJECT --tries 1000
+--kills 20 --seed 0`.
 
-PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`; what is damaged is a copy, and
-a stage that is killed is run again. Full disks are small ones, which only root can mount. Every case ends as one of ENDINGS; the
-last two must be 0. Cases go to faults.jsonl in the working folder; a campaign that was cut off goes on after the last of them.
+PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`;
+what is damaged is a copy, and a stage that is killed is run again. Full disks are small ones, which
+only root can mount. Every case ends as one of ENDINGS; the last two must be 0. Cases go to
+faults.jsonl in the working folder; a campaign that was cut off goes on after the last of them.
 """
 
 import argparse
@@ -45,10 +47,12 @@ OUT = re.compile(r"\bout=(\S+)")
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """With a bit turned, bytes overwritten, a part cut out or doubled, the end cut off, or a number made another one."""
+    """With a bit turned, bytes overwritten, a part cut out or doubled, the end cut off, or a number
+    made another one."""
     if not data:
         return b"\0"
-    at, length = rng.randrange(len(data)), rng.choice((1, 2, 4, 14, 100))
+    at = rng.randrange(len(data))
+    length = rng.choice((1, 2, 4, 14, 100))
     ways: tuple[Callable[[], bytes], ...] = (
         lambda: data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :],
         lambda: data[:at] + rng.randbytes(length) + data[at + length :],
@@ -65,22 +69,29 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 def read(path: Path) -> Any:
-    """What a reader makes of a path, in a form that can be compared; raises what the reader raises."""
+    """What a reader makes of a path, in a form that can be compared; raises what the reader
+    raises."""
     if path.suffix == ".zarr":
         found = store.read(path, *schemas.ALL)
         schema = next(one for one in schemas.ALL if one.kind == found.attrs["kind"])
         return found.attrs, {name: found.load(name).tobytes() for name in schema.columns}
     if path.suffix == ".safetensors":
-        return store.read_recipe(path), {name: array.tobytes() for name, array in store.read_model(path).items()}
+        return store.read_recipe(path), {
+            name: array.tobytes() for name, array in store.read_model(path).items()
+        }
     if path.suffix == ".site":
         parts = site_file.read(path)
-        return str(parts.about), {name: np.asarray(array).tobytes() for name, array in {**parts.model, **parts.arrays}.items()}
+        return str(parts.about), {
+            name: np.asarray(array).tobytes()
+            for name, array in {**parts.model, **parts.arrays}.items()
+        }
     return shown(["inspect", str(path)])
 
 
 def shown(words: list[str]) -> str:
     """What a command prints; raises YearlocError with its line where it refuses."""
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:
             yearloc(words)
@@ -91,30 +102,46 @@ def shown(words: list[str]) -> str:
     return out.getvalue()
 
 
-def samples(project: Path, folder: Path, also: Sequence[Path] = ()) -> list[tuple[Path, list[Path]]]:
-    """Copies of artifacts, models, a site, logs, drives of scans and poses; each with the files of it that are damaged."""
-    artifacts, found = project / "artifacts", []
-    for path in [*sorted(artifacts.rglob("*.zarr")), *sorted(artifacts.rglob("*.safetensors")), *sorted(project.glob("*.site"))]:
+def samples(
+    project: Path, folder: Path, also: Sequence[Path] = ()
+) -> list[tuple[Path, list[Path]]]:
+    """Copies of artifacts, models, a site, logs, drives of scans and poses; each with the files of
+    it that are damaged."""
+    artifacts = project / "artifacts"
+    found = []
+    for path in [
+        *sorted(artifacts.rglob("*.zarr")),
+        *sorted(artifacts.rglob("*.safetensors")),
+        *sorted(project.glob("*.site")),
+    ]:
         copy = folder / path.relative_to(project)
         copy.parent.mkdir(parents=True, exist_ok=True)
         (shutil.copytree if path.is_dir() else shutil.copy)(path, copy)
-        found.append((copy, [one for one in copy.rglob("*") if one.is_file()] if copy.is_dir() else [copy]))
+        found.append(
+            (copy, [one for one in copy.rglob("*") if one.is_file()] if copy.is_dir() else [copy])
+        )
     seen: Counter[str] = Counter()
-    for path in sorted(one for root in (artifacts / "logs", *also) for one in root.rglob("*") if one.is_file()):
+    for path in sorted(
+        one for root in (artifacts / "logs", *also) for one in root.rglob("*") if one.is_file()
+    ):
         seen[f"{path.parent} {path.suffix}"] += 1
         if seen[f"{path.parent} {path.suffix}"] <= 4:
             copy = folder / path.absolute().relative_to("/")
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_bytes(path.read_bytes()[: LONGEST // nclt.RECORD_BYTES * nclt.RECORD_BYTES])
             found.append((copy, [copy]))
-    for drive in sorted(scans.parent for root in also for scans in root.rglob("scans") if scans.is_dir()):
+    for drive in sorted(
+        scans.parent for root in also for scans in root.rglob("scans") if scans.is_dir()
+    ):
         copy = folder / "drives" / drive.absolute().relative_to("/")  # as a whole, with its poses
         shutil.copytree(drive, copy)
         found.append((copy, [one for one in copy.rglob("*") if one.is_file()]))
     return found
 
 
-def mutations(project: Path, tries: int, seed: int, done: int, also: Sequence[Path] = ()) -> Iterator[dict[str, Any]]:
+def mutations(
+    project: Path, tries: int, seed: int, done: int, also: Sequence[Path] = ()
+) -> Iterator[dict[str, Any]]:
     """Damage a file of a sample, read the sample, and put the file back."""
     with TemporaryDirectory() as scratch:
         found = samples(project, Path(scratch), also)
@@ -132,19 +159,34 @@ def mutations(project: Path, tries: int, seed: int, done: int, also: Sequence[Pa
             said = ""
             try:
                 same = read(path) == right[path]
-                ending = "same" if same else "silently different" if path.suffix in SEALED else "another input"
+                ending = (
+                    "same"
+                    if same
+                    else "silently different"
+                    if path.suffix in SEALED
+                    else "another input"
+                )
             except YearlocError as error:
-                said, ending = str(error), "refused" if "\n" not in str(error).strip() else "traceback"
+                said = str(error)
+                ending = "refused" if "\n" not in str(error).strip() else "traceback"
             except Exception as error:  # what no reader may let through
-                said, ending = f"{type(error).__name__}: {error}"[:300], "traceback"
+                said = f"{type(error).__name__}: {error}"[:300]
+                ending = "traceback"
             file.write_bytes(before)
-            yield {"case": number, "file": str(file.relative_to(scratch)), "ending": ending, "said": said}
+            yield {
+                "case": number,
+                "file": str(file.relative_to(scratch)),
+                "ending": ending,
+                "said": said,
+            }
 
 
 def digest(path: Path) -> str:
     """Of a file, or of a folder's files and their names."""
     files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
-    return hashlib.sha256(b"".join(f"{one.relative_to(path)}".encode() + one.read_bytes() for one in files)).hexdigest()
+    return hashlib.sha256(
+        b"".join(f"{one.relative_to(path)}".encode() + one.read_bytes() for one in files)
+    ).hexdigest()
 
 
 def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
@@ -162,7 +204,8 @@ def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
 
 
 def stopped(command: str, project: Path, how: signal.Signals, after_s: float) -> str:
-    """What a command says on standard error that is sent a signal after so long; SIGSTOP lets it go on a little later."""
+    """What a command says on standard error that is sent a signal after so long; SIGSTOP lets it go
+    on a little later."""
     pipes: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
     process = subprocess.Popen(f"exec {command}", shell=True, cwd=project, **pipes)
     time.sleep(after_s)
@@ -174,29 +217,42 @@ def stopped(command: str, project: Path, how: signal.Signals, after_s: float) ->
 
 
 def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
-    """Stop a stage at a random moment, look at what it left, run it to its end, and compare its outputs byte by byte."""
-    stages, took = instances(project), dict[str, float]()
+    """Stop a stage at a random moment, look at what it left, run it to its end, and compare its
+    outputs byte by byte."""
+    stages = instances(project)
+    took = dict[str, float]()
     for case in range(done, number):
         rng = random.Random(f"{seed} kill {case}")
         name, command, outs = rng.choice(stages)
         for out in outs:  # a link to DVC's cache is read-only; what a stage writes replaces it
             assert out.exists()
-        right, start = [digest(out) for out in outs], time.monotonic()
+        right = [digest(out) for out in outs]
+        start = time.monotonic()
         if name not in took:
-            subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
+            subprocess.run(
+                command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True
+            )
             took[name] = time.monotonic() - start
         how = rng.choice(SIGNALS)
         left = stopped(command, project, how, rng.random() * took[name])
         half = [digest(out) for out in outs] != right
-        subprocess.run(command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True)
+        subprocess.run(
+            command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True
+        )
         same = not half and [digest(out) for out in outs] == right
         traced = how == signal.SIGINT and "Traceback" in left
         ending = "silently different" if not same else "traceback" if traced else "same"
-        yield {"case": case, "file": f"{name} {how.name}", "ending": ending, "said": left[-300:] if traced else ""}
+        yield {
+            "case": case,
+            "file": f"{name} {how.name}",
+            "ending": ending,
+            "said": left[-300:] if traced else "",
+        }
 
 
 def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
-    """Stop `dvc repro` while it runs some stages again, itself or all that it started, and let `yearloc repro` end it."""
+    """Stop `dvc repro` while it runs some stages again, itself or all that it started, and let
+    `yearloc repro` end it."""
     places = {
         name: name if lock.parent == project else f"dag/{lock.parent.name}/dvc.yaml:{name}"
         for lock in files(project / "dvc.lock")
@@ -206,9 +262,17 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
     right = {out: digest(out) for outs in stages.values() for out in outs}
     for case in range(done, number):
         rng = random.Random(f"{seed} chain {case}")
-        names, how, whole = rng.sample(sorted(stages), 3), rng.choice(SIGNALS[:3]), rng.random() < 0.5
+        names = rng.sample(sorted(stages), 3)
+        how = rng.choice(SIGNALS[:3])
+        whole = rng.random() < 0.5
         words = ["dvc", "repro", "--force", "--single-item", *(places[name] for name in names)]
-        start = partial(subprocess.Popen, words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=project)
+        start = partial(
+            subprocess.Popen,
+            words,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=project,
+        )
         process = start(start_new_session=True)
         second = start() if rng.random() < 0.25 else None  # refused by DVC's lock, or waits for it
         time.sleep(rng.uniform(0.5, 20))
@@ -218,44 +282,79 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
         if second:
             second.wait(timeout=EVER_S)
         again = subprocess.run(
-            ["yearloc", "repro"], cwd=project, capture_output=True, text=True, encoding="utf-8", timeout=EVER_S
+            ["yearloc", "repro"],
+            cwd=project,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            timeout=EVER_S,
         )
         same = again.returncode == 0 and {out: digest(out) for out in right} == right
-        ending = "traceback" if "Traceback" in again.stderr else "same" if same else "silently different"
+        ending = (
+            "traceback" if "Traceback" in again.stderr else "same" if same else "silently different"
+        )
         said = "" if same else (again.stderr or again.stdout)[-300:]
-        what = f"{' '.join(names)} {how.name} {'to all' if whole else 'to dvc'}{' of two' if second else ''}"
+        what = (
+            f"{' '.join(names)} {how.name} "
+            f"{'to all' if whole else 'to dvc'}{' of two' if second else ''}"
+        )
         yield {"case": case, "file": what, "ending": ending, "said": said}
 
 
 def full_disks(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
-    """Let a stage write where less room is than it needs: it says so in a line and leaves nothing, or all of it did fit."""
+    """Let a stage write where less room is than it needs: it says so in a line and leaves nothing,
+    or all of it did fit."""
     stages = [one for one in instances(project) if OUT.search(one[1])]
     for case in range(done, number):
         rng = random.Random(f"{seed} full {case}")
         name, command, outs = rng.choice(stages)
         sizes = sum(
-            file.stat().st_size for out in outs for file in ([out] if out.is_file() else out.rglob("*")) if file.is_file()
+            file.stat().st_size
+            for out in outs
+            for file in ([out] if out.is_file() else out.rglob("*"))
+            if file.is_file()
         )
         room = rng.randint(4096, sizes + 4096)
         with TemporaryDirectory() as folder:
-            subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", folder], check=True)
+            subprocess.run(
+                ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", folder], check=True
+            )
             try:
                 (out,) = OUT.findall(command)
                 words = OUT.sub(f"out={folder}/{Path(out).name}", command)
                 process = subprocess.run(
-                    words, shell=True, cwd=project, capture_output=True, text=True, encoding="utf-8", timeout=EVER_S
+                    words,
+                    shell=True,
+                    cwd=project,
+                    capture_output=True,
+                    text=True,
+                    encoding="utf-8",
+                    timeout=EVER_S,
                 )
-                left = [path for path in Path(folder).iterdir() if "scratch" not in path.name and path.suffix != ".lock"]
+                left = [
+                    path
+                    for path in Path(folder).iterdir()
+                    if "scratch" not in path.name and path.suffix != ".lock"
+                ]
                 said = process.stderr.strip().splitlines()[-1:] or [""]
                 if "Traceback" in process.stderr or process.returncode not in (0, 1):
                     ending = "traceback"
                 elif process.returncode:
                     ending = "silently different" if left else "refused"
                 else:
-                    ending = "same" if [digest(path) for path in left] == [digest(project / out)] else "silently different"
+                    ending = (
+                        "same"
+                        if [digest(path) for path in left] == [digest(project / out)]
+                        else "silently different"
+                    )
             finally:
                 subprocess.run(["umount", folder], check=True)
-        yield {"case": case, "file": f"{name} in {room} bytes", "ending": ending, "said": said[0][-300:]}
+        yield {
+            "case": case,
+            "file": f"{name} in {room} bytes",
+            "ending": ending,
+            "said": said[0][-300:],
+        }
 
 
 def main() -> None:
@@ -268,13 +367,28 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20, help="stages that are stopped")
     parser.add_argument("--chains", type=int, default=0, help="runs of dvc repro that are stopped")
     parser.add_argument("--full", type=int, default=0, help="stages that find the disk full")
-    parser.add_argument("--commands", type=int, default=0, help="commands that are stopped: publish, pack, a sweep, fetch")
+    parser.add_argument(
+        "--commands",
+        type=int,
+        default=0,
+        help="commands that are stopped: publish, pack, a sweep, fetch",
+    )
     parser.add_argument("--words", type=int, default=0, help="commands with changed words")
-    parser.add_argument("--also", type=Path, nargs="*", default=[], help="folders of recorded logs to damage copies of")
+    parser.add_argument(
+        "--also",
+        type=Path,
+        nargs="*",
+        default=[],
+        help="folders of recorded logs to damage copies of",
+    )
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     path = Path("faults.jsonl")
-    cases = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+    cases = (
+        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        if path.exists()
+        else []
+    )
     done = Counter(one["kind"] for one in cases)
     runs: dict[str, tuple[Callable[..., Iterator[dict[str, Any]]], int]] = {
         "mutation": (partial(mutations, also=given.also), given.tries),

@@ -1,7 +1,8 @@
 """What a study costs as it grows: `python -m benchmarks.growth --sizes 10 30 100`.
 
-For each size a copy of the project gets that many short drives past the same walls, and builds all of the study. Printed are the
-totals and, between two sizes, what each further drive cost: a column whose cost a drive rises is not linear.
+For each size a copy of the project gets that many short drives past the same walls, and builds all
+of the study. Printed are the totals and, between two sizes, what each further drive cost: a column
+whose cost a drive rises is not linear.
 """
 
 import argparse
@@ -23,33 +24,56 @@ import psutil
 from pipeline.running.telemetry import FOLDER, Telemetry, Trace
 from tests.clone import Clone
 
-SCANS, STEP_M, POINTS = 20, 5.0, 2000
+SCANS = 20
+STEP_M = 5.0
+POINTS = 2000
 SETTINGS = ("budget=tiny", "methods=sci_ring,scan_context")
 
 
 def record(folder: Path, sequences: int) -> None:
-    """Write `sequences` drives of `SCANS` scans in the layout of conf/dataset/folder.yaml, with noise of their own."""
+    """Write `sequences` drives of `SCANS` scans in the layout of conf/dataset/folder.yaml, with
+    noise of their own."""
     walls = np.random.default_rng(0).uniform((-80, -60, 0), (180, 60, 8), (20 * POINTS, 3))
     walls = walls[np.sin(walls[:, 0] / 9) * np.cos(walls[:, 1] / 7) > 0.8]
     for number in range(sequences):
-        rng, drive = np.random.default_rng(number), folder / f"drive{number:04}"
+        rng = np.random.default_rng(number)
+        drive = folder / f"drive{number:04}"
         (drive / "scans").mkdir(parents=True)
         poses = []
         for scan in range(SCANS):
-            x_m, y_m = scan * STEP_M, rng.normal(0, 0.3)
-            seen = walls[rng.choice(len(walls), POINTS)] + rng.normal(0, 0.05, (POINTS, 3)) - (x_m, y_m, 0)
+            x_m = scan * STEP_M
+            y_m = rng.normal(0, 0.3)
+            seen = (
+                walls[rng.choice(len(walls), POINTS)]
+                + rng.normal(0, 0.05, (POINTS, 3))
+                - (x_m, y_m, 0)
+            )
             np.save(drive / f"scans/{scan}.npy", seen.astype(np.float32))
             poses.append(f"{scan} {x_m} {y_m} 0 0 0 0 1")
         (drive / "poses.txt").write_text("\n".join(poses), encoding="utf-8")
 
 
 def build(project: Path) -> tuple[Trace, float]:
-    """What `dvc repro` used with all that it started, and the CPU seconds of its own process alone."""
+    """What `dvc repro` used with all that it started, and the CPU seconds of its own process
+    alone."""
     own_s = 0.0
-    with chdir(project), Telemetry("growth", every_s=0.2), (project / "repro.log").open("w", encoding="utf-8") as log:
-        dvc = psutil.Popen([Path(sys.executable).with_name("dvc"), "repro"], stdout=log, stderr=log, env=Clone(project, "{}").env)
+    with (
+        chdir(project),
+        Telemetry("growth", every_s=0.2),
+        (project / "repro.log").open("w", encoding="utf-8") as log,
+    ):
+        dvc = psutil.Popen(
+            [Path(sys.executable).with_name("dvc"), "repro"],
+            stdout=log,
+            stderr=log,
+            env=Clone(project, "{}").env,
+        )
         while dvc.poll() is None:
-            times = dvc.cpu_times() if dvc.is_running() and dvc.status() != psutil.STATUS_ZOMBIE else None
+            times = (
+                dvc.cpu_times()
+                if dvc.is_running() and dvc.status() != psutil.STATUS_ZOMBIE
+                else None
+            )
             own_s = times.user + times.system if times else own_s
             time.sleep(0.2)
     if dvc.returncode:
@@ -62,18 +86,24 @@ def build(project: Path) -> tuple[Trace, float]:
 
 
 def page(project: Path) -> tuple[float, int]:
-    """Seconds and bytes of what MLflow's page asks for first: the runs of the study, with all that they hold."""
+    """Seconds and bytes of what MLflow's page asks for first: the runs of the study, with all that
+    they hold."""
     with socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     store = f"sqlite:///{project}/mlflow.db"
     mlflow = Path(sys.executable).with_name("mlflow")
-    words = f"{mlflow} server --host 127.0.0.1 --port {port} --backend-store-uri {store} --workers 1".split()
-    server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=Clone(project, "{}").env)
+    address = f"--host 127.0.0.1 --port {port}"
+    words = f"{mlflow} server {address} --backend-store-uri {store} --workers 1".split()
+    server = subprocess.Popen(
+        words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=Clone(project, "{}").env
+    )
     root = f"http://127.0.0.1:{port}"
 
     def ask(path: str, **body: object) -> bytes:
-        request = urllib.request.Request(f"{root}{path}", json.dumps(body).encode(), {"Content-Type": "application/json"})
+        request = urllib.request.Request(
+            f"{root}{path}", json.dumps(body).encode(), {"Content-Type": "application/json"}
+        )
         with closing(urllib.request.urlopen(request, timeout=600)) as answer:
             return bytes(answer.read())
 
@@ -98,7 +128,8 @@ def page(project: Path) -> tuple[float, int]:
 
 def measure(sequences: int, folder: Path) -> dict[str, float]:
     """All that a study of `sequences` drives costs, in a new copy of the project below `folder`."""
-    project, logs = folder / "project", folder / "logs"
+    project = folder / "project"
+    logs = folder / "logs"
     project.mkdir(parents=True)
     clone = Clone(project)
     record(logs, sequences)
@@ -111,7 +142,12 @@ def measure(sequences: int, folder: Path) -> dict[str, float]:
     ]
     again, _ = build(project)
     page_s, page_bytes = page(project)
-    files = [path for name in ("artifacts", ".dvc/cache", "mlruns") for path in (project / name).rglob("*") if path.is_file()]
+    files = [
+        path
+        for name in ("artifacts", ".dvc/cache", "mlruns")
+        for path in (project / name).rglob("*")
+        if path.is_file()
+    ]
     return {
         "instances": (project / "repro.log").read_text(encoding="utf-8").count("Stage '"),
         "repro, wall s": first.wall_s,
@@ -123,7 +159,8 @@ def measure(sequences: int, folder: Path) -> dict[str, float]:
         "largest stage, MB": max(trace.peak_memory_mb for trace in traces),
         "files": len(files),
         "bytes, MB": sum(path.stat().st_size for path in files) * 1e-6,
-        "DVC's lock files, MB": sum(path.stat().st_size for path in project.rglob("dvc.lock")) * 1e-6,
+        "DVC's lock files, MB": sum(path.stat().st_size for path in project.rglob("dvc.lock"))
+        * 1e-6,
         "MLflow's runs, s": page_s,
         "MLflow's runs, MB": page_bytes * 1e-6,
     }
@@ -133,11 +170,17 @@ def table(measured: Mapping[int, Mapping[str, float]]) -> str:
     """A line a column: its totals, then what each further drive cost between neighbouring sizes."""
     sizes = sorted(measured)
     steps = list(pairwise(sizes))
-    heads = [*(f"{size} drives" for size in sizes), *(f"{low}→{high}, a drive" for low, high in steps)]
+    heads = [
+        *(f"{size} drives" for size in sizes),
+        *(f"{low}→{high}, a drive" for low, high in steps),
+    ]
     lines = [f"{'':34}" + "".join(f"{head:>18}" for head in heads)]
     for name in measured[sizes[0]]:
         each = [(measured[high][name] - measured[low][name]) / (high - low) for low, high in steps]
-        lines.append(f"{name:34}" + "".join(f"{one:18.4g}" for one in [*(measured[size][name] for size in sizes), *each]))
+        lines.append(
+            f"{name:34}"
+            + "".join(f"{one:18.4g}" for one in [*(measured[size][name] for size in sizes), *each])
+        )
     return "\n".join(lines)
 
 

@@ -1,7 +1,8 @@
-"""A scan into the dynamic octree, against OctoMap's C++ (through pyoctomap) at the same leaves and range; and 16 bird-views.
+"""A scan into the dynamic octree, against OctoMap's C++ (through pyoctomap) at the same leaves and
+range; and 16 bird-views.
 
-With KITTI's first 16 scans where `YEARLOC_KITTI` names a KITTI root; else simulated scans, and the race's name says so. OctoMap
-races where pyoctomap can be imported: no dependency of this project.
+With KITTI's first 16 scans where `YEARLOC_KITTI` names a KITTI root; else simulated scans, and the
+race's name says so. OctoMap races where pyoctomap can be imported: no dependency of this project.
 """
 
 import os
@@ -31,7 +32,9 @@ def drive() -> tuple[str, Drive]:
     root = Path(os.environ.get("YEARLOC_KITTI", ""))
     if "YEARLOC_KITTI" in os.environ:
         log = Kitti().open(root, "00")
-        return "KITTI 00", [(np.asarray(log.points(row), np.float64), log.world_T_scan[row]) for row in range(16)]
+        return "KITTI 00", [
+            (np.asarray(log.points(row), np.float64), log.world_T_scan[row]) for row in range(16)
+        ]
     simulated = []
     for number, points in enumerate(scans()):
         pose = np.eye(4)
@@ -43,8 +46,12 @@ def drive() -> tuple[str, Drive]:
 def octomap(octree: Octree, discretize: bool, recorded: Drive) -> Callable[[int], object]:
     """OctoMap's own insertion into a new tree, of points already in the world's frame."""
     pyoctomap = import_module("pyoctomap")
-    world = [np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3]) for points, pose in recorded]
-    sensors = [pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) for _, pose in recorded]
+    world = [
+        np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3]) for points, pose in recorded
+    ]
+    sensors = [
+        pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) for _, pose in recorded
+    ]
 
     def insert(_: int) -> None:
         tree = pyoctomap.OcTree(octree.leaf_m)
@@ -76,11 +83,16 @@ def run() -> list[Race]:
     """One thread; scans in the order of the drive."""
     name, recorded = drive()
     spaces = Octree(), Octree(depth=8), LARGE, replace(LARGE, max_range_m=30.0)
-    return [*(_insertion(name, recorded, octree) for octree in spaces), _sweeps(recorded), _drawing(recorded)]
+    return [
+        *(_insertion(name, recorded, octree) for octree in spaces),
+        _sweeps(recorded),
+        _drawing(recorded),
+    ]
 
 
 def _insertion(name: str, recorded: Drive, octree: Octree) -> Race:
-    """All candidates cut rays at the same range, `reach_m`; ours end at the root cube too, which the peers do not have."""
+    """All candidates cut rays at the same range, `reach_m`; ours end at the root cube too, which
+    the peers do not have."""
     short = recorded[:SCANS]
     grown = octree.grow()
     candidates = {
@@ -89,11 +101,22 @@ def _insertion(name: str, recorded: Drive, octree: Octree) -> Race:
     }
     note = "OctoMap not raced: pyoctomap is not installed"
     if find_spec("pyoctomap"):
-        note = _agree(replace(octree, motion="none"), recorded) if octree.depth < 9 else "states not compared"
+        note = (
+            _agree(replace(octree, motion="none"), recorded)
+            if octree.depth < 9
+            else "states not compared"
+        )
         candidates["OctoMap, discretised: a ray a cell"] = octomap(octree, True, short)
         candidates["OctoMap, all rays"] = octomap(octree, False, short)
-    size = f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, {octree.edge_m:g} m around the robot"
-    raced = race(f"{size}, rays of at most {octree.reach_m:.1f} m for all, {name} ({note})", candidates, rounds=3)
+    size = (
+        f"{len(short)} scans into leaves of {octree.leaf_m:.2f} m, {octree.edge_m:g} m around the "
+        "robot"
+    )
+    raced = race(
+        f"{size}, rays of at most {octree.reach_m:.1f} m for all, {name} ({note})",
+        candidates,
+        rounds=3,
+    )
     return replace(raced, name=f"{raced.name}; our map has {grown.bricks.nbytes / 1e6:.1f} MB")
 
 
@@ -101,7 +124,8 @@ def _agree(octree: Octree, recorded: Drive) -> str:
     """Compare a map of one scan with OctoMap's at a sample of the window's leaves."""
     pyoctomap = import_module("pyoctomap")
     points, pose = recorded[5]
-    grown, tree = octree.grow(), pyoctomap.OcTree(octree.leaf_m)
+    grown = octree.grow()
+    tree = pyoctomap.OcTree(octree.leaf_m)
     grown.insert(points, pose)
     sensor = pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m)
     world = np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3])
@@ -121,7 +145,8 @@ def _agree(octree: Octree, recorded: Drive) -> str:
 
 def _sweeps(recorded: Drive) -> Race:
     octree = Octree()
-    grown, sweeps = octree.grow(), [(points[::220], pose) for points, pose in recorded]
+    grown = octree.grow()
+    sweeps = [(points[::220], pose) for points, pose in recorded]
     leaves = grown.log_odds
     copy = np.empty_like(leaves)
     return race(
@@ -140,7 +165,9 @@ def _drawing(recorded: Drive) -> Race:
     for points, pose in recorded:
         grown.insert(points, pose)
     here = recorded[-1][1]
-    return race("16 bird-views of 64 × 64", {"yearloc": lambda i: view.draw(grown, here, i)}, rounds=40)
+    return race(
+        "16 bird-views of 64 × 64", {"yearloc": lambda i: view.draw(grown, here, i)}, rounds=40
+    )
 
 
 if __name__ == "__main__":

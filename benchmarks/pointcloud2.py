@@ -1,4 +1,5 @@
-"""Decoding a PointCloud2 of 120,000 points of 32 bytes: ours against numpy, struct and a copy of the message's data."""
+"""Decoding a PointCloud2 of 120,000 points of 32 bytes: ours against numpy, struct and a copy of
+the message's data."""
 
 import struct
 from collections.abc import Sequence
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.race import Race, race
 from pipeline.formats.pointcloud2 import Field, decode
 
-POINTS, STEP = 120_000, 32
+POINTS = 120_000
+STEP = 32
 
 
 @dataclass
@@ -30,7 +32,10 @@ class Message:
 def messages(number: int = 16, unaligned: int = 0) -> list[Message]:
     """So many that they do not stay in a core's own cache; one point in a hundred is NaN."""
     rng = np.random.default_rng(0)
-    fields: list[Field] = [SimpleNamespace(name=name, offset=4 * i, datatype=7, count=1) for i, name in enumerate("xyzi")]
+    fields: list[Field] = [
+        SimpleNamespace(name=name, offset=4 * i, datatype=7, count=1)
+        for i, name in enumerate("xyzi")
+    ]
     found = []
     for _ in range(number):
         points = rng.normal(0, 30, (POINTS, STEP // 4)).astype("<f4")
@@ -42,7 +47,9 @@ def messages(number: int = 16, unaligned: int = 0) -> list[Message]:
 
 def structured(message: Message) -> NDArray[np.float32]:
     """numpy's structured view, its columns stacked, the finite ones taken."""
-    view = message.data.view({"names": ["x", "y", "z"], "formats": ["<f4"] * 3, "offsets": [0, 4, 8], "itemsize": STEP})
+    view = message.data.view(
+        {"names": ["x", "y", "z"], "formats": ["<f4"] * 3, "offsets": [0, 4, 8], "itemsize": STEP}
+    )
     points: NDArray[np.float32] = np.stack([view["x"], view["y"], view["z"]], axis=1)
     return points[np.isfinite(points).all(axis=1)]
 
@@ -54,7 +61,8 @@ def read_points(message: Message) -> list[tuple[float, ...]]:
 
 def run() -> list[Race]:
     """From the deserialised message to finite points (n, 3) in float32."""
-    clouds, shifted = messages(), messages(unaligned=1)
+    clouds = messages()
+    shifted = messages(unaligned=1)
     if any(not np.array_equal(decode(cloud), structured(cloud)) for cloud in clouds):
         raise AssertionError("the points differ from numpy's")
     copy = np.empty_like(clouds[0].data)
@@ -69,7 +77,10 @@ def run() -> list[Race]:
     )
     slow = race(
         "the same point by point",
-        {"yearloc": lambda i: decode(clouds[i % 16]), "struct.iter_unpack": lambda i: read_points(clouds[i % 16])},
+        {
+            "yearloc": lambda i: decode(clouds[i % 16]),
+            "struct.iter_unpack": lambda i: read_points(clouds[i % 16]),
+        },
         rounds=8,
     )
     return [aligned, slow]

@@ -1,4 +1,5 @@
-"""Describing one cloud of 4,096 points by PointNetVLAD's network: as we localise, against eager PyTorch."""
+"""Describing one cloud of 4,096 points by PointNetVLAD's network: as we localise, against eager
+PyTorch."""
 
 from collections.abc import Callable
 
@@ -9,16 +10,19 @@ from benchmarks.race import Race, race
 from pipeline.methods.pointnetvlad.netvlad import Describer, folded
 from pipeline.networks import loop
 
-CLOUDS, POINTS = 8, 4096
+CLOUDS = 8
+POINTS = 4096
 
 
 def run() -> list[Race]:
     """One cloud at a time, one thread, random weights."""
     with loop.reproducible(1), torch.inference_mode():
         torch.manual_seed(0)
-        net, clouds = Describer().eval(), torch.rand(CLOUDS, 1, POINTS, 3) * 2 - 1
+        net = Describer().eval()
+        clouds = torch.rand(CLOUDS, 1, POINTS, 3) * 2 - 1
         net.load_state_dict({name: value + 0.01 for name, value in net.state_dict().items()})
-        single, half = folded(net), folded(net, torch.bfloat16)
+        single = folded(net)
+        half = folded(net, torch.bfloat16)
 
         def cast(describe: Callable[[Tensor], Tensor]) -> Callable[[int], Tensor]:
             def call(number: int) -> Tensor:
@@ -29,7 +33,9 @@ def run() -> list[Race]:
 
         for number in range(CLOUDS):
             truth = net(clouds[number])
-            if (single(clouds[number]) - truth).norm() > 1e-4 or (cast(half)(number) - truth).norm() > 0.02:
+            if (single(clouds[number]) - truth).norm() > 1e-4 or (
+                cast(half)(number) - truth
+            ).norm() > 0.02:
                 raise AssertionError("the folded network's descriptor differs")
         return [
             race(

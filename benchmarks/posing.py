@@ -1,8 +1,10 @@
-"""Poses of one test day by peers, from the same candidates: `python -m benchmarks.posing campus sci_ring 2013-04-05 [every]`.
+"""Poses of one test day by peers, from the same candidates: `python -m benchmarks.posing campus
+sci_ring 2013-04-05 [every]`.
 
-It reads artifacts that `dvc repro` built of a study with poses. Everyone gets the ranking's first five candidates, only "yearloc"
-may go on to others and to the whole map; the three that need a first guess get the matches of walls. Peers take the candidate of
-the most inliers, as their own programs do; KISS-Matcher (`pip install .[kiss]`) is skipped where it is not installed. One thread,
+It reads artifacts that `dvc repro` built of a study with poses. Everyone gets the ranking's first
+five candidates, only "yearloc" may go on to others and to the whole map; the three that need a
+first guess get the matches of walls. Peers take the candidate of the most inliers, as their own
+programs do; KISS-Matcher (`pip install .[kiss]`) is skipped where it is not installed. One thread,
 CPU time a query, from points to pose.
 """
 
@@ -31,7 +33,8 @@ from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 
-VOXEL_M, REACHES_M = 0.5, (4.0, 1.0)
+VOXEL_M = 0.5
+REACHES_M = (4.0, 1.0)
 Peer = Callable[[Points, NDArray[np.float64]], NDArray[np.float64]]
 """Points (n, 3) of a query and its candidates (k, 2) → world_T_query (4, 4), NaN without one."""
 
@@ -46,20 +49,26 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
 
     def icp(kind: str) -> Peer:
         def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
-            source, turned, best, most = (
-                small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0],
-                fixer.walls.turned(fixer.walls.of(points_m)), np.eye(4), -1
-            )  # fmt: skip
+            source = small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0]
+            turned = fixer.walls.turned(fixer.walls.of(points_m))
+            best = np.eye(4)
+            most = -1
             for row in _rows(targets, answers_m):
                 cloud = targets.cloud(fixer.fine, row)
                 found = fixer.walls.match(targets.chart(fixer.walls, row), turned).target_T_query
                 for reach_m in REACHES_M:
                     result = small_gicp.align(
-                        cloud.points, source, cloud.tree, found, registration_type=kind, max_correspondence_distance=reach_m
+                        cloud.points,
+                        source,
+                        cloud.tree,
+                        found,
+                        registration_type=kind,
+                        max_correspondence_distance=reach_m,
                     )
                     found = result.T_target_source
                 if result.num_inliers > most:
-                    best, most = targets.world_T_anchor[row] @ found, result.num_inliers
+                    best = targets.world_T_anchor[row] @ found
+                    most = result.num_inliers
             return best
 
         return align
@@ -81,48 +90,71 @@ def _kiss(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
         return {}
 
     def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        source, best, most = fixer.fine.prepare(points_m).xyz_m.astype(np.float32), np.eye(4), -1
+        source = fixer.fine.prepare(points_m).xyz_m.astype(np.float32)
+        best = np.eye(4)
+        most = -1
         for row in _rows(targets, answers_m):
             matcher = kiss_matcher.KISSMatcher(1.0)
-            found, result = np.eye(4), matcher.estimate(list(source), list(targets.points_m(row).astype(np.float32)))
-            found[:3, :3], found[:3, 3] = result.rotation, np.ravel(result.translation)
+            found = np.eye(4)
+            result = matcher.estimate(list(source), list(targets.points_m(row).astype(np.float32)))
+            found[:3, :3] = result.rotation
+            found[:3, 3] = np.ravel(result.translation)
             if matcher.get_num_final_inliers() > most:
-                best, most = targets.world_T_anchor[row] @ found, matcher.get_num_final_inliers()
+                best = targets.world_T_anchor[row] @ found
+                most = matcher.get_num_final_inliers()
         return best
 
     return {"KISS-Matcher": align}
 
 
 def _rows(targets: Targets, answers_m: NDArray[np.float64]) -> Iterator[int]:
-    return islice(targets.apart(targets.nearest(answers_m, np.zeros(len(targets.world_T_anchor), bool))), 5)
+    return islice(
+        targets.apart(targets.nearest(answers_m, np.zeros(len(targets.world_T_anchor), bool))), 5
+    )
 
 
 def line(name: str, found: Poses, true: Poses, took_ms: list[float]) -> str:
     """A row of the table."""
     away_m, turn_deg = apart(found, true)
-    field, fine = ((away_m < far_m) & (turn_deg < far_deg) for far_m, far_deg in ((2.0, 5.0), (0.5, 2.0)))
-    times = f"{np.median(took_ms):8.1f} {np.percentile(took_ms, 95):8.1f}" if took_ms else f"{'':17}"
-    return f"  {name:<22} {field.mean():8.3f} {fine.mean():8.3f} {np.nanmedian(away_m):8.3f} m {times}"
+    field, fine = (
+        (away_m < far_m) & (turn_deg < far_deg) for far_m, far_deg in ((2.0, 5.0), (0.5, 2.0))
+    )
+    times = (
+        f"{np.median(took_ms):8.1f} {np.percentile(took_ms, 95):8.1f}" if took_ms else f"{'':17}"
+    )
+    return (
+        f"  {name:<22} {field.mean():8.3f} {fine.mean():8.3f} {np.nanmedian(away_m):8.3f} m {times}"
+    )
 
 
 def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
     """Print a row a peer, of every so many queries that training saw."""
     (path,) = Path("artifacts/map", dataset).glob("*.zarr")
     fixer = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
-    rankings = store.read(Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.RANKINGS)
+    rankings = store.read(
+        Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.RANKINGS
+    )
     scans, submaps = (
         store.read(Path(f"artifacts/{kind}", dataset, f"{sequence}.zarr"), schema)
         for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS))
     )
-    targets, world_T_true, answers_m = Targets.read(path), submaps.load("world_T_anchor"), rankings.load("xy_m")
-    away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - targets.world_T_anchor[:, :2, 3], axis=2).min(axis=1)
+    targets = Targets.read(path)
+    world_T_true = submaps.load("world_T_anchor")
+    answers_m = rankings.load("xy_m")
+    away_m = np.linalg.norm(
+        world_T_true[:, None, :2, 3] - targets.world_T_anchor[:, :2, 3], axis=2
+    ).min(axis=1)
     rows = [int(row) for row in np.arange(0, len(world_T_true), int(every)) if away_m[row] < 5]
     clouds = {row: next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows}
-    print(f"{dataset} {sequence}, {model}: {len(rows)} queries\n  {'':<22}  2 m/5° .5 m/2°    error    median ms   95 %")
+    print(
+        f"{dataset} {sequence}, {model}: {len(rows)} queries\n  {'':<22}  2 m/5° .5 m/2°    error  "
+        "  median ms   95 %"
+    )
     for name, align in peers(fixer, targets).items():
         for row in rows[:: max(1, len(rows) // 8)]:
             align(clouds[row], answers_m[row])  # compile and fill caches
-        found, took = [], []
+        found = []
+        took = []
         for row in rows:
             start = time.process_time()
             found.append(align(clouds[row], answers_m[row]))

@@ -1,4 +1,5 @@
-"""Racing candidates fairly on a shared machine: interleaved, in one process, one thread, CPU time, medians."""
+"""Racing candidates fairly on a shared machine: interleaved, in one process, one thread, CPU time,
+medians."""
 
 import statistics
 import time
@@ -16,12 +17,15 @@ class Race:
     def table(self) -> str:
         """Each candidate's median, and every other's ratio to the first."""
         first = next(iter(self.median_ms.values()))
-        rows = [f"  {name:<42} {ms:9.3f} ms {ms / first:8.2f} ×" for name, ms in self.median_ms.items()]
+        rows = [
+            f"  {name:<42} {ms:9.3f} ms {ms / first:8.2f} ×" for name, ms in self.median_ms.items()
+        ]
         return "\n".join([self.name, *rows])
 
 
 def race(name: str, candidates: Mapping[str, Callable[[int], object]], rounds: int = 60) -> Race:
-    """Call every candidate once a round, with the round's number so that it can change its input; the first two do not count."""
+    """Call every candidate once a round, with the round's number so that it can change its input;
+    the first two do not count."""
     took: dict[str, list[float]] = {candidate: [] for candidate in candidates}
     for number in range(rounds + 2):
         for candidate, call in candidates.items():

@@ -1,4 +1,5 @@
-"""Reading NCLT scans from the page cache: ours against numpy's structured types, struct, and the bytes alone."""
+"""Reading NCLT scans from the page cache: ours against numpy's structured types, struct, and the
+bytes alone."""
 
 import struct
 import tempfile
@@ -11,7 +12,8 @@ from benchmarks.race import Race, race
 from pipeline.formats import nclt
 from pipeline.readers.nclt import read_velodyne_sync
 
-HITS, FILES = 120_000, 16
+HITS = 120_000
+FILES = 16
 RECORD = np.dtype([("x", "<u2"), ("y", "<u2"), ("z", "<u2"), ("intensity", "u1"), ("laser", "u1")])
 
 
@@ -32,15 +34,22 @@ def _races(folder: Path) -> list[Race]:
         f"velodyne_sync, {HITS:,} hits, metres [n, 3] in float64 (bytes equal numpy's)",
         {
             "yearloc": lambda i: read_velodyne_sync(paths[i % FILES]),
-            "np.fromfile, structured type, float64": lambda i: structured(paths[i % FILES], np.float64),
-            "np.fromfile, structured type, float32": lambda i: structured(paths[i % FILES], np.float32),
+            "np.fromfile, structured type, float64": lambda i: structured(
+                paths[i % FILES], np.float64
+            ),
+            "np.fromfile, structured type, float32": lambda i: structured(
+                paths[i % FILES], np.float32
+            ),
             "the bytes alone": lambda i: paths[i % FILES].read_bytes(),
         },
         rounds=100,
     )
     one_by_one = race(
         "the same, one hit at a time",
-        {"yearloc": lambda i: read_velodyne_sync(paths[i % FILES]), "struct.unpack": lambda i: unpacked_scan(paths[i % FILES])},
+        {
+            "yearloc": lambda i: read_velodyne_sync(paths[i % FILES]),
+            "struct.unpack": lambda i: unpacked_scan(paths[i % FILES]),
+        },
         rounds=5,
     )
     return [scans, one_by_one]

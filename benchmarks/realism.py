@@ -1,10 +1,12 @@
-"""How real simulated scans are: `python -m benchmarks.realism [picture.png] ARTIFACTS/STUDY/SEQUENCE …`, recorded and simulated.
+"""How real simulated scans are: `python -m benchmarks.realism [picture.png]
+ARTIFACTS/STUDY/SEQUENCE …`, recorded and simulated.
 
-Of the first submaps of each sequence it prints what a scan is like: its points, how far they lie, how many lie on the ground, how
-rough the surfaces above it are, and the widest arc without a point. Then it cuts each to 3,000 points, draws Scan Contexts
-and prints how full they are; how fast they change along the path, as the median distance of two that are so many metres apart;
-and how alike different places look: the distance that one in twenty pairs over 100 m apart stays below.
-A file of NCLT's velodyne_sync may be named too; of it only the first half is known.
+Of the first submaps of each sequence it prints what a scan is like: its points, how far they lie,
+how many lie on the ground, how rough the surfaces above it are, and the widest arc without a point.
+Then it cuts each to 3,000 points, draws Scan Contexts and prints how full they are; how fast they
+change along the path, as the median distance of two that are so many metres apart; and how alike
+different places look: the distance that one in twenty pairs over 100 m apart stays below. A file of
+NCLT's velodyne_sync may be named too; of it only the first half is known.
 """
 
 import sys
@@ -21,11 +23,17 @@ from pipeline.mapping.gathering import submap_points
 from pipeline.matching.shifts import Spectra
 from pipeline.views.scan_context import ScanContext
 
-POINTS, SUBMAPS, QUERIES = 3000, 400, 60
+POINTS = 3000
+SUBMAPS = 400
+QUERIES = 60
 APART_M = (1, 2, 3, 5, 8, 12, 20, 30, 50)
 FAR_M = 100.0
-NEIGHBOURS, ROUGH_M, ROUGH_ABOVE_M, EVERY = 12, (3.0, 30.0), 0.5, 40
-"""Roughness is that of points so far away and so high, about the plane through their nearest ones, of every so-manieth submap."""
+NEIGHBOURS = 12
+ROUGH_M = (3.0, 30.0)
+ROUGH_ABOVE_M = 0.5
+EVERY = 40
+"""Roughness is that of points so far away and so high, about the plane through their nearest ones,
+of every so-manieth submap."""
 VIEW = ScanContext(voxel_m=0.0, min_points=1, beyond="drop")
 
 
@@ -40,20 +48,29 @@ def scan_like(clouds: list[NDArray[np.float64]]) -> dict[str, float]:
         "below .3 m": float(np.median([(cloud[:, 2] < 0.3).mean() for cloud in clouds])),
         "rough": float(np.nanmedian(rough[:, 0])),
         "scattered": float(np.nanmedian(rough[:, 1])),
-        "gap °": float(np.median([np.rad2deg(np.diff(np.append(s, s[0] + 2 * np.pi)).max()) for s in sectors])),
+        "gap °": float(
+            np.median([np.rad2deg(np.diff(np.append(s, s[0] + 2 * np.pi)).max()) for s in sectors])
+        ),
     }
 
 
 def roughness(cloud: NDArray[np.float64]) -> tuple[float, float]:
-    """Median metres from the plane of a point's neighbours, and the share of points that look like no line or plane."""
+    """Median metres from the plane of a point's neighbours, and the share of points that look like
+    no line or plane."""
     reach_m = np.hypot(*cloud[:, :2].T)
-    points = cloud[(cloud[:, 2] > ROUGH_ABOVE_M) & (reach_m > ROUGH_M[0]) & (reach_m < ROUGH_M[1])].astype(float)
+    points = cloud[
+        (cloud[:, 2] > ROUGH_ABOVE_M) & (reach_m > ROUGH_M[0]) & (reach_m < ROUGH_M[1])
+    ].astype(float)
     if len(points) <= NEIGHBOURS:
         return np.nan, np.nan
     near = points[KDTree(points).query(points, NEIGHBOURS + 1)[1]]
     near -= near.mean(1, keepdims=True)
-    third, second, first = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", near, near) / (NEIGHBOURS + 1)).clip(min=0).T
-    return float(np.median(np.sqrt(third))), float((third > np.maximum(second - third, first - second)).mean())
+    third, second, first = (
+        np.linalg.eigvalsh(np.einsum("nki,nkj->nij", near, near) / (NEIGHBOURS + 1)).clip(min=0).T
+    )
+    return float(np.median(np.sqrt(third))), float(
+        (third > np.maximum(second - third, first - second)).mean()
+    )
 
 
 def one_scan(path: Path) -> str:
@@ -69,16 +86,20 @@ def told(numbers: dict[str, float]) -> str:
 
 def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
     """A line of text on one sequence, and its distances at APART_M."""
-    artifacts, study, sequence = place.parents[1], place.parent.name, place.name
+    artifacts = place.parents[1]
+    study = place.parent.name
+    sequence = place.name
     scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
-    count, rng = submaps["scans"].shape[0], np.random.default_rng(0)
+    count = submaps["scans"].shape[0]
+    rng = np.random.default_rng(0)
     first = min(count, SUBMAPS)
     clouds = list(submap_points(scans, submaps, slice(0, first)))
     thin = [cloud[rng.permutation(len(cloud))[:POINTS]] for cloud in clouds]
     heights_m = np.stack([VIEW(cloud) for cloud in thin])
     xy_m = submaps.load("world_T_anchor")[:first, :2, 3]
-    spectra, rows = Spectra.learned(heights_m), np.arange(first)
+    spectra = Spectra.learned(heights_m)
+    rows = np.arange(first)
     asked = np.linspace(0, first - 1, min(QUERIES, first)).astype(int)
     distances = np.stack([spectra.compare(heights_m[i], rows)[0] for i in asked])
     away_m = np.linalg.norm(xy_m[asked, None] - xy_m, axis=2)
@@ -92,7 +113,11 @@ def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
         "far, 5 %": np.quantile(far, 0.05) if len(far) else np.nan,
     }
     steps = "  ".join(f"{value:.2f}" for value in curve)
-    return f"{f'{study} {sequence}':44} {told(numbers)}   at {', '.join(map(str, APART_M))} m: {steps}", curve
+    return (
+        f"{f'{study} {sequence}':44} {told(numbers)}   at {', '.join(map(str, APART_M))} m: "
+        f"{steps}",
+        curve,
+    )
 
 
 def draw(curves: dict[str, NDArray[np.float64]], path: Path) -> None:
@@ -101,7 +126,12 @@ def draw(curves: dict[str, NDArray[np.float64]], path: Path) -> None:
     axis = fig.subplots()
     for name, curve in curves.items():
         axis.plot(APART_M, curve, marker="o", markersize=3, label=name)
-    axis.set(xscale="log", xlabel="metres between two submaps", ylabel="Scan Context distance, median", ylim=(0, None))
+    axis.set(
+        xscale="log",
+        xlabel="metres between two submaps",
+        ylabel="Scan Context distance, median",
+        ylim=(0, None),
+    )
     axis.set_xticks(APART_M, [str(apart) for apart in APART_M])
     axis.legend(fontsize=7)
     fig.savefig(path, dpi=120)

@@ -1,7 +1,8 @@
-"""A load test of `yearloc serve`: requests a second, how long they take, and a thousand hostile bodies.
+"""A load test of `yearloc serve`: requests a second, how long they take, and a thousand hostile
+bodies.
 
-`python -m benchmarks.serving SITE FOLDER-OF-SCANS`: the server runs in processes of its own on this machine, which is all that
-is asked; wall time, since waiting is what a robot feels.
+`python -m benchmarks.serving SITE FOLDER-OF-SCANS`: the server runs in processes of its own on this
+machine, which is all that is asked; wall time, since waiting is what a robot feels.
 """
 
 import os
@@ -20,19 +21,27 @@ from pipeline.online.bodies import FLOATS
 from pipeline.online.inputs import scans
 from pipeline.online.site_file import read
 
-PORT, SCANS, HOSTILE = 8799, 120, 1000
+PORT = 8799
+SCANS = 120
+HOSTILE = 1000
 
 
 def post(body: bytes) -> tuple[int, float]:
     """The status of a request and its seconds."""
     start = time.perf_counter()
-    answer = requests.post(f"http://127.0.0.1:{PORT}/localize", body, headers={"Content-Type": FLOATS}, timeout=60)
+    answer = requests.post(
+        f"http://127.0.0.1:{PORT}/localize", body, headers={"Content-Type": FLOATS}, timeout=60
+    )
     return answer.status_code, time.perf_counter() - start
 
 
 def hostile(whole: bytes, rng: np.random.Generator) -> bytes:
     """Noise, or a scan that is cut or has bytes changed."""
-    body = bytearray(whole[: int(rng.integers(1, len(whole)))] if rng.integers(2) else rng.bytes(int(rng.integers(1, 20_000))))
+    body = bytearray(
+        whole[: int(rng.integers(1, len(whole)))]
+        if rng.integers(2)
+        else rng.bytes(int(rng.integers(1, 20_000)))
+    )
     for at in rng.integers(len(body), size=50):
         body[at] = rng.integers(256)
     return bytes(body)
@@ -42,7 +51,17 @@ def main(site: str, folder: str) -> None:
     found = islice(scans(folder, read(Path(site)).about["reader"], 0.0), SCANS)
     bodies = [scan.points().astype("<f4").tobytes() for scan in found]
     for workers in (1, os.cpu_count() or 1):
-        words = [sys.executable, "-m", "pipeline.cli", "serve", site, "--port", str(PORT), "--workers", str(workers)]
+        words = [
+            sys.executable,
+            "-m",
+            "pipeline.cli",
+            "serve",
+            site,
+            "--port",
+            str(PORT),
+            "--workers",
+            str(workers),
+        ]
         server = subprocess.Popen(words, stderr=subprocess.DEVNULL)
         try:
             for _ in range(300):
@@ -59,16 +78,24 @@ def main(site: str, folder: str) -> None:
                     answers = list(pool.map(post, bodies))
                 spent_s = time.perf_counter() - start
                 took = np.percentile([1e3 * one for _, one in answers], (50, 95, 99))
-                rate = f"{len(answers) / spent_s:5.1f} requests/s, 50 % {took[0]:.0f} ms, 95 % {took[1]:.0f}, 99 % {took[2]:.0f}"
+                rate = (
+                    f"{len(answers) / spent_s:5.1f} requests/s, 50 % {took[0]:.0f} ms, 95 % "
+                    f"{took[1]:.0f}, 99 % {took[2]:.0f}"
+                )
                 print(
-                    f"{workers} workers, {clients} clients: {rate}; {dict(Counter(status for status, _ in answers))}", flush=True
+                    f"{workers} workers, {clients} clients: {rate}; "
+                    f"{dict(Counter(status for status, _ in answers))}",
+                    flush=True,
                 )
             if workers == 1:
                 rng = np.random.default_rng(0)
                 with ThreadPoolExecutor(4) as pool:
                     bad = [hostile(bodies[0], rng) for _ in range(HOSTILE)]
                     statuses = dict(Counter(status for status, _ in pool.map(post, bad)))
-                print(f"{HOSTILE} hostile bodies: {statuses}; then a scan: {post(bodies[0])[0]}", flush=True)
+                print(
+                    f"{HOSTILE} hostile bodies: {statuses}; then a scan: {post(bodies[0])[0]}",
+                    flush=True,
+                )
         finally:
             server.terminate()
             server.wait(10)

@@ -1,9 +1,10 @@
-"""How soon a robot that is put down anywhere on a day knows where it is: from the poses of single queries, alone and filtered.
+"""How soon a robot that is put down anywhere on a day knows where it is: from the poses of single
+queries, alone and filtered.
 
-`python -m benchmarks.starts ARTIFACTS STUDY/GRID/MODEL DAY`, for 500 random starts, with 1 % and 5 % of drift added to the
-odometry, and .1° and .5° a metre; after 60 queries the robot is carried elsewhere. Where the study has a model `sad`, SeqSLAM's
-answers stand beside them: within 15 m, without a pose, known five queries later. Where training never was every accepted answer
-is wrong.
+`python -m benchmarks.starts ARTIFACTS STUDY/GRID/MODEL DAY`, for 500 random starts, with 1 % and 5
+% of drift added to the odometry, and .1° and .5° a metre; after 60 queries the robot is carried
+elsewhere. Where the study has a model `sad`, SeqSLAM's answers stand beside them: within 15 m,
+without a pose, known five queries later. Where training never was every accepted answer is wrong.
 """
 
 import sys
@@ -23,7 +24,12 @@ from pipeline.posing.verdict import right
 
 TURN_DEG_PER_M = 10.0
 """A drift of 1 % turns the odometry by a hundredth of this each metre, always to the same side."""
-STARTS, LONGEST, CARRIED_M, BETWEEN, CORRECT_M, PROMISE = 500, 60, 50.0, 5, 15.0, 0.99
+STARTS = 500
+LONGEST = 60
+CARRIED_M = 50.0
+BETWEEN = 5
+CORRECT_M = 15.0
+PROMISE = 0.99
 Answers = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 """Which queries are accepted, and which of all are right."""
 Way = Callable[["Day", NDArray[np.int64], np.random.Generator], Answers]
@@ -33,10 +39,12 @@ class Day:
     """The artifacts of one day."""
 
     def __init__(self, artifacts: Path, model: str, sequence: str) -> None:
-        study, name = model.split("/")[0], f"{sequence}.zarr"
+        study = model.split("/")[0]
+        name = f"{sequence}.zarr"
         self.fixes = store.read(artifacts / "poses" / model / name, schemas.FIXES)
         submaps = store.read(artifacts / "submaps" / study / name, schemas.SUBMAPS)
-        self.world_T_true, self.stamps_ns = submaps.load("world_T_anchor"), submaps.load("stamps_ns")
+        self.world_T_true = submaps.load("world_T_anchor")
+        self.stamps_ns = submaps.load("stamps_ns")
         scans = store.read(artifacts / "scans" / study / name, schemas.SCANS)
         self.odom_T_query = scans.load("odom_T_scan")[submaps.load("scans")]
         n = len(self.stamps_ns)
@@ -45,7 +53,9 @@ class Day:
         self.promised = self.fixes.attrs["promised"][1]
         sad = artifacts / "localize" / Path(model).parent / "sad" / name
         self.sad = store.read(sad, schemas.RANKINGS) if sad.is_dir() else None
-        self.passed_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.world_T_true[:, :2, 3], axis=0), axis=1))])
+        self.passed_m = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.world_T_true[:, :2, 3], axis=0), axis=1))]
+        )
 
 
 def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:
@@ -55,7 +65,9 @@ def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answer
 
 def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift: float) -> Answers:
     """Through the filter; being carried leaves no trace in the odometry."""
-    odom, scale, sign = [np.eye(4)], 1 + drift * rng.choice([-1, 1]), rng.choice([-1, 1])
+    odom = [np.eye(4)]
+    scale = 1 + drift * rng.choice([-1, 1])
+    sign = rng.choice([-1, 1])
     for before, row in pairwise(rows.tolist()):
         step = np.eye(4)
         if row == before + 1:
@@ -65,7 +77,13 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
             step[:3, :3] @= Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
         odom.append(odom[-1] @ step)
     none = np.zeros((len(rows), 6, 6))
-    track = Track(np.array(odom), day.world_T_query[rows], 1 - day.novelty[rows], np.zeros(len(rows), bool), none)
+    track = Track(
+        np.array(odom),
+        day.world_T_query[rows],
+        1 - day.novelty[rows],
+        np.zeros(len(rows), bool),
+        none,
+    )
     found = Filter().along(track)
     return found.chance >= PROMISE, right(found.world_T_query, day.world_T_true[rows])
 
@@ -75,17 +93,24 @@ def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> An
     assert day.sad is not None
     off_m = np.linalg.norm(day.sad.load("xy_m")[rows, 0] - day.world_T_true[rows, :2, 3], axis=1)
     accepted = day.sad.load("novelty")[rows, 0] < day.sad.attrs["thresholds"][0]
-    inside = (rows - BETWEEN == np.roll(rows, BETWEEN)) & (rows + BETWEEN == np.roll(rows, -BETWEEN))
+    inside = (rows - BETWEEN == np.roll(rows, BETWEEN)) & (
+        rows + BETWEEN == np.roll(rows, -BETWEEN)
+    )
     late = np.roll(inside, BETWEEN)
     return np.roll(accepted & inside, BETWEEN) & late, np.roll(off_m < CORRECT_M, BETWEEN)
 
 
 def line(day: Day, way: Way) -> str:
     """What became of all starts, in a row of a table."""
-    rng, accepted, wrong = np.random.default_rng(0), np.zeros(2, int), np.zeros(2, int)
-    first, again = list[tuple[float, float]](), list[tuple[float, float]]()
+    rng = np.random.default_rng(0)
+    accepted = np.zeros(2, int)
+    wrong = np.zeros(2, int)
+    first = list[tuple[float, float]]()
+    again = list[tuple[float, float]]()
     for start in rng.integers(0, len(day.stamps_ns) - LONGEST, STARTS).tolist():
-        off_m = np.linalg.norm(day.world_T_true[:-LONGEST, :2, 3] - day.world_T_true[start, :2, 3], axis=1)
+        off_m = np.linalg.norm(
+            day.world_T_true[:-LONGEST, :2, 3] - day.world_T_true[start, :2, 3], axis=1
+        )
         carried = int(rng.choice(np.flatnonzero(off_m > CARRIED_M)))
         rows = np.concatenate([start + np.arange(LONGEST), carried + np.arange(LONGEST)])
         kept, good = way(day, rows, rng)
@@ -95,18 +120,30 @@ def line(day: Day, way: Way) -> str:
             hits = np.flatnonzero((kept & good)[part])
             row = rows[part][hits[0]] if len(hits) else None
             origin = rows[part][0]
-            found.append((np.inf, np.inf) if row is None else (
-                day.passed_m[row] - day.passed_m[origin], (day.stamps_ns[row] - day.stamps_ns[origin]) / 1e9
-            ))  # fmt: skip
+            found.append(
+                (np.inf, np.inf)
+                if row is None
+                else (
+                    day.passed_m[row] - day.passed_m[origin],
+                    (day.stamps_ns[row] - day.stamps_ns[origin]) / 1e9,
+                )
+            )
     cells = []
     for found in (first, again):
         metres, seconds = np.array(found).T
         cells.append(
-            f"{np.median(metres):5.1f} m {np.median(seconds):5.1f} s, 90 % {np.quantile(metres, 0.9, method='higher'):6.1f} m"
+            f"{np.median(metres):5.1f} m {np.median(seconds):5.1f} s, 90 % "
+            f"{np.quantile(metres, 0.9, method='higher'):6.1f} m"
         )
     never = np.isinf(np.array(first)[:, 0]).mean()
-    before, after = (f"{bad} of {all_} ({bad / max(all_, 1):.2%})" for bad, all_ in zip(wrong, accepted, strict=True))
-    return f"start {cells[0]} | carried {cells[1]} | never {never:6.1%} | wrong {before}, carried {after}"
+    before, after = (
+        f"{bad} of {all_} ({bad / max(all_, 1):.2%})"
+        for bad, all_ in zip(wrong, accepted, strict=True)
+    )
+    return (
+        f"start {cells[0]} | carried {cells[1]} | never {never:6.1%} | wrong {before}, carried "
+        f"{after}"
+    )
 
 
 def main(artifacts: str, model: str, sequence: str) -> None:

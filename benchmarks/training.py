@@ -1,7 +1,9 @@
-"""Training steps of SCI's network and of its ring: images a second, and the share of what the processor's arithmetic could do.
+"""Training steps of SCI's network and of its ring: images a second, and the share of what the
+processor's arithmetic could do.
 
-`python -m benchmarks.training`. On a processor by CPU time, one thread, against products of large matrices in the same precision;
-on a GPU, where there is one, by wall time, since it works while the processor waits.
+`python -m benchmarks.training`. On a processor by CPU time, one thread, against products of large
+matrices in the same precision; on a GPU, where there is one, by wall time, since it works while the
+processor waits.
 """
 
 import resource
@@ -18,14 +20,17 @@ from pipeline.methods.sci_ring.ring import Ring
 from pipeline.networks import loop
 from pipeline.networks.lenet import LeNet
 
-PLACES, STEPS, SIDE = 579, 10, 2048  # the papers' places at 10 m
+PLACES = 579
+STEPS = 10
+SIDE = 2048  # the papers' places at 10 m
 
 
 def trained(kind: type[nn.Module], where: torch.device, batch: int) -> Callable[[], None]:
     """A training step in the precision that `auto` takes there, whose images are there already."""
     torch.manual_seed(0)
     net = kind(PLACES).to(where)
-    images, places = torch.rand(batch, 3, 40, 120, device=where), torch.randint(PLACES, (batch,), device=where)
+    images = torch.rand(batch, 3, 40, 120, device=where)
+    places = torch.randint(PLACES, (batch,), device=where)
     optimizer = torch.optim.Adam(net.parameters())
 
     def step() -> None:
@@ -69,9 +74,16 @@ def main() -> None:
                     took_s = seconds(step, where)
                     share = counter.get_total_flops() / took_s / peak
                     kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-                    most_mb = torch.cuda.max_memory_allocated() / 1e6 if name == "cuda" else kb / 1e3
-                    speed = f"{batch / took_s:7.0f} images a {'CPU-' if name == 'cpu' else ''}second"
-                    print(f"{name:<5}{kind.__name__:<6} batch {batch:>3} {speed}, {share:4.0%} of the peak, {most_mb:.0f} MB")
+                    most_mb = (
+                        torch.cuda.max_memory_allocated() / 1e6 if name == "cuda" else kb / 1e3
+                    )
+                    speed = (
+                        f"{batch / took_s:7.0f} images a {'CPU-' if name == 'cpu' else ''}second"
+                    )
+                    print(
+                        f"{name:<5}{kind.__name__:<6} batch {batch:>3} {speed}, {share:4.0%} of "
+                        f"the peak, {most_mb:.0f} MB"
+                    )
 
 
 if __name__ == "__main__":

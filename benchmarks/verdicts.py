@@ -1,10 +1,12 @@
-"""What verdicts on poses are worth, day by day: `python -m benchmarks.verdicts ARTIFACTS STUDY/GRID/MODEL [SITE]`.
+"""What verdicts on poses are worth, day by day: `python -m benchmarks.verdicts ARTIFACTS
+STUDY/GRID/MODEL [SITE]`.
 
-It reads the poses that `dvc repro` built. A row a day and promise: how many of the seen queries (< 5 m of training) have a right
-pose (2 m and 5°); of the right poses the share that is accepted; wrong ones of those accepted, with an exact interval of 95 %;
-what is called near (within 15 m) or ambiguous besides, and how much of the first is true. The calibration error is that of the
-chance against the truth, over ten bins of as many poses. With the file of a packed SITE every twentieth query is localised by it:
-CPU time of one thread from points to fix, drawing and ranking included.
+It reads the poses that `dvc repro` built. A row a day and promise: how many of the seen queries (<
+5 m of training) have a right pose (2 m and 5°); of the right poses the share that is accepted;
+wrong ones of those accepted, with an exact interval of 95 %; what is called near (within 15 m) or
+ambiguous besides, and how much of the first is true. The calibration error is that of the chance
+against the truth, over ten bins of as many poses. With the file of a packed SITE every twentieth
+query is localised by it: CPU time of one thread from points to fix, drawing and ranking included.
 """
 
 import os
@@ -24,7 +26,9 @@ from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
 from pipeline.posing.verdict import BELIEFS, NEAR_M, right
 
-SEEN_M, EVERY, BINS = 5.0, 20, 10
+SEEN_M = 5.0
+EVERY = 20
+BINS = 10
 
 
 def interval(wrong: int, accepted: int) -> tuple[float, float]:
@@ -44,17 +48,28 @@ def calibration(chance: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
     return sum(off) / max(len(order), 1)
 
 
-def day(fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]) -> list[str]:
+def day(
+    fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]
+) -> list[str]:
     """The rows of one day."""
     n = len(world_T_true)
     world_T_query = fixes.load("world_T_query")[:n]
     doubts = fixes.load("novelty")[:n, : len(BELIEFS)].astype(np.float64)
-    away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(axis=1)
-    good, seen = right(world_T_query, world_T_true), away_m < SEEN_M
+    away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(
+        axis=1
+    )
+    good = right(world_T_query, world_T_true)
+    seen = away_m < SEEN_M
     near = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < NEAR_M
     told = calibration(1 - doubts[:, 0], good)
-    rows = [f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration error {told:.3f}"]
-    limits = zip(*(fixes.attrs[name] for name in ("promised", "promised_place", "promised_several")), strict=True)
+    rows = [
+        f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration "
+        f"error {told:.3f}"
+    ]
+    limits = zip(
+        *(fixes.attrs[name] for name in ("promised", "promised_place", "promised_several")),
+        strict=True,
+    )
     for promise, (pose, place, several) in zip(fixes.attrs["promises"], limits, strict=True):
         accepted = doubts[:, 0] < pose
         close = ~accepted & (doubts[:, 1] < place)
@@ -63,9 +78,10 @@ def day(fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor
         low, high = interval(wrong, int(accepted.sum()))
         recall = (accepted & good).sum() / max(good.sum(), 1)
         rows.append(
-            f"  {promise:<6} of right {recall:.3f}, of seen {(accepted & good & seen).sum() / max(seen.sum(), 1):.3f}; "
-            f"wrong {wrong:>2} of {accepted.sum():<3} ({low:.3f} to {high:.3f}); "
-            f"near {close.sum():>2}, true {(close & near).sum():>2}; ambiguous {open_.sum():>2}"
+            f"  {promise:<6} of right {recall:.3f}, of seen "
+            f"{(accepted & good & seen).sum() / max(seen.sum(), 1):.3f}; wrong {wrong:>2} of "
+            f"{accepted.sum():<3} ({low:.3f} to {high:.3f}); near {close.sum():>2}, true "
+            f"{(close & near).sum():>2}; ambiguous {open_.sum():>2}"
         )
     return rows
 
@@ -78,11 +94,15 @@ def times_ms(site: Site, scans: store.Artifact, submaps: store.Artifact) -> str:
         start = time.process_time()
         site.localize(points_m, promise=None)
         took.append(1e3 * (time.process_time() - start))
-    return f"  CPU-ms mean {np.mean(took):.0f}, median {np.median(took):.0f}, 95 % {np.quantile(took, 0.95):.0f}"
+    return (
+        f"  CPU-ms mean {np.mean(took):.0f}, median {np.median(took):.0f}, 95 % "
+        f"{np.quantile(took, 0.95):.0f}"
+    )
 
 
 def main(artifacts: str, model: str, site: str = "") -> None:
-    root, study = Path(artifacts), model.split("/")[0]
+    root = Path(artifacts)
+    study = model.split("/")[0]
     (mapped,) = (root / "map" / study).glob("*.zarr")
     world_T_anchor = store.read(mapped, schemas.MAPS).load("world_T_anchor")
     opened = Site.open(site) if site else None

@@ -1,7 +1,8 @@
-"""A training step of SCI's network with two threads, beside two busy processes and alone: OpenMP's threads wait asleep, or spin.
+"""A training step of SCI's network with two threads, beside two busy processes and alone: OpenMP's
+threads wait asleep, or spin.
 
-Wall time, not CPU time: what a thread spins away is CPU time too. Each candidate is a process of its own, since OpenMP reads its
-settings when torch is loaded.
+Wall time, not CPU time: what a thread spins away is CPU time too. Each candidate is a process of
+its own, since OpenMP reads its settings when torch is loaded.
 """
 
 import os
@@ -14,7 +15,10 @@ from contextlib import contextmanager
 
 from benchmarks.race import Race
 
-BATCH, PLACES, STEPS, ROUNDS = 64, 100, 4, 3
+BATCH = 64
+PLACES = 100
+STEPS = 4
+ROUNDS = 3
 CANDIDATES: Mapping[str, Mapping[str, str]] = {
     "yearloc: OMP_WAIT_POLICY=passive": {"OMP_WAIT_POLICY": "passive"},
     "OpenMP's default: spin, then sleep": {},
@@ -30,8 +34,11 @@ def step_ms() -> float:
 
     with loop.reproducible(2):
         torch.manual_seed(0)
-        net, images, places = LeNet(PLACES), torch.rand(BATCH, 3, 40, 120), torch.randint(PLACES, (BATCH,))
-        optimizer, took = torch.optim.Adam(net.parameters()), []
+        net = LeNet(PLACES)
+        images = torch.rand(BATCH, 3, 40, 120)
+        places = torch.randint(PLACES, (BATCH,))
+        optimizer = torch.optim.Adam(net.parameters())
+        took = []
         for _ in range(STEPS + 2):
             start = time.perf_counter_ns()
             optimizer.zero_grad()
@@ -46,7 +53,9 @@ def step_ms() -> float:
 @contextmanager
 def busy(processes: int) -> Iterator[None]:
     """That many other processes at work meanwhile."""
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    others = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)
+    ]
     try:
         yield
     finally:
@@ -63,15 +72,28 @@ def run() -> list[Race]:
         with busy(others):
             for _ in range(ROUNDS):
                 for name, settings in CANDIDATES.items():
-                    env = {key: value for key, value in os.environ.items() if not key.startswith(("OMP_", "GOMP_"))}
+                    env = {
+                        key: value
+                        for key, value in os.environ.items()
+                        if not key.startswith(("OMP_", "GOMP_"))
+                    }
                     command = [sys.executable, "-m", "benchmarks.waiting", "step"]
                     done = subprocess.run(
-                        command, env={**env, **settings}, capture_output=True, text=True, encoding="utf-8", check=True
+                        command,
+                        env={**env, **settings},
+                        capture_output=True,
+                        text=True,
+                        encoding="utf-8",
+                        check=True,
                     )
                     took[name].append(float(done.stdout))
         medians = {name: statistics.median(times) for name, times in took.items()}
         races.append(
-            Race(f"Training step of SCI, batch {BATCH}, two threads, {others} busy processes beside it, wall time", medians)
+            Race(
+                f"Training step of SCI, batch {BATCH}, two threads, {others} busy processes "
+                "beside it, wall time",
+                medians,
+            )
         )
     return races
 

@@ -3,4 +3,5 @@
 from pipeline.kernel_cache import settle
 
 KERNELS = settle()
-"""A temporary folder where compiled kernels are kept, or "nowhere"; empty where they are kept as usual."""
+"""A temporary folder where compiled kernels are kept, or "nowhere"; empty where they are kept as
+usual."""

@@ -1,4 +1,5 @@
-"""Every error this project raises on purpose, each a single line that says which file or value, and what to do.
+"""Every error this project raises on purpose, each a single line that says which file or value, and
+what to do.
 
 YearlocError
 ├── InputError      an array or number handed to the library is not what its docstring asks for
@@ -13,10 +14,25 @@ import errno
 
 MACHINE = {
     getattr(errno, name)
-    for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "EMFILE", "ENAMETOOLONG", "ENFILE", "ENOMEM", "ENOSPC", "EPERM", "EROFS")
+    for name in (
+        "EACCES",
+        "EDQUOT",
+        "EFBIG",
+        "EIO",
+        "EMFILE",
+        "ENAMETOOLONG",
+        "ENFILE",
+        "ENOMEM",
+        "ENOSPC",
+        "EPERM",
+        "EROFS",
+    )
     if hasattr(errno, name)
 }
-"""What the machine refuses: a full disk, no permission, a medium that fails. No bug of ours, and nothing that we could mend."""
+"""What the machine refuses: a full disk, no permission, a medium that fails.
+
+No bug of ours, and nothing that we could mend.
+"""
 
 
 def refusal(error: BaseException) -> str:
@@ -24,7 +40,10 @@ def refusal(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "not enough memory: fewer workers or a smaller view need less"
     if isinstance(error, OSError) and error.errno in MACHINE:
-        return f"{error.filename or 'a file'}: {str(error.strerror).lower()}; mend that and run it again"
+        return (
+            f"{error.filename or 'a file'}: {str(error.strerror).lower()}; mend that and run it "
+            "again"
+        )
     return ""
 
 
@@ -41,7 +60,8 @@ class ConfigError(YearlocError):
 
 
 class NotInstalledError(ConfigError):
-    """A package that only some work needs is not installed; the message has the command that installs it."""
+    """A package that only some work needs is not installed; the message has the command that
+    installs it."""
 
 
 class ComputeError(YearlocError):

@@ -1,7 +1,7 @@
 """Coordinate frames: 4×4 poses, and trajectories asked at any moment.
 
-`a_T_b` maps b-coordinates into a: p_a = a_T_b @ p_b. World and vehicle frames are x forward, y left, z up unless a name
-says otherwise; `ned` is x forward (north), y right (east), z down.
+`a_T_b` maps b-coordinates into a: p_a = a_T_b @ p_b. World and vehicle frames are x forward, y
+left, z up unless a name says otherwise; `ned` is x forward (north), y right (east), z down.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ NED_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def pose(xyz_m: NDArray[np.float64], rpy_rad: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) from positions (n, 3) and roll, pitch, yaw (n, 3): R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Poses (n, 4, 4) from positions (n, 3) and roll, pitch, yaw (n, 3): R = Rz(yaw) Ry(pitch)
+    Rx(roll)."""
     poses = np.tile(np.eye(4), (len(xyz_m), 1, 1))
     poses[:, :3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", rpy_rad).as_matrix()
     poses[:, :3, 3] = xyz_m
@@ -43,14 +44,16 @@ def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
 
 
 def apart(world_T_a: Poses, world_T_b: Poses) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4); NaN where a pose is."""
+    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4); NaN where a pose
+    is."""
     away_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
     traces = np.einsum("nij,nij->n", world_T_a[:, :3, :3], world_T_b[:, :3, :3])
     return away_m, np.rad2deg(np.arccos(((traces - 1) / 2).clip(-1, 1)))
 
 
 def flip_ned(poses: Poses) -> Poses:
-    """Poses between two north-east-down frames as poses between the z-up ones, and back: F P F, F = diag(1, −1, −1, 1)."""
+    """Poses between two north-east-down frames as poses between the z-up ones, and back: F P F, F =
+    diag(1, −1, −1, 1)."""
     return NED_FLIP @ poses @ NED_FLIP
 
 
@@ -66,7 +69,8 @@ def transform(a_T_b: NDArray[np.float64], points_b: NDArray[np.float32]) -> NDAr
 
 
 ROUNDED_NS = 1_000
-"""Files of poses write stamps with six decimals of a second; a body does not move in a microsecond."""
+"""Files of poses write stamps with six decimals of a second; a body does not move in a
+microsecond."""
 
 
 @dataclass(frozen=True)
@@ -89,30 +93,44 @@ class Trajectory:
     def at(self, stamps_ns: Stamps) -> tuple[Poses, NDArray[np.bool_]]:
         """Poses (m, 4, 4) at `stamps_ns` (m,) and whether each is known (m,); unknown ones are NaN.
 
-        Positions are interpolated linearly, rotations by slerp, between the two rows around a stamp; never across a gap and
-        never beyond the ends. A row within ROUNDED_NS of a stamp is its pose.
+        Positions are interpolated linearly, rotations by slerp, between the two rows around a
+        stamp; never across a gap and never beyond the ends. A row within ROUNDED_NS of a stamp is
+        its pose.
         """
         poses = np.full((len(stamps_ns), 4, 4), np.nan)
         if not len(self.stamps_ns):
             return poses, np.zeros(len(stamps_ns), bool)
         finite: NDArray[np.bool_] = np.all(np.isfinite(self.world_T_body), axis=(1, 2))
-        after = np.searchsorted(self.stamps_ns, stamps_ns, side="left").clip(0, len(self.stamps_ns) - 1)
+        after = np.searchsorted(self.stamps_ns, stamps_ns, side="left").clip(
+            0, len(self.stamps_ns) - 1
+        )
         before = (after - 1).clip(0)
-        nearest = np.where(np.abs(self.stamps_ns[after] - stamps_ns) <= np.abs(self.stamps_ns[before] - stamps_ns), after, before)
+        nearest = np.where(
+            np.abs(self.stamps_ns[after] - stamps_ns) <= np.abs(self.stamps_ns[before] - stamps_ns),
+            after,
+            before,
+        )
         exact = (np.abs(self.stamps_ns[nearest] - stamps_ns) <= ROUNDED_NS) & finite[nearest]
         poses[exact] = self.world_T_body[nearest[exact]]
         step_ns = self.stamps_ns[after] - self.stamps_ns[before]
-        inside = (self.stamps_ns[before] < stamps_ns) & (stamps_ns < self.stamps_ns[after]) & finite[before] & finite[after]
+        inside = (
+            (self.stamps_ns[before] < stamps_ns)
+            & (stamps_ns < self.stamps_ns[after])
+            & finite[before]
+            & finite[after]
+        )
         between = inside & (step_ns <= self.max_gap_s * 1e9) & ~exact
         if between.any():
-            a, b = before[between], after[between]
+            a = before[between]
+            b = after[between]
             share = (stamps_ns[between] - self.stamps_ns[a]) / step_ns[between]
             poses[between] = interpolate(self.world_T_body[a], self.world_T_body[b], share)
         return poses, exact | between
 
 
 def interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`, or past it: straight on, turning on."""
+    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`, or past it: straight on,
+    turning on."""
     Rotation = scipy.spatial.transform.Rotation
     turn = Rotation.from_matrix(start[:, :3, :3]).inv() * Rotation.from_matrix(end[:, :3, :3])
     poses = np.tile(np.eye(4), (len(share), 1, 1))

@@ -1,6 +1,8 @@
-"""Where numba keeps compiled kernels: in NUMBA_CACHE_DIR, beside the source or in the user's cache folder, as numba does it.
+"""Where numba keeps compiled kernels: in NUMBA_CACHE_DIR, beside the source or in the user's cache
+folder, as numba does it.
 
-Where none of these can be written it is a temporary folder of this user, and where that cannot be either, they are not kept.
+Where none of these can be written it is a temporary folder of this user, and where that cannot be
+either, they are not kept.
 """
 
 import os
@@ -16,7 +18,8 @@ LOOKED_AT = "views"
 
 
 def settle() -> str:
-    """Let numba find a folder that can be written; returns it where it is a temporary one, "nowhere", or nothing.
+    """Let numba find a folder that can be written; returns it where it is a temporary one,
+    "nowhere", or nothing.
 
     To be called before the first kernel is defined.
     """
@@ -29,17 +32,21 @@ def settle() -> str:
         return folder
     from numba.core.dispatcher import Dispatcher
 
-    Dispatcher.enable_caching = lambda self: None  # type: ignore[method-assign]  # else `cache=True` is an error
+    # else `cache=True` is an error
+    Dispatcher.enable_caching = lambda self: None  # type: ignore[method-assign]
     return "nowhere"
 
 
 def cold() -> bool:
-    """Whether the kernels of a scan are still to be compiled: none is kept, or the source is newer."""
+    """Whether the kernels of a scan are still to be compiled: none is kept, or the source is
+    newer."""
     folders = [SOURCE / LOOKED_AT / "__pycache__"]
     for folder in (os.environ.get(GIVEN), str(_user())):
         folders += Path(folder).glob(f"{LOOKED_AT}_*") if folder else ()
     kept = [file.stat().st_mtime for folder in folders for file in folder.glob("*.nbi")]
-    return max(kept, default=0.0) < max(file.stat().st_mtime for file in (SOURCE / LOOKED_AT).glob("*.py"))
+    return max(kept, default=0.0) < max(
+        file.stat().st_mtime for file in (SOURCE / LOOKED_AT).glob("*.py")
+    )
 
 
 def _usual() -> list[Path]:
@@ -53,12 +60,15 @@ def _user() -> Path:
 
 def _writable(folder: Path) -> bool:
     """Whether it can be written, or made."""
-    there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
+    there = next(
+        parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists()
+    )
     return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 
 def _temporary() -> str:
-    """A temporary folder that nobody else can write to, as what is kept there is run; nothing where there is none."""
+    """A temporary folder that nobody else can write to, as what is kept there is run; nothing where
+    there is none."""
     try:
         folder = Path(tempfile.gettempdir(), f"yearloc-kernels-{os.getuid()}")
         folder.mkdir(0o700, exist_ok=True)

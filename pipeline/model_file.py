@@ -1,4 +1,5 @@
-"""Models on disk: named arrays and a recipe in one safetensors file, with a checksum of both in the recipe."""
+"""Models on disk: named arrays and a recipe in one safetensors file, with a checksum of both in the
+recipe."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -20,8 +21,11 @@ RECIPE = "recipe"
 """The one key of a model's metadata (safetensors writes several in random order)."""
 
 
-def write_model(path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]) -> None:
-    """Named arrays as one safetensors file, with the parameters that they were learned with as its metadata."""
+def write_model(
+    path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]
+) -> None:
+    """Named arrays as one safetensors file, with the parameters that they were learned with as its
+    metadata."""
     with replace(path) as scratch:
         arrays = {name: np.require(array, requirements="C") for name, array in model.items()}
         words = {name: str(value) for name, value in recipe.items()}
@@ -43,13 +47,15 @@ def read_recipe(path: str | Path) -> dict[str, str]:
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
     """A model's named arrays; raises ArtifactError if the file is missing or damaged."""
     with _model(path) as file:
-        arrays, recipe = _arrays(file), _recipe(file)
+        arrays = _arrays(file)
+        recipe = _recipe(file)
     _compare(path, recipe, 8, _of_arrays(arrays))
     return arrays
 
 
 def read_foreign_model(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The named arrays of a safetensors file that `write_model` did not write; raises ArtifactError if it is none."""
+    """The named arrays of a safetensors file that `write_model` did not write; raises ArtifactError
+    if it is none."""
     with _model(path) as file:
         return _arrays(file)
 

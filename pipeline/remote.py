@@ -1,4 +1,6 @@
-"""What lies in an object store, as s3://BUCKET/KEY. Keys and address come from the environment, as every S3 program takes them.
+"""What lies in an object store, as s3://BUCKET/KEY.
+
+Keys and address come from the environment, as every S3 program takes them.
 
 AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
 """
@@ -9,7 +11,11 @@ from typing import Any
 from pipeline.errors import ArtifactError, NotInstalledError
 
 S3 = "s3://"
-PATIENCE = {"connect_timeout": 5, "read_timeout": 10, "retries": {"total_max_attempts": 1}}  # s3fs itself tries again
+PATIENCE = {
+    "connect_timeout": 5,
+    "read_timeout": 10,
+    "retries": {"total_max_attempts": 1},
+}  # s3fs itself tries again
 
 
 def is_remote(path: str | Path) -> bool:
@@ -29,7 +35,8 @@ def listed(folder: str | Path, pattern: str) -> list[str] | list[Path]:
 
 
 def look(url: str) -> None:
-    """Return if there is such a bucket or key; raises ArtifactError if not, or if the store does not answer or refuses.
+    """Return if there is such a bucket or key; raises ArtifactError if not, or if the store does
+    not answer or refuses.
 
     Raises NotInstalledError without the extra `s3`.
     """
@@ -37,17 +44,22 @@ def look(url: str) -> None:
         store = _store()
         from botocore.exceptions import BotoCoreError, NoCredentialsError
     except ModuleNotFoundError as error:
-        raise NotInstalledError(f"{error.name}: not installed; `pip install 'yearloc[s3]'` (36 MB)") from None
+        raise NotInstalledError(
+            f"{error.name}: not installed; `pip install 'yearloc[s3]'` (36 MB)"
+        ) from None
     try:
         store.info(url)
     except FileNotFoundError as error:
         raise ArtifactError(f"{url}: not in the object store ({error})") from None
     except (PermissionError, NoCredentialsError) as error:
         raise ArtifactError(
-            f"{url}: the object store refuses these keys ({error}); set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+            f"{url}: the object store refuses these keys ({error}); set AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY"
         ) from None
     except (OSError, ValueError, BotoCoreError) as error:
-        raise ArtifactError(f"{url}: the object store does not answer ({error}); set AWS_ENDPOINT_URL") from None
+        raise ArtifactError(
+            f"{url}: the object store does not answer ({error}); set AWS_ENDPOINT_URL"
+        ) from None
 
 
 def _store() -> Any:

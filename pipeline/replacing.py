@@ -1,7 +1,7 @@
 """Files and folders that are written whole or not at all.
 
-A draft grows in a scratch sibling, is fsynced and renamed into place, so a kill leaves either the old one, the new one or none,
-and a scratch sibling that the next draft of the same path removes.
+A draft grows in a scratch sibling, is fsynced and renamed into place, so a kill leaves either the
+old one, the new one or none, and a scratch sibling that the next draft of the same path removes.
 """
 
 import os
@@ -28,7 +28,9 @@ def replace(path: str | Path) -> Iterator[Path]:
         scratch.replace(path)
         _fsync_one(path.parent)
     finally:
-        with suppress(OSError):  # after Ctrl-C another thread may still write into it; the next writer sweeps it
+        with suppress(
+            OSError
+        ):  # after Ctrl-C another thread may still write into it; the next writer sweeps it
             _remove(scratch)
 
 
@@ -41,10 +43,14 @@ def _sweep(path: Path) -> None:
 
 
 def _writing(pid: int, scratch: Path) -> bool:
-    """Whether the process `pid` lives and may be the one that writes `scratch`: it is no zombie, and is the older of the two."""
+    """Whether the process `pid` lives and may be the one that writes `scratch`: it is no zombie,
+    and is the older of the two."""
     try:
         process = psutil.Process(pid)
-        alive = process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= scratch.lstat().st_ctime
+        alive = (
+            process.status() != psutil.STATUS_ZOMBIE
+            and process.create_time() <= scratch.lstat().st_ctime
+        )
     except psutil.NoSuchProcess:
         return False
     return alive and pid != os.getpid()
@@ -58,7 +64,9 @@ def _remove(path: Path) -> None:
 
 
 def _fsync(path: Path) -> None:
-    for folder, _, files in os.walk(path) if path.is_dir() else [(str(path.parent), [], [path.name])]:
+    for folder, _, files in (
+        os.walk(path) if path.is_dir() else [(str(path.parent), [], [path.name])]
+    ):
         for name in files:
             _fsync_one(Path(folder, name))
         _fsync_one(Path(folder))

@@ -1,6 +1,8 @@
-"""What is damaged on disk is refused and never read as numbers: checksums of chunks and of metadata.
+"""What is damaged on disk is refused and never read as numbers: checksums of chunks and of
+metadata.
 
-A chunk ends in zstd's own checksum; the metadata of a zarr group and of its arrays have one in the group's attribute `seal`.
+A chunk ends in zstd's own checksum; the metadata of a zarr group and of its arrays have one in the
+group's attribute `seal`.
 """
 
 import json
@@ -23,13 +25,21 @@ ALL_CHUNKS = {"write_empty_chunks": True}
 
 
 class Stored:
-    """An array of an artifact, read by slices; raises ArtifactError where bytes are damaged or missing."""
+    """An array of an artifact, read by slices; raises ArtifactError where bytes are damaged or
+    missing."""
 
     def __init__(self, path: Path | str, array: Any) -> None:
-        self._path, self._array = path, array
-        files = math.prod(-(-length // part) for length, part in zip(array.shape, array.shards or array.chunks, strict=True))
+        self._path = path
+        self._array = array
+        files = math.prod(
+            -(-length // part)
+            for length, part in zip(array.shape, array.shards or array.chunks, strict=True)
+        )
         if (there := len(listed(path, f"{array.basename}/c.*"))) < files:
-            raise ArtifactError(f"{path}: {files - there} of {files} files of {array.basename} are missing; {REBUILD}")
+            raise ArtifactError(
+                f"{path}: {files - there} of {files} files of {array.basename} are missing; "
+                f"{REBUILD}"
+            )
 
     def __getitem__(self, rows: Any) -> Any:
         try:
@@ -37,8 +47,13 @@ class Stored:
         except (IndexError, MemoryError, OSError):
             raise
         except Exception as error:  # zarr and its codecs may raise anything at a damaged chunk
-            reason = f"{type(error).__name__}: {(str(error).splitlines() or ['no reason given'])[0][:120]}"
-            raise ArtifactError(f"{self._path}: {self._array.basename} is damaged ({reason}); {REBUILD}") from None
+            reason = (
+                f"{type(error).__name__}: "
+                f"{(str(error).splitlines() or ['no reason given'])[0][:120]}"
+            )
+            raise ArtifactError(
+                f"{self._path}: {self._array.basename} is damaged ({reason}); {REBUILD}"
+            ) from None
 
     def __len__(self) -> int:
         return int(self._array.shape[0])

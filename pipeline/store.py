@@ -1,4 +1,5 @@
-"""Artifacts on disk: zarr groups with a declared schema, and models, written whole or not at all."""
+"""Artifacts on disk: zarr groups with a declared schema, and models, written whole or not at
+all."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -34,7 +35,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Schema:
-    """One kind of artifact: a zarr group with these arrays and these attributes besides `kind` and `version`."""
+    """One kind of artifact: a zarr group with these arrays and these attributes besides `kind` and
+    `version`."""
 
     kind: str
     version: int
@@ -43,11 +45,14 @@ class Schema:
 
 
 class Artifact:
-    """A finished artifact, opened for reading: `artifact["column"]` is an array to be sliced, `artifact.attrs` its numbers."""
+    """A finished artifact, opened for reading: `artifact["column"]` is an array to be sliced,
+    `artifact.attrs` its numbers."""
 
     def __init__(self, path: Path | str, group: zarr.Group) -> None:
         self.path = path
-        self.attrs: dict[str, Any] = {name: value for name, value in group.attrs.items() if name != sealed.SEAL}
+        self.attrs: dict[str, Any] = {
+            name: value for name, value in group.attrs.items() if name != sealed.SEAL
+        }
         self._group = group
 
     def __getitem__(self, name: str) -> sealed.Stored:
@@ -74,7 +79,10 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
     found = (group.attrs.get("kind"), group.attrs.get("version"))
     if found not in [(schema.kind, schema.version) for schema in schemas]:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
-        raise ArtifactError(f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds it anew")
+        raise ArtifactError(
+            f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds "
+            "it anew"
+        )
     sealed.checked(path, group)
     return Artifact(path if remote.is_remote(path) else Path(path), group)
 
@@ -89,17 +97,22 @@ class Draft:
         self._arrays: dict[str, Any] = {}
 
     def put(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the column `name` whole, once; floats may be rounded to the schema's type, integers must fit."""
+        """Write the column `name` whole, once; floats may be rounded to the schema's type, integers
+        must fit."""
         if name in self._waiting:
             raise ArtifactError(f"{self._schema.kind}.{name}: written already")
         self.append(name, rows)
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the next rows of column `name`, a whole shard at a time (unaligned shard writes corrupt: zarr #3682)."""
+        """Write the next rows of column `name`, a whole shard at a time (unaligned shard writes
+        corrupt: zarr #3682)."""
         column = self._column(name)
         rows = np.asarray(rows)
         if rows.ndim != len(column.dims) or not np.can_cast(rows.dtype, column.dtype, "same_kind"):
-            raise ArtifactError(f"{self._schema.kind}.{name}: {rows.dtype}{rows.shape} does not fit {column.dtype}{column.dims}")
+            raise ArtifactError(
+                f"{self._schema.kind}.{name}: {rows.dtype}{rows.shape} does not fit "
+                f"{column.dtype}{column.dims}"
+            )
         cast = rows.astype(column.dtype, copy=False)
         if cast.dtype.kind in "iu" and (cast != rows).any():
             raise ArtifactError(f"{self._schema.kind}.{name}: a value does not fit {column.dtype}")
@@ -119,15 +132,23 @@ class Draft:
         schema = self._schema
         self._group.attrs.update({"kind": schema.kind, "version": schema.version, **attrs})
         if set(attrs) != set(schema.attrs):
-            raise ArtifactError(f"{schema.kind}: attributes {sorted(attrs)} are not {sorted(schema.attrs)}")
+            raise ArtifactError(
+                f"{schema.kind}: attributes {sorted(attrs)} are not {sorted(schema.attrs)}"
+            )
         if set(self._group.array_keys()) != set(schema.columns):
-            raise ArtifactError(f"{schema.kind}: arrays {sorted(self._group.array_keys())} are not {sorted(schema.columns)}")
+            raise ArtifactError(
+                f"{schema.kind}: arrays {sorted(self._group.array_keys())} are not "
+                f"{sorted(schema.columns)}"
+            )
         lengths: dict[str, int] = {}
         for name, column in schema.columns.items():
             for dim, length in zip(column.dims, self._group[name].shape, strict=True):
                 rows = length - 1 if dim.endswith("+1") else length
                 if lengths.setdefault(dim.removesuffix("+1"), rows) != rows:
-                    raise ArtifactError(f"{schema.kind}.{name}: {rows} along {dim}, elsewhere {lengths[dim.removesuffix('+1')]}")
+                    raise ArtifactError(
+                        f"{schema.kind}.{name}: {rows} along {dim}, elsewhere "
+                        f"{lengths[dim.removesuffix('+1')]}"
+                    )
 
     def seal(self, path: Path) -> None:
         """Write the checksum of the metadata, once nothing follows."""
@@ -147,7 +168,10 @@ class Draft:
                 dtype=rows.dtype,
                 chunks=(column.chunk, *(max(1, side) for side in rows.shape[1:])),
                 shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
-                chunk_key_encoding={"name": "default", "separator": "."},  # c.0.0: no folders, each of which DVC would visit
+                chunk_key_encoding={
+                    "name": "default",
+                    "separator": ".",
+                },  # c.0.0: no folders, each of which DVC would visit
                 dimension_names=column.dims,
                 compressors=sealed.COMPRESSOR,
                 config=sealed.ALL_CHUNKS,
@@ -161,7 +185,8 @@ class Draft:
 
 @contextmanager
 def write(path: str | Path, schema: Schema, **attrs: object) -> Iterator[Draft]:
-    """Draft an artifact; it appears at `path` only if the block ends well and everything fits the schema.
+    """Draft an artifact; it appears at `path` only if the block ends well and everything fits the
+    schema.
 
     An attribute that is known only at the end may be a callable without arguments.
     """

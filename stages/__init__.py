@@ -1,4 +1,5 @@
-"""Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's folder."""
+"""Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's
+folder."""
 
 import logging
 import os
@@ -17,7 +18,13 @@ from hydra.errors import HydraException, InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as RichProgress
 
 from pipeline.errors import ConfigError, YearlocError, refusal
@@ -44,9 +51,12 @@ NUMBERS |= dict.fromkeys(("unseen_share", "wanted_precision"), Share)
 def _kernels() -> str:
     """A folder for numba's compiled kernels that follows from the library's source.
 
-    numba itself looks only at the file of the outermost kernel, and would go on running an edited inner one as it was.
+    numba itself looks only at the file of the outermost kernel, and would go on running an edited
+    inner one as it was.
     """
-    digest = sha256(b"".join(path.read_bytes() for path in sorted((ROOT / "pipeline").rglob("*.py"))))
+    digest = sha256(
+        b"".join(path.read_bytes() for path in sorted((ROOT / "pipeline").rglob("*.py")))
+    )
     return str(ROOT / ".numba" / digest.hexdigest()[:16])
 
 
@@ -61,10 +71,16 @@ def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackT
 sys.excepthook = _uncaught
 os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors reach `reported`
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
+os.environ.setdefault(
+    "OMP_WAIT_POLICY", "passive"
+)  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
 keep_freed_memory()
 print_anywhere()
-for talkative in ("aiobotocore", "botocore", "faiss"):  # where keys were found; which instructions it was built for
+for talkative in (
+    "aiobotocore",
+    "botocore",
+    "faiss",
+):  # where keys were found; which instructions it was built for
     logging.getLogger(talkative).setLevel(logging.WARNING)
 
 
@@ -79,9 +95,11 @@ class Stage(Protocol):
 
 
 def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
-    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints the line it returns.
+    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints the line it
+    returns.
 
-    An error that this project raises on purpose becomes one line and exit code 1; any other keeps its traceback.
+    An error that this project raises on purpose becomes one line and exit code 1; any other keeps
+    its traceback.
     """
 
     def decorate(function: Callable[[DictConfig], str]) -> Stage:
@@ -94,11 +112,17 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
         @wraps(function)
         def checked(cfg: DictConfig) -> None:
             with reported(name):
-                if missing := [str(key) for key, value in cfg.items() if value is None and key not in OPTIONAL]:
-                    raise ConfigError(f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs")
+                if missing := [
+                    str(key) for key, value in cfg.items() if value is None and key not in OPTIONAL
+                ]:
+                    raise ConfigError(
+                        f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs"
+                    )
                 print(f"{name}: {run(cfg)}", flush=True)
 
-        composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(checked)
+        composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(
+            checked
+        )
 
         @wraps(function)
         def main() -> None:
@@ -116,7 +140,8 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
 
 @contextmanager
 def reported(name: str) -> Iterator[None]:
-    """An error that somebody can put right becomes one line and exit code 1; any other keeps its traceback."""
+    """An error that somebody can put right becomes one line and exit code 1; any other keeps its
+    traceback."""
     try:
         yield
     except KeyboardInterrupt:
@@ -130,8 +155,11 @@ def reported(name: str) -> Iterator[None]:
 
 def _line(error: Exception) -> str:
     """What somebody can put right, be it a file of conf/ that cannot be read; nothing for a bug."""
-    cause, built = error.__cause__, isinstance(error, InstantiationException)
-    if built and isinstance(cause, YearlocError | TypeError):  # Hydra wraps what a constructor raised
+    cause = error.__cause__
+    built = isinstance(error, InstantiationException)
+    if built and isinstance(
+        cause, YearlocError | TypeError
+    ):  # Hydra wraps what a constructor raised
         return str(cause)
     if line := str(error) if isinstance(error, YearlocError) else refusal(error):
         return line
@@ -144,7 +172,8 @@ def _line(error: Exception) -> str:
 
 
 def _check(cfg: DictConfig) -> None:
-    """Raise ConfigError for a number out of its range, or a class that is none of this project's."""
+    """Raise ConfigError for a number out of its range, or a class that is none of this
+    project's."""
     for target in _targets(OmegaConf.to_container(cfg)):
         target_class(target, ("pipeline.",))
     for setting, hint in NUMBERS.items():
@@ -153,10 +182,16 @@ def _check(cfg: DictConfig) -> None:
 
 
 def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
-    """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends on; a command's own wins."""
-    chosen, defaults = os.environ.get("YEARLOC_COMPUTE"), read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
+    """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends
+    on; a command's own wins."""
+    chosen = os.environ.get("YEARLOC_COMPUTE")
+    defaults = read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
     asks = any("compute" in one for one in defaults)
-    return [f"compute={chosen}"] if chosen and asks and not any(word.startswith("compute=") for word in overrides) else []
+    return (
+        [f"compute={chosen}"]
+        if chosen and asks and not any(word.startswith("compute=") for word in overrides)
+        else []
+    )
 
 
 def _targets(node: object) -> Iterator[str]:
@@ -174,11 +209,16 @@ def build(group: str, name: str, **changed: Any) -> Any:
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration with its method's words of conf/budget in `method` and `budget`; what `overrides` set stays as it is."""
+    """The configuration with its method's words of conf/budget in `method` and `budget`; what
+    `overrides` set stays as it is."""
     explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
     words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
     share = cfg.budget.share if "budget.share" in explicit else words["share"]
-    given = {key: value for key, value in words.items() if key != "share" and f"method.{key}" not in explicit}
+    given = {
+        key: value
+        for key, value in words.items()
+        if key != "share" and f"method.{key}" not in explicit
+    }
     return OmegaConf.create({**cfg, "method": {**cfg.method, **given}, "budget": {"share": share}})
 
 
@@ -197,13 +237,21 @@ class ProgressBar(Progress):
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )
-        with RichProgress(*columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True) as bar:
+        with RichProgress(
+            *columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True
+        ) as bar:
             task = bar.add_task(what, total=total, numbers="")
             for done, item in enumerate(items, start=1):
                 yield item
-                shown = "  ".join(f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch")
+                shown = "  ".join(
+                    f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch"
+                )
                 bar.update(task, advance=1, numbers=shown)
-                if self.numbers and not console.is_terminal and (done * 10 // total > (done - 1) * 10 // total or done == 1):
+                if (
+                    self.numbers
+                    and not console.is_terminal
+                    and (done * 10 // total > (done - 1) * 10 // total or done == 1)
+                ):
                     print(f"  {what} {done}/{total}: {shown}", file=sys.stderr, flush=True)
 
     def note(self, **numbers: float) -> None:

@@ -1,4 +1,5 @@
-"""Submaps of some test sequences → views of them in every case of an alteration: turned, with walls added or parts missing."""
+"""Submaps of some test sequences → views of them in every case of an alteration: turned, with walls
+added or parts missing."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -22,10 +23,15 @@ def main(cfg: DictConfig) -> str:
 
 
 def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
-    """The views of one sequence in every case but the one as driven, which the stage of the view draws."""
-    scans, submaps = Path(cfg.scans, f"{sequence}.zarr"), Path(cfg.submaps, f"{sequence}.zarr")
-    view, alteration = instantiate(cfg.view), instantiate(cfg.alteration)
-    cases = altered(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), view, alteration)
+    """The views of one sequence in every case but the one as driven, which the stage of the view
+    draws."""
+    scans = Path(cfg.scans, f"{sequence}.zarr")
+    submaps = Path(cfg.submaps, f"{sequence}.zarr")
+    view = instantiate(cfg.view)
+    alteration = instantiate(cfg.alteration)
+    cases = altered(
+        store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), view, alteration
+    )
     listed = [asdict(case) for case in cases]
     with store.write(folder / f"{sequence}.zarr", view.schema, cases=listed) as out:
         for rows in cases.values():

@@ -1,4 +1,5 @@
-"""Scans, in order → bird-views of the dynamic octree that they grow, one of each submap at each heading."""
+"""Scans, in order → bird-views of the dynamic octree that they grow, one of each submap at each
+heading."""
 
 from pathlib import Path
 
@@ -22,11 +23,12 @@ def main(cfg: DictConfig) -> str:
 
 def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The bird-views of one sequence."""
-    scans, submaps = (
-        store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS),
-        store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS),
+    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
+    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
+    return (
+        f"{sequence}: "
+        f"{MappedViews(scans, submaps, instantiate(cfg.view)).write(folder / f'{sequence}.zarr')}"
     )
-    return f"{sequence}: {MappedViews(scans, submaps, instantiate(cfg.view)).write(folder / f'{sequence}.zarr')}"
 
 
 if __name__ == "__main__":

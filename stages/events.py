@@ -1,4 +1,5 @@
-"""A world → what has changed since training by the day of each sequence: a simulated one's own events, else the user's csv."""
+"""A world → what has changed since training by the day of each sequence: a simulated one's own
+events, else the user's csv."""
 
 from collections import Counter
 from pathlib import Path
@@ -14,14 +15,18 @@ from stages import stage
 @stage("events")
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
-    world, told = instantiate(cfg.world, **recorded), []
+    world = instantiate(cfg.world, **recorded)
+    told = []
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         for sequence in cfg.sequences.split():
             changes = world.changes(cfg.train, sequence)
             write_changes(Path(folder, f"{sequence}.csv"), changes)
             counts = sorted(Counter(change.what for change in changes).items())
-            told.append(f"{sequence}: {', '.join(f'{what} {count}' for what, count in counts) or 'nothing changed'}")
+            told.append(
+                f"{sequence}: "
+                f"{', '.join(f'{what} {count}' for what, count in counts) or 'nothing changed'}"
+            )
     return "; ".join(told)
 
 

@@ -1,4 +1,5 @@
-"""Submaps → places: the grid cells of the training sequence, and which of them each submap of a sequence is in."""
+"""Submaps → places: the grid cells of the training sequence, and which of them each submap of a
+sequence is in."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,24 +19,43 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         lines = [
-            labelled(cfg, sequence, sequence if sequence in trained else trained[0], folder) for sequence in cfg.sequences.split()
+            labelled(cfg, sequence, sequence if sequence in trained else trained[0], folder)
+            for sequence in cfg.sequences.split()
         ]
     return "; ".join(lines)
 
 
 def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
-    """The labels of one sequence by a training one; where there are several, each of those is labelled by itself."""
-    submaps, training = (store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train))
-    xy_m, area = training.load("world_T_anchor")[:, :2, 3], cfg.dataset.box
-    grid = Grid(cfg.grid.cell_m, tuple(area.x_m), tuple(area.y_m)) if area else around(xy_m, cfg.grid.cell_m)
+    """The labels of one sequence by a training one; where there are several, each of those is
+    labelled by itself."""
+    submaps, training = (
+        store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train)
+    )
+    xy_m = training.load("world_T_anchor")[:, :2, 3]
+    area = cfg.dataset.box
+    grid = (
+        Grid(cfg.grid.cell_m, tuple(area.x_m), tuple(area.y_m))
+        if area
+        else around(xy_m, cfg.grid.cell_m)
+    )
     labels = label(submaps.load("world_T_anchor"), training.load("world_T_anchor"), grid)
-    days, box = days_between(training["stamps_ns"][0], submaps["stamps_ns"][0]), {"x_m": list(grid.x_m), "y_m": list(grid.y_m)}
-    with store.write(folder / f"{sequence}.zarr", schemas.LABELS, days=days, cell_m=grid.cell_m, **box) as out:
+    days = days_between(training["stamps_ns"][0], submaps["stamps_ns"][0])
+    box = {"x_m": list(grid.x_m), "y_m": list(grid.y_m)}
+    with store.write(
+        folder / f"{sequence}.zarr", schemas.LABELS, days=days, cell_m=grid.cell_m, **box
+    ) as out:
         for name, column in asdict(labels).items():
             out.put(name, column)
     seen = int((labels.places >= 0).sum())
-    hint = "" if seen else ": no submap lies at a place of training, do the poses of both share a frame?"
-    return f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places of {grid.cell_m:g} m{hint}"
+    hint = (
+        ""
+        if seen
+        else ": no submap lies at a place of training, do the poses of both share a frame?"
+    )
+    return (
+        f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places "
+        f"of {grid.cell_m:g} m{hint}"
+    )
 
 
 if __name__ == "__main__":

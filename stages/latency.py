@@ -1,8 +1,11 @@
-"""The first test sequence's submaps and the models → what a query and a training cost on this machine (SCI paper, Table III)."""
+"""The first test sequence's submaps and the models → what a query and a training cost on this
+machine (SCI paper, Table III)."""
 
 import os
 
-os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")  # heeded by what is imported from here on
+os.environ.update(
+    OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1"
+)  # heeded by what is imported from here on
 
 import json
 from pathlib import Path
@@ -20,14 +23,25 @@ from stages import ROOT, build, stage
 
 @stage("latency")
 def main(cfg: DictConfig) -> str:
-    study, artifacts = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts)
-    sequence, models = study["tests"][0], artifacts / "train" / cfg.study / cfg.cells
+    study = studies(ROOT / "conf")[cfg.study]
+    artifacts = Path(cfg.artifacts)
+    sequence = study["tests"][0]
+    models = artifacts / "train" / cfg.study / cfg.cells
     scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)
     asked = contenders(study["methods"], models, lambda view: build("view", view), alone)
     measured = Latency.measure(asked, scans, submaps, cfg.queries, cfg.k)
-    trained = {name: models / f"{name.name}.safetensors" for method in study["methods"] for name in models_of(method)}
-    common = {"study": cfg.study, "dataset": cfg.study, "simulated": cfg.dataset.simulated, "grid": cfg.cells}
+    trained = {
+        name: models / f"{name.name}.safetensors"
+        for method in study["methods"]
+        for name in models_of(method)
+    }
+    common = {
+        "study": cfg.study,
+        "dataset": cfg.study,
+        "simulated": cfg.dataset.simulated,
+        "grid": cfg.cells,
+    }
     with store.replace(cfg.out) as path:
         table([*measured.rows(), *cost_rows(trained)], **common).to_csv(path, index=False)
     with store.replace(cfg.samples) as path:
@@ -38,7 +52,11 @@ def main(cfg: DictConfig) -> str:
 
 def alone(method: str) -> Any:
     """A method on one thread."""
-    threads = {"threads": 1} if "threads" in OmegaConf.load(ROOT / "conf/method" / f"{method}.yaml") else {}
+    threads = (
+        {"threads": 1}
+        if "threads" in OmegaConf.load(ROOT / "conf/method" / f"{method}.yaml")
+        else {}
+    )
     return build("method", method, **threads)
 
 

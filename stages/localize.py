@@ -1,4 +1,5 @@
-"""A model and the test sequences' views → a ranking of places for each query, and when to reject one as unseen."""
+"""A model and the test sequences' views → a ranking of places for each query, and when to reject
+one as unseen."""
 
 from dataclasses import asdict
 from math import isnan
@@ -25,13 +26,25 @@ def main(cfg: DictConfig) -> str:
 
 def rank(cfg: DictConfig, sequence: str, asked: Asked, folder: Path) -> str:
     """The rankings of one sequence: as driven, then of each altered case."""
-    name, alterations = f"{sequence}.zarr", (cfg.alterations or "").split()
-    cases = Rows.queries(Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations])
-    ranking, rejection, driven = asked.rank(cases), asked.rejection, len(next(iter(cases.values())).stamps_ns)
+    name = f"{sequence}.zarr"
+    alterations = (cfg.alterations or "").split()
+    cases = Rows.queries(
+        Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations]
+    )
+    ranking = asked.rank(cases)
+    rejection = asked.rejection
+    driven = len(next(iter(cases.values())).stamps_ns)
     thresholds = rejection.thresholds(asked.model, ranking.kinds)
     reject_from, kept = ([float(one) for one in values] for values in zip(*thresholds, strict=True))
-    chosen = {"thresholds": reject_from, "kept_precision": [None if isnan(one) else one for one in kept]}
-    attrs = {"cases": [asdict(case) for case in cases], "wanted_precision": rejection.wanted_precision, **chosen}
+    chosen = {
+        "thresholds": reject_from,
+        "kept_precision": [None if isnan(one) else one for one in kept],
+    }
+    attrs = {
+        "cases": [asdict(case) for case in cases],
+        "wanted_precision": rejection.wanted_precision,
+        **chosen,
+    }
     with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, **attrs) as out:
         out.put("turned_deg", turned_deg(cases))
         for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:

@@ -1,4 +1,5 @@
-"""A world → raw logs of one sequence, in a data set's own format; or recorded logs → an inventory of them."""
+"""A world → raw logs of one sequence, in a data set's own format; or recorded logs → an inventory
+of them."""
 
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from stages import ProgressBar, stage
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        done = instantiate(cfg.world, **recorded).record(cfg.sequence, Path(folder), compute, ProgressBar())
+        done = instantiate(cfg.world, **recorded).record(
+            cfg.sequence, Path(folder), compute, ProgressBar()
+        )
     return f"{cfg.sequence}: {done}"
 
 

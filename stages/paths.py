@@ -13,7 +13,8 @@ from stages import ProgressBar, stage
 
 @stage("paths")
 def main(cfg: DictConfig) -> str:
-    sequences, told = cfg.sequences.split(), []
+    sequences = cfg.sequences.split()
+    told = []
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
         done = compute.each(lambda sequence: follow(cfg, sequence, folder), sequences)
@@ -23,18 +24,26 @@ def main(cfg: DictConfig) -> str:
 
 def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """Write the poses of one sequence anew; it may run in a process of its own."""
-    name, train = f"{sequence}.zarr", f"{cfg.train}.zarr"
-    fixes, submaps = store.read(Path(cfg.fixes, name), schemas.FIXES), store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
+    name = f"{sequence}.zarr"
+    train = f"{cfg.train}.zarr"
+    fixes = store.read(Path(cfg.fixes, name), schemas.FIXES)
+    submaps = store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
     odom_T_scan = store.read(Path(cfg.scans, name), schemas.SCANS).load("odom_T_scan")
     places = Places.read(store.read(Path(cfg.labels, train), schemas.LABELS))
-    columns, attrs = joined(fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), places)
+    columns, attrs = joined(
+        fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), places
+    )
     with store.write(folder / name, schemas.FIXES, **attrs) as out:
         for column in schemas.FIXES.columns:
             out.put(column, columns[column])
     kept, before = (
-        values[:, 0] < one["promised"][1] for values, one in ((columns["novelty"], attrs), (fixes.load("novelty"), fixes.attrs))
+        values[:, 0] < one["promised"][1]
+        for values, one in ((columns["novelty"], attrs), (fixes.load("novelty"), fixes.attrs))
     )
-    return f"{sequence}: {kept.sum()} of {len(kept)} queries accepted along the path, {before.sum()} one by one"
+    return (
+        f"{sequence}: {kept.sum()} of {len(kept)} queries accepted along the path, {before.sum()} "
+        "one by one"
+    )
 
 
 if __name__ == "__main__":

@@ -20,8 +20,10 @@ from stages import ProgressBar, build, stage
 
 @stage("poses")
 def main(cfg: DictConfig) -> str:
-    labels, sequences = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS), cfg.sequences.split()
-    fixer, map_path = instantiate(cfg.fixer, **cfg.budget.get("poses", {})), Path(cfg.map, f"{cfg.train}.zarr")
+    labels = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS)
+    sequences = cfg.sequences.split()
+    fixer = instantiate(cfg.fixer, **cfg.budget.get("poses", {}))
+    map_path = Path(cfg.map, f"{cfg.train}.zarr")
     day = TrainingDay(
         map_path,
         Drive(Path(cfg.scans, map_path.name), Path(cfg.submaps, map_path.name)),
@@ -37,9 +39,14 @@ def main(cfg: DictConfig) -> str:
         verdict = Verdict.learned(evidence, cfg.unseen_share, fixer.depth)
         posing = Posing(verdict, Places.read(labels), cfg.wanted_precision)
         fixer = replace(fixer, chances=verdict.judge.pose, depth=verdict.depth)
-        lines = [f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks, searched in {verdict.depth} steps"]
+        lines = [
+            f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks, searched in "
+            f"{verdict.depth} steps"
+        ]
         found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
-        for sequence, own in zip(sequences, ProgressBar().track(found, len(sequences), "register"), strict=True):
+        for sequence, own in zip(
+            sequences, ProgressBar().track(found, len(sequences), "register"), strict=True
+        ):
             rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
             lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))
     return "; ".join(lines)
@@ -49,7 +56,9 @@ def fixes(cfg: DictConfig, fixer: Fixer, map_path: Path, sequence: str) -> list[
     """The fixes of one sequence; it may run in a process of its own."""
     alterations = [build("alteration", name) for name in (cfg.alterations or "").split()]
     rankings = (cfg.rankings, *cfg.others.split())
-    return Queries(sequence, cfg.scans, cfg.submaps, rankings, alterations).fixes(fixer, map_path, cfg.k)
+    return Queries(sequence, cfg.scans, cfg.submaps, rankings, alterations).fixes(
+        fixer, map_path, cfg.k
+    )
 
 
 if __name__ == "__main__":

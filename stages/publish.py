@@ -1,4 +1,5 @@
-"""The table of results, models and figures → MLflow, which can be thrown away and published anew at any time."""
+"""The table of results, models and figures → MLflow, which can be thrown away and published anew at
+any time."""
 
 from pathlib import Path
 
@@ -18,12 +19,23 @@ from stages import ROOT, stage
 
 @stage("publish")
 def main(cfg: DictConfig) -> str:
-    study, artifacts, runs = studies(ROOT / "conf")[cfg.study], Path(cfg.artifacts), list[tracking.RunRecord]()
-    table, lock = results.read(artifacts, {cfg.study: study}), DvcLock.read(artifacts.parent / "dvc.lock")
+    study = studies(ROOT / "conf")[cfg.study]
+    artifacts = Path(cfg.artifacts)
+    runs = list[tracking.RunRecord]()
+    table = results.read(artifacts, {cfg.study: study})
+    lock = DvcLock.read(artifacts.parent / "dvc.lock")
     further = study.get("question") == LIFELONG
     for grid in study["grids"]:
         figures = artifacts / "report" / cfg.study / grid
-        source = Source(cfg.study, grid, study, cfg.dataset.simulated, table[table["grid"] == grid], figures, lock)
+        source = Source(
+            cfg.study,
+            grid,
+            study,
+            cfg.dataset.simulated,
+            table[table["grid"] == grid],
+            figures,
+            lock,
+        )
         runs += further_days.records(source) if further else ()
         for method in study["methods"] if asks_about_the_year(study) else ():
             path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
@@ -34,11 +46,22 @@ def main(cfg: DictConfig) -> str:
             runs.append(with_model(source.record(own, store.read_model(path), recipe, extra), path))
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated, LIFELONG if further else "")
     done = tracking.publish(
-        cfg.tracking.database, name, runs, page.FURTHER_DAYS if further else page.YEAR, cfg.tracking.artifacts
+        cfg.tracking.database,
+        name,
+        runs,
+        page.FURTHER_DAYS if further else page.YEAR,
+        cfg.tracking.artifacts,
     )
     where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
-    moved = f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; " if done.aside else ""
-    return f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves them at {where}"
+    moved = (
+        f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; "
+        if done.aside
+        else ""
+    )
+    return (
+        f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves "
+        f"them at {where}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""The table of results, and the arrays that figures show → markdown, SVGs and one HTML page for all studies."""
+"""The table of results, and the arrays that figures show → markdown, SVGs and one HTML page for all
+studies."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,15 +16,19 @@ from stages import ROOT, build, stage
 
 @stage("report")
 def main(cfg: DictConfig) -> str:
-    artifacts, known = Path(cfg.artifacts), studies(ROOT / "conf")
+    artifacts = Path(cfg.artifacts)
+    known = studies(ROOT / "conf")
     table = results.read(artifacts, known)
     with store.replace(cfg.out) as folder:
-        line = report.write(folder, artifacts, known, table, cfg.few, lambda name: build("view", name))
+        line = report.write(
+            folder, artifacts, known, table, cfg.few, lambda name: build("view", name)
+        )
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
 
 
 def sweep_report(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> str:
-    """Write the table and the figure of a sweep into its folder; returns the table for a terminal."""
+    """Write the table and the figure of a sweep into its folder; returns the table for a
+    terminal."""
     return sweep.write(folder, records, usual)
 
 

@@ -1,4 +1,5 @@
-"""All that was measured of one study → its table of results, and the plain data of two plots for `dvc plots`."""
+"""All that was measured of one study → its table of results, and the plain data of two plots for
+`dvc plots`."""
 
 from pathlib import Path
 
@@ -15,16 +16,27 @@ from stages import ROOT, stage
 @stage("results")
 def main(cfg: DictConfig) -> str:
     study = studies(ROOT / "conf")[cfg.study]
-    rules = {"ageing": instantiate(cfg.ageing), "bands": instantiate(cfg.bands), "unseen_share": cfg.unseen_share}
-    gathering = results.Gathering(Path(cfg.artifacts), cfg.study, study, cfg.dataset.simulated, **rules)
+    rules = {
+        "ageing": instantiate(cfg.ageing),
+        "bands": instantiate(cfg.bands),
+        "unseen_share": cfg.unseen_share,
+    }
+    gathering = results.Gathering(
+        Path(cfg.artifacts), cfg.study, study, cfg.dataset.simulated, **rules
+    )
     table = gathering.table()
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         table.to_csv(folder / results.FILE, index=False)
         year(table).to_csv(folder / "year.csv", index=False, float_format="%.6g")
-        precision_recall(gathering).to_csv(folder / "precision_recall.csv", index=False, float_format="%.6g")
+        precision_recall(gathering).to_csv(
+            folder / "precision_recall.csv", index=False, float_format="%.6g"
+        )
     models = table.loc[table["method"] != "", ["method", "variant", "seed"]].drop_duplicates()
-    return f"{len(table):,} numbers of {len(models)} models on {table['sequence'].replace('', None).nunique()} sequences"
+    return (
+        f"{len(table):,} numbers of {len(models)} models on "
+        f"{table['sequence'].replace('', None).nunique()} sequences"
+    )
 
 
 if __name__ == "__main__":

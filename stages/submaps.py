@@ -26,10 +26,19 @@ def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The submaps of one sequence."""
     scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
     submaps = instantiate(cfg.submap).cut(scans, Progress())
-    left_out = "".join(f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items()))
+    left_out = "".join(
+        f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items())
+    )
     if not len(submaps.scans):
-        raise ArtifactError(f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from it{left_out}")
-    told = {"layout": submaps.layout, "left_out": dict(submaps.left_out), "appearance": appearance(scans, submaps)}
+        raise ArtifactError(
+            f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from "
+            f"it{left_out}"
+        )
+    told = {
+        "layout": submaps.layout,
+        "left_out": dict(submaps.left_out),
+        "appearance": appearance(scans, submaps),
+    }
     with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **told) as out:
         for name in ("first", "scans", "ground_m", "used"):
             out.put(name, getattr(submaps, name))

@@ -22,20 +22,34 @@ def main(cfg: DictConfig) -> str:
     days = [Rows.read(Path(cfg.views, name)) for name in sequences]
     labels = [store.read(Path(cfg.labels, name), schemas.LABELS) for name in sequences]
     cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
-    method, share = instantiate(cfg.method), float(cfg.budget.share)
-    views, places = Rows.joined(days), joined_places([one.load("places") for one in labels])
-    key = fingerprint(method, share, views.images[:], places, views.world_T_anchor, type(method), str(cfg["from"]))
+    method = instantiate(cfg.method)
+    share = float(cfg.budget.share)
+    views = Rows.joined(days)
+    places = joined_places([one.load("places") for one in labels])
+    key = fingerprint(
+        method, share, views.images[:], places, views.world_T_anchor, type(method), str(cfg["from"])
+    )
     progress = ProgressBar(share, Path(cfg.checkpoints, f"{key}.safetensors"))
     if not cfg["from"]:
         found = method.learn(views, places, progress)
     else:
-        found, (_, places) = growth.grown(method, store.read_model(cfg["from"]), days, Places.read(labels[0]), progress)
+        found, (_, places) = growth.grown(
+            method, store.read_model(cfg["from"]), days, Places.read(labels[0]), progress
+        )
     model = {"image_shape": np.array(views.images.shape[1:]), **found}
-    store.write_model(cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share})
+    store.write_model(
+        cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share}
+    )
     progress.done()
     rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
-    trained = f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of {rounds} kept"
-    return f"{len(places)} views of {places.max() + 1} places, {trained if rounds else 'nothing to train'}"
+    trained = (
+        f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of "
+        f"{rounds} kept"
+    )
+    return (
+        f"{len(places)} views of {places.max() + 1} places, "
+        f"{trained if rounds else 'nothing to train'}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Models of bird-views and test sequences → how well places are known again from other headings (DOM and PFL, IROS 2018)."""
+"""Models of bird-views and test sequences → how well places are known again from other headings
+(DOM and PFL, IROS 2018)."""
 
 import json
 from pathlib import Path
@@ -16,15 +17,22 @@ from stages import ROOT, ProgressBar, build, stage
 
 @stage("viewpoints")
 def main(cfg: DictConfig) -> str:
-    study, numbers = studies(ROOT / "conf")[cfg.study], dict[str, list[dict[str, dict[str, float | None]]]]()
-    methods, sequences = on_bird_views(study["methods"]), study["tests"][: cfg.tests]
+    study = studies(ROOT / "conf")[cfg.study]
+    numbers = dict[str, list[dict[str, dict[str, float | None]]]]()
+    methods = on_bird_views(study["methods"])
+    sequences = study["tests"][: cfg.tests]
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         for method in ProgressBar().track(methods, len(methods), "judge turned robots"):
             for sequence in sequences:
-                views = Rows.read(Path(cfg.artifacts, "views", cfg.study, method["view"], f"{sequence}.zarr"))
+                views = Rows.read(
+                    Path(cfg.artifacts, "views", cfg.study, method["view"], f"{sequence}.zarr")
+                )
                 models = [model.name for model in models_of({**method, "variants": {}})]
-                judged = [judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr") for model in models]
+                judged = [
+                    judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr")
+                    for model in models
+                ]
                 numbers[f"{method['name']} {sequence}"] = [one.numbers() for one in judged]
     with store.replace(cfg.metrics) as shown:
         shown.mkdir()
@@ -36,7 +44,9 @@ def main(cfg: DictConfig) -> str:
 
 def judge(cfg: DictConfig, method: str, model: str, views: Rows, out: Path) -> Judged:
     """One model on one sequence, kept as an artifact."""
-    learned = store.read_model(Path(cfg.artifacts, "train", cfg.study, cfg.cells, f"{model}.safetensors"))
+    learned = store.read_model(
+        Path(cfg.artifacts, "train", cfg.study, cfg.cells, f"{model}.safetensors")
+    )
     judged: Judged = instantiate(cfg.viewpoints).judge(build("method", method), learned, views)
     with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:
         for column, values in judged.columns().items():

@@ -20,20 +20,30 @@ def main(cfg: DictConfig) -> str:
         if opened(cfg, sequences[0]).one_scan_each:
             lines = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
         else:  # neighbouring submaps share scans: sequences are drawn side by side, not blocks
-            done = compute.each(lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()), sequences)
+            done = compute.each(
+                lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()),
+                sequences,
+            )
             lines = list(ProgressBar().track(done, len(sequences), "draw"))
     return "; ".join(lines)
 
 
 def opened(cfg: DictConfig, sequence: str) -> Drawing:
     """One sequence's scans and submaps, and the view to compute."""
-    scans, submaps = Path(cfg.scans, f"{sequence}.zarr"), Path(cfg.submaps, f"{sequence}.zarr")
-    return Drawing(store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), instantiate(cfg.view))
+    scans = Path(cfg.scans, f"{sequence}.zarr")
+    submaps = Path(cfg.submaps, f"{sequence}.zarr")
+    return Drawing(
+        store.read(scans, schemas.SCANS),
+        store.read(submaps, schemas.SUBMAPS),
+        instantiate(cfg.view),
+    )
 
 
 def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, progress: Progress) -> str:
     """The views of one sequence."""
-    return f"{sequence}: {opened(cfg, sequence).write(folder / f'{sequence}.zarr', compute, progress)}"
+    return (
+        f"{sequence}: {opened(cfg, sequence).write(folder / f'{sequence}.zarr', compute, progress)}"
+    )
 
 
 if __name__ == "__main__":

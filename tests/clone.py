@@ -22,12 +22,14 @@ PROJECT = (
 
 
 def name_of(address: str) -> str:
-    """A stage's name, such as train@campus-10m-sci, of DVC's dag/train/dvc.yaml:train@campus-10m-sci."""
+    """A stage's name, such as train@campus-10m-sci, of DVC's
+    dag/train/dvc.yaml:train@campus-10m-sci."""
     return address.rpartition(":")[2]
 
 
 def share_kernels(compiled: Path, copy: Path) -> None:
-    """Give a copy of the project the kernels that numba compiled for another, which it keeps by the path of their source."""
+    """Give a copy of the project the kernels that numba compiled for another, which it keeps by the
+    path of their source."""
     kernels = Path(os.environ["NUMBA_CACHE_DIR"])
     for source in compiled.glob("pipeline/**/*.py"):
         own, others = (
@@ -51,7 +53,11 @@ class Clone:
             return
         for name in filter(lambda name: (ROOT / name).exists(), PROJECT):
             if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("dvc.lock", "__pycache__"))
+                shutil.copytree(
+                    ROOT / name,
+                    folder / name,
+                    ignore=shutil.ignore_patterns("dvc.lock", "__pycache__"),
+                )
             else:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
@@ -66,7 +72,11 @@ class Clone:
     def env(self) -> dict[str, str]:
         """What its commands see."""
         path = f"{BIN}:{os.environ['PATH']}"
-        return os.environ | {"PATH": path, "PYTHONPATH": str(self.folder), "PYTHONWARNINGS": "default"}
+        return os.environ | {
+            "PATH": path,
+            "PYTHONPATH": str(self.folder),
+            "PYTHONWARNINGS": "default",
+        }
 
     def twin(self, folder: Path) -> "Clone":
         """The same with all that it has built, elsewhere."""
@@ -75,20 +85,32 @@ class Clone:
         share_kernels(self.folder, folder)
         if (folder / "mlflow.db").is_file():  # it knows where its figures are
             with closing(sqlite3.connect(folder / "mlflow.db")) as database:
-                for table, column in (("experiments", "artifact_location"), ("runs", "artifact_uri")):
-                    database.execute(f"update {table} set {column} = replace({column}, ?, ?)", (str(self.folder), str(folder)))
+                for table, column in (
+                    ("experiments", "artifact_location"),
+                    ("runs", "artifact_uri"),
+                ):
+                    database.execute(
+                        f"update {table} set {column} = replace({column}, ?, ?)",
+                        (str(self.folder), str(folder)),
+                    )
                 database.commit()
         return other
 
     def git(self, *words: str) -> str:
         """What git prints; its author is nobody."""
         who = ("-c", "user.name=nobody", "-c", "user.email=nobody@localhost")
-        done = subprocess.run(["git", *who, *words], cwd=self.folder, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["git", *who, *words], cwd=self.folder, capture_output=True, text=True, check=True
+        )
         return done.stdout
 
     def run(self, *command: str) -> str:
         done = subprocess.run(
-            [str(BIN / command[0]), *command[1:]], cwd=self.folder, env=self.env, capture_output=True, text=True
+            [str(BIN / command[0]), *command[1:]],
+            cwd=self.folder,
+            env=self.env,
+            capture_output=True,
+            text=True,
         )
         assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
         return done.stdout
@@ -96,7 +118,11 @@ class Clone:
     def repro(self) -> list[str]:
         """The stages that ran."""
         out = self.run("dvc", "repro")
-        return [name_of(line.split("'")[1]) for line in out.splitlines() if line.startswith("Running stage")]
+        return [
+            name_of(line.split("'")[1])
+            for line in out.splitlines()
+            if line.startswith("Running stage")
+        ]
 
     def outdated(self) -> set[str]:
         """The stages that an edit touched directly."""
@@ -105,7 +131,10 @@ class Clone:
     def digests(self) -> dict[str, str]:
         """Every file of every artifact, with the digest of its bytes."""
         files = [path for path in (self.folder / "artifacts").rglob("*") if path.is_file()]
-        return {str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest() for path in files}
+        return {
+            str(path.relative_to(self.folder)): sha256(path.read_bytes()).hexdigest()
+            for path in files
+        }
 
     def draw_small(self) -> None:
         """Draw Scan Contexts of 16 × 48, on which a network trains six times as fast."""

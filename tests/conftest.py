@@ -14,14 +14,17 @@ from xdist.scheduler import LoadScopeScheduling
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
 from tests.clone import Clone
 
-CHAIN, SWEEP, SESSION = "tests/test_chain.py", "tests/test_sweep.py", "tests/test_dvc_session.py"
+CHAIN = "tests/test_chain.py"
+SWEEP = "tests/test_sweep.py"
+SESSION = "tests/test_dvc_session.py"
 """Each goes to one worker, as its tests share what the first of them builds."""
 LONG = ("tests/test_repair.py", "tests/test_sweep_jobs.py")
 """Each test alone, and at the end: they need the built chain, and take up to minutes."""
 
 
 class Shared(LoadScopeScheduling):  # type: ignore[misc]
-    """Whole files for CHAIN, SWEEP and SESSION (xdist's own groups do not hold with pytest 9), other tests one by one."""
+    """Whole files for CHAIN, SWEEP and SESSION (xdist's own groups do not hold with pytest 9),
+    other tests one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
         return next((file for file in (CHAIN, SWEEP, SESSION) if nodeid.startswith(file)), nodeid)
@@ -36,17 +39,32 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Shared:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The chain first, then what needs no chain, then what waits for it."""
     order = (CHAIN, "", SWEEP, *LONG)
-    items.sort(key=lambda item: next((rank for rank, file in enumerate(order) if file and item.nodeid.startswith(file)), 1))
+    items.sort(
+        key=lambda item: next(
+            (rank for rank, file in enumerate(order) if file and item.nodeid.startswith(file)), 1
+        )
+    )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--seeds", type=int, default=1, help="train with so many seeds, and print each test's smallest margin")
+    parser.addoption(
+        "--seeds",
+        type=int,
+        default=1,
+        help="train with so many seeds, and print each test's smallest margin",
+    )
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     trains = metafunc.definition.get_closest_marker("learning")
-    if trains and "seed" in metafunc.fixturenames and (seeds := metafunc.config.getoption("seeds")) > 1:
-        metafunc.parametrize("seed", range(seeds), indirect=True, ids="seed{}".format, scope="session")
+    if (
+        trains
+        and "seed" in metafunc.fixturenames
+        and (seeds := metafunc.config.getoption("seeds")) > 1
+    ):
+        metafunc.parametrize(
+            "seed", range(seeds), indirect=True, ids="seed{}".format, scope="session"
+        )
 
 
 @pytest.fixture(scope="session")
@@ -66,7 +84,9 @@ def clears(record_property: Callable[[str, object], None]) -> Callable[[float, f
     return check
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
     """The smallest margin of each test over all seeds."""
     if config.getoption("seeds") == 1:
         return
@@ -74,7 +94,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     for outcome in ("passed", "failed"):
         for report in terminalreporter.getreports(outcome):
             test = re.sub(r"\[seed\d+\]|(?<=\[)seed\d+-|-seed\d+(?=\])", "", report.nodeid)
-            margins[test] += [tuple(value) for name, value in report.user_properties if name == "margin"]
+            margins[test] += [
+                tuple(value) for name, value in report.user_properties if name == "margin"
+            ]
     terminalreporter.section(f"smallest margins over {config.getoption('seeds')} seeds")
     for test, found in sorted(margins.items()):
         for bar in sorted({bar for _, bar in found}):
@@ -93,7 +115,10 @@ def real() -> Path:
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
-    """A worker's own copy of the chain of tiny worlds, which DVC builds once. Whoever edits it puts it back."""
+    """A worker's own copy of the chain of tiny worlds, which DVC builds once.
+
+    Whoever edits it puts it back.
+    """
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     shared = tmp_path_factory.getbasetemp() if alone else tmp_path_factory.getbasetemp().parent
     told = shared / "chain.json"
@@ -103,15 +128,40 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
             clone = Clone(shared / "chain")
             clone.draw_small()
             stress = '"2014-07-28-14-30-00": "all reversed", "2015-01-14-14-30-00": "bare, 2.5 m to the left", '
-            clone.edit("conf/dataset/town.yaml", f"tiny: {{{stress}", "tiny: {")  # one day of it is enough
+            clone.edit(
+                "conf/dataset/town.yaml", f"tiny: {{{stress}", "tiny: {"
+            )  # one day of it is enough
             clone.run(
-                *("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context,sad", "variants="),
+                *(
+                    "yearloc",
+                    "use",
+                    "campus",
+                    "world=tiny",
+                    "methods=sci,scan_context,sad",
+                    "variants=",
+                ),
                 *("poses=scan_context", "paths=filter,graph_all"),
             )
-            robust = ("question=robustness", "methods=sci,scan_context", "variants=engaged", "altered=turned", "cells=5m")
+            robust = (
+                "question=robustness",
+                "methods=sci,scan_context",
+                "variants=engaged",
+                "altered=turned",
+                "cells=5m",
+            )
             clone.run("yearloc", "use", "town", "world=tiny", *robust, "--add")
-            clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "methods=sad", "--add")
-            clone.edit("conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]")  # nothing is sure in so small a world
+            clone.run(
+                "yearloc",
+                "use",
+                "suburb",
+                "world=tiny",
+                "question=viewpoints",
+                "methods=sad",
+                "--add",
+            )
+            clone.edit(
+                "conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]"
+            )  # nothing is sure in so small a world
             clone.edit("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0")
             told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
     return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))

@@ -10,5 +10,9 @@ def addresses(process: psutil.Process) -> set[str]:
     listening: set[str] = set()
     for started in [process, *process.children(recursive=True)]:
         with suppress(psutil.NoSuchProcess):  # it has ended since
-            listening |= {at.laddr.ip for at in started.net_connections("inet") if at.status == psutil.CONN_LISTEN}
+            listening |= {
+                at.laddr.ip
+                for at in started.net_connections("inet")
+                if at.status == psutil.CONN_LISTEN
+            }
     return listening

@@ -1,7 +1,9 @@
-"""Collects messages from source: what is raised, what is said on standard error, warnings, notes and reasons for skipping.
+"""Collects messages from source: what is raised, what is said on standard error, warnings, notes
+and reasons for skipping.
 
-A message is its constant text, with … for each part that is formatted into it. A part that is itself a text of the source,
-through a name, an argument, an attribute or the return of a function, is a message of its own.
+A message is its constant text, with … for each part that is formatted into it. A part that is
+itself a text of the source, through a name, an argument, an attribute or the return of a function,
+is a message of its own.
 """
 
 import ast
@@ -15,8 +17,10 @@ from jinja2 import nodes
 
 GAP = "…"
 WORD = re.compile(r"(?<!\S)\W*(?:[^\W\d_]{2,}|a\b)")
-WHOLE, PART = 2, 3
-"""What has fewer words, or fewer and is formatted into a message, is a value and nothing to be looked up."""
+WHOLE = 2
+PART = 3
+"""What has fewer words, or fewer and is formatted into a message, is a value and nothing to be
+looked up."""
 TRANSPARENT = ("join", "next", "filter", "format", "str", "tuple", "Counter")
 LISTS = ("warnings", "notes", "broken", "hint", "left_out")
 COUNTS = ("skipped", "_skipped", "left_out")
@@ -31,7 +35,9 @@ class Source:
     name: str
     tree: ast.Module
     functions: dict[str, list[Function]] = field(default_factory=lambda: defaultdict(list))
-    values: dict[tuple[ast.AST, str], list[ast.expr]] = field(default_factory=lambda: defaultdict(list))
+    values: dict[tuple[ast.AST, str], list[ast.expr]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
     """By the function, class or module around an assignment and the name: what the name may be."""
     imported: dict[str, str] = field(default_factory=dict)
     """Name here to `module` or `module.name`."""
@@ -48,19 +54,31 @@ class Source:
                 case ast.FunctionDef() | ast.AsyncFunctionDef():
                     self.functions[child.name].append(child)
                 case ast.ImportFrom(module=str(module)):
-                    self.imported |= {alias.asname or alias.name: f"{module}.{alias.name}" for alias in child.names}
+                    self.imported |= {
+                        alias.asname or alias.name: f"{module}.{alias.name}"
+                        for alias in child.names
+                    }
                 case ast.Assign(value=value):
                     for target in child.targets:
                         self._bind(scope, target, value)
-                case ast.AnnAssign(target=target, value=ast.expr() as value) | ast.AugAssign(target=target, value=value):
+                case (
+                    ast.AnnAssign(target=target, value=ast.expr() as value)
+                    | ast.AugAssign(target=target, value=value)
+                ):
                     self._bind(scope, target, value)
                 case ast.NamedExpr(target=target, value=value) | ast.For(target=target, iter=value):
                     self._bind(scope, target, value)
                 case ast.comprehension(target=target, iter=value):
                     self._bind(scope, target, value)
-                case ast.Call(func=ast.Attribute(value=ast.Name() as target, attr="append" | "extend"), args=[value]):
+                case ast.Call(
+                    func=ast.Attribute(value=ast.Name() as target, attr="append" | "extend"),
+                    args=[value],
+                ):
                     self._bind(scope, target, value)
-            self._enter(child, child if isinstance(child, Function | ast.ClassDef | COMPREHENSIONS) else scope)
+            self._enter(
+                child,
+                child if isinstance(child, Function | ast.ClassDef | COMPREHENSIONS) else scope,
+            )
 
     def _bind(self, scope: ast.AST, target: ast.expr, value: ast.expr) -> None:
         match target, value:
@@ -76,7 +94,8 @@ class Source:
                 self.values[self.tree, f"self.{name}"].append(value)
 
     def full_name(self, node: ast.expr) -> str:
-        """The full name of what was imported, such as `pipeline.readers.log.table`; empty for anything else."""
+        """The full name of what was imported, such as `pipeline.readers.log.table`; empty for
+        anything else."""
         match node:
             case ast.Name(id=name):
                 return self.imported.get(name, "")
@@ -94,7 +113,9 @@ class Messages:
 
     def __init__(self, sources: Mapping[str, str]) -> None:
         self._sources = {name: Source(name, ast.parse(text)) for name, text in sources.items()}
-        self._home = {node: source for source in self._sources.values() for node in ast.walk(source.tree)}
+        self._home = {
+            node: source for source in self._sources.values() for node in ast.walk(source.tree)
+        }
         self._calls: dict[str, list[tuple[Source, ast.Call]]] = defaultdict(list)
         for source in self._sources.values():
             for call in (node for node in ast.walk(source.tree) if isinstance(node, ast.Call)):
@@ -110,8 +131,11 @@ class Messages:
                         found[plain].add(name)
         return dict(found)
 
-    def texts(self, source: Source, node: ast.AST, least: int, seen: set[ast.AST]) -> Iterator[tuple[str, int]]:
-        """What an expression may be as text, and what may be formatted into it; with each the fewest words that count."""
+    def texts(
+        self, source: Source, node: ast.AST, least: int, seen: set[ast.AST]
+    ) -> Iterator[tuple[str, int]]:
+        """What an expression may be as text, and what may be formatted into it; with each the
+        fewest words that count."""
         if node in seen:
             return
         seen.add(node)
@@ -121,16 +145,31 @@ class Messages:
                 yield text, least
             case ast.JoinedStr() | ast.BinOp(op=ast.Add()):
                 yield _joined(node), least
-                parts, least = _formatted(node), PART
+                parts = _formatted(node)
+                least = PART
             case ast.Subscript(value=ast.Call() as call, slice=ast.Constant(value=int(number))):
                 yield from self._call(source, call, least, seen, number)
-            case ast.BinOp(op=ast.Mult(), left=part) | ast.Subscript(value=part) | ast.NamedExpr(value=part):
+            case (
+                ast.BinOp(op=ast.Mult(), left=part)
+                | ast.Subscript(value=part)
+                | ast.NamedExpr(value=part)
+            ):
                 parts = [part]
-            case ast.Starred(value=part) | ast.GeneratorExp(elt=part) | ast.ListComp(elt=part) | ast.DictComp(value=part):
+            case (
+                ast.Starred(value=part)
+                | ast.GeneratorExp(elt=part)
+                | ast.ListComp(elt=part)
+                | ast.DictComp(value=part)
+            ):
                 parts = [part]
             case ast.IfExp():
                 parts = [node.body, node.orelse]
-            case ast.BoolOp(values=parts) | ast.Tuple(elts=parts) | ast.List(elts=parts) | ast.Set(elts=parts):
+            case (
+                ast.BoolOp(values=parts)
+                | ast.Tuple(elts=parts)
+                | ast.List(elts=parts)
+                | ast.Set(elts=parts)
+            ):
                 pass
             case ast.Dict(keys=keys, values=values):
                 parts = [*filter(None, keys), *values]
@@ -143,10 +182,14 @@ class Messages:
         for inner in parts:
             yield from self.texts(source, inner, least, seen)
 
-    def _name(self, source: Source, node: ast.AST, name: str, least: int, seen: set[ast.AST]) -> Iterator[tuple[str, int]]:
+    def _name(
+        self, source: Source, node: ast.AST, name: str, least: int, seen: set[ast.AST]
+    ) -> Iterator[tuple[str, int]]:
         for scope in source.scopes(node):
             values = list(source.values.get((scope, name), ()))
-            if isinstance(scope, Function) and scope not in seen:  # of one that was called, the arguments are known
+            if (
+                isinstance(scope, Function) and scope not in seen
+            ):  # of one that was called, the arguments are known
                 values += self._given(source, scope, name)
             for value in values:
                 yield from self.texts(self._home.get(value, source), value, least, seen)
@@ -158,17 +201,32 @@ class Messages:
             return
         at = names.index(name) - (names[0] == "self")
         for source, call in self._calls[function.name]:
-            if source.full_name(call.func) == f"{own.name}.{function.name}" or (source is own and _plainly(call.func)):
-                yield from [one.value for one in call.keywords if one.arg == name] or call.args[at : at + 1]
+            if source.full_name(call.func) == f"{own.name}.{function.name}" or (
+                source is own and _plainly(call.func)
+            ):
+                yield from [one.value for one in call.keywords if one.arg == name] or call.args[
+                    at : at + 1
+                ]
 
     def _call(
-        self, source: Source, call: ast.Call, least: int, seen: set[ast.AST], number: int | None = None
+        self,
+        source: Source,
+        call: ast.Call,
+        least: int,
+        seen: set[ast.AST],
+        number: int | None = None,
     ) -> Iterator[tuple[str, int]]:
-        """What a function of the project returns, or its item of a `number`; of join and the like, the text and its arguments."""
-        name, full = _last(call.func), source.full_name(call.func)
+        """What a function of the project returns, or its item of a `number`; of join and the like,
+        the text and its arguments."""
+        name = _last(call.func)
+        full = source.full_name(call.func)
         own = self._sources.get(full.rpartition(".")[0], source)
         within: list[ast.AST] = [call.func.value] if isinstance(call.func, ast.Attribute) else []
-        within += call.args if name in TRANSPARENT or name in own.functions or name.endswith("Error") else []
+        within += (
+            call.args
+            if name in TRANSPARENT or name in own.functions or name.endswith("Error")
+            else []
+        )
         for one in within:
             yield from self.texts(source, one, least, seen)
         for function in own.functions.get(name, ()):
@@ -177,7 +235,9 @@ class Messages:
                 match one:
                     case ast.Return(value=ast.Tuple(elts=items)) if number is not None:
                         yield from self.texts(own, items[number], least, seen)
-                    case ast.Return(value=ast.expr() as value) | ast.Yield(value=ast.expr() as value):
+                    case (
+                        ast.Return(value=ast.expr() as value) | ast.Yield(value=ast.expr() as value)
+                    ):
                         yield from self.texts(own, value, least, seen)
 
 
@@ -189,17 +249,25 @@ def _told(node: ast.AST) -> Iterator[ast.AST]:
             yield from (one.value for one in made.keywords)
         case ast.Raise(exc=ast.expr() as kept):
             yield kept
-        case ast.Call(func=func, args=[*_, text]) if _last(func) in ("warn", "tell") or ast.unparse(func) == "parser.error":
+        case ast.Call(func=func, args=[*_, text]) if (
+            _last(func) in ("warn", "tell") or ast.unparse(func) == "parser.error"
+        ):
             yield text
-        case ast.Call(func=ast.Name(id="print")) if any(ast.unparse(one.value) == "sys.stderr" for one in node.keywords):
+        case ast.Call(func=ast.Name(id="print")) if any(
+            ast.unparse(one.value) == "sys.stderr" for one in node.keywords
+        ):
             yield from node.args
-        case ast.Call(func=ast.Attribute(value=ast.expr() as of, attr="append"), args=[text]) if _last(of) in LISTS:
+        case ast.Call(func=ast.Attribute(value=ast.expr() as of, attr="append"), args=[text]) if (
+            _last(of) in LISTS
+        ):
             yield text
         case ast.Assign(targets=[target], value=value) if _last(target) in LISTS:
             yield value
         case ast.Return(value=ast.Tuple(elts=[*_, ast.Tuple(elts=[ast.JoinedStr(), *_]) as notes])):
             yield notes
-        case ast.AugAssign(target=target, value=value) | ast.AnnAssign(target=target, value=value) if _last(target) in LISTS:
+        case (
+            ast.AugAssign(target=target, value=value) | ast.AnnAssign(target=target, value=value)
+        ) if _last(target) in LISTS:
             yield from [value] if value else []
         case ast.keyword(arg="notes" | "warnings", value=value):
             yield value
@@ -214,7 +282,13 @@ def words(text: str) -> int:
 
 def _last(node: ast.AST) -> str:
     """The last name of `a.b.c`."""
-    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+    return (
+        node.attr
+        if isinstance(node, ast.Attribute)
+        else node.id
+        if isinstance(node, ast.Name)
+        else ""
+    )
 
 
 def _plainly(node: ast.expr) -> bool:
@@ -245,13 +319,23 @@ def _formatted(node: ast.AST) -> list[ast.AST]:
 
 def _plain(text: str) -> str:
     """One line, with one … for each run of formatted parts."""
-    return re.sub(rf"{GAP}(?:\s?{GAP})+", GAP, " ".join(re.sub(rf"\{{[^{{}}{GAP}]*\}}", GAP, text).split()))
+    return re.sub(
+        rf"{GAP}(?:\s?{GAP})+", GAP, " ".join(re.sub(rf"\{{[^{{}}{GAP}]*\}}", GAP, text).split())
+    )
 
 
 def templated(text: str) -> Iterator[str]:
-    """The texts of a Jinja template's branches, such as the doubts of words.yaml; the whole of one without branches."""
+    """The texts of a Jinja template's branches, such as the doubts of words.yaml; the whole of one
+    without branches."""
     tree = jinja2.Environment().parse(text)
-    branches = [[branch.body for branch in (one, *one.elif_)] + [one.else_] for one in tree.find_all(nodes.If)]
+    branches = [
+        [branch.body for branch in (one, *one.elif_)] + [one.else_]
+        for one in tree.find_all(nodes.If)
+    ]
     for body in (body for bodies in branches or [[tree.body]] for body in bodies):
-        parts = [part for output in body if isinstance(output, nodes.Output) for part in output.nodes]
-        yield _plain("".join(part.data if isinstance(part, nodes.TemplateData) else GAP for part in parts))
+        parts = [
+            part for output in body if isinstance(output, nodes.Output) for part in output.nodes
+        ]
+        yield _plain(
+            "".join(part.data if isinstance(part, nodes.TemplateData) else GAP for part in parts)
+        )

@@ -12,13 +12,18 @@ class Swept:
 
     def __init__(self, clone: Clone, *overrides: str) -> None:
         command = [str(BIN / "python"), "-m", "stages.sweep", "-m", *overrides]
-        done = subprocess.run(command, cwd=clone.folder, env=clone.env, capture_output=True, text=True)
-        self.code, self.out, self.err = done.returncode, done.stdout, done.stderr
+        done = subprocess.run(
+            command, cwd=clone.folder, env=clone.env, capture_output=True, text=True
+        )
+        self.code = done.returncode
+        self.out = done.stdout
+        self.err = done.stderr
         (line,) = [line for line in done.stdout.splitlines() if line.startswith("sweep: ")] or [""]
         assert line, f"{overrides}\n{done.stdout}\n{done.stderr}"
         self.folder = clone.folder / line.rpartition(" ")[2]
         self.jobs: list[dict[str, Any]] = [
-            json.loads((self.folder / f"{number}.json").read_text()) for number in range(len(list(self.folder.glob("*.json"))))
+            json.loads((self.folder / f"{number}.json").read_text())
+            for number in range(len(list(self.folder.glob("*.json"))))
         ]
 
     @property
@@ -26,7 +31,11 @@ class Swept:
         return {stage for job in self.jobs for stage in job["built"]}
 
     def value(self, job: int, name: str = "auc_top1") -> list[float]:
-        wanted = [row for row in self.jobs[job]["rows"] if (row["protocol"], row["number"]) == ("cells", name)]
+        wanted = [
+            row
+            for row in self.jobs[job]["rows"]
+            if (row["protocol"], row["number"]) == ("cells", name)
+        ]
         return [row["value"] for row in wanted if not row.get("kind")]
 
 

@@ -24,9 +24,13 @@ from tests.clone import ROOT, Clone
 
 
 def test_every_stage_runs_once_and_leaves_its_artifact(built):
-    assert {stage.partition("@")[0] for stage in built.ran} == set(definition(ROOT)["stages"]) - {"lifelong"}  # which is below
+    assert {stage.partition("@")[0] for stage in built.ran} == set(definition(ROOT)["stages"]) - {
+        "lifelong"
+    }  # which is below
     lists = yaml.safe_load((built.folder / "conf/lists.yaml").read_text())["lists"]
-    wanted = sum(len(lists[name]) * (1 + (name == "drives")) for name in LISTS)  # logs and scans of a drive
+    wanted = sum(
+        len(lists[name]) * (1 + (name == "drives")) for name in LISTS
+    )  # logs and scans of a drive
     assert len(built.ran) == len(set(built.ran)) == wanted
     assert not list(built.folder.rglob("*.scratch"))
     assert not list((built.folder / ".checkpoints").glob("*"))
@@ -41,14 +45,20 @@ def test_the_reports_say_that_every_study_is_simulated(built):
 
 
 def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
-    table = pd.read_json(io.StringIO(built.run("yearloc", "results", "--json", "--where", "study=town", "protocol=cells")))
+    table = pd.read_json(
+        io.StringIO(
+            built.run("yearloc", "results", "--json", "--where", "study=town", "protocol=cells")
+        )
+    )
     own = table[(table["grid"] == "10m") & (table["number"] == "auc_top1")]
     turned = own[own["case"].str.startswith("turned")]
     models = {("sci", ""), ("scan_context", ""), ("scan_context", "engaged")}
     assert set(zip(turned["method"], turned["variant"], strict=True)) == models
     assert turned["case"].nunique() == 5
     driven = own[(own["method"] == "sci") & (own["case"] == "")].set_index("sequence")["value"]
-    shown = json.loads(built.run("dvc", "metrics", "show", "--json", "artifacts/metrics/town/10m/sci"))[""]["data"]
+    shown = json.loads(
+        built.run("dvc", "metrics", "show", "--json", "artifacts/metrics/town/10m/sci")
+    )[""]["data"]
     found = {Path(path).stem: of["data"]["auc_top1"] for path, of in shown.items()}
     assert driven.to_dict() == pytest.approx(found)
     assert set(found) == {"2014-11-25-09-18-32", "2015-09-05-14-30-00"}
@@ -58,27 +68,48 @@ def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
 def test_the_page_holds_every_section_of_the_studies(built):
     page = (built.folder / "artifacts/report/page.html").read_text()
     town = ("town-10m-turned", "town-10m-stress", "town-10m-events", "town-cells")
-    for name in (*town, "campus-10m-ageing", "campus-10m-poses", "campus-10m-glance", "suburb-10m-viewpoints"):
+    for name in (
+        *town,
+        "campus-10m-ageing",
+        "campus-10m-poses",
+        "campus-10m-glance",
+        "suburb-10m-viewpoints",
+    ):
         assert f'id="{name}"' in page
 
 
 def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
     (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints").iterdir()
     assert path.name == "sad-00.json"
-    told = built.run("yearloc", "results", "--json", "--where", "study=suburb", "number=accuracy", "sequence=00")
+    told = built.run(
+        "yearloc", "results", "--json", "--where", "study=suburb", "number=accuracy", "sequence=00"
+    )
     table = pd.read_json(io.StringIO(told))
     assert json.loads(path.read_text())["accuracy"] == pytest.approx(table["value"].mean())
     assert len(table) >= 8  # headings
     with closing(sqlite3.connect(built.folder / "mlflow.db")) as database:
-        steps = database.execute("select step from metrics where key = 'viewpoints/accuracy 2012-06-15'").fetchall()
+        steps = database.execute(
+            "select step from metrics where key = 'viewpoints/accuracy 2012-06-15'"
+        ).fetchall()
     assert sorted(step for (step,) in steps) == sorted([22, 67, 112, 157, 202, 247, 292, 337])
 
 
 def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     town = yaml.safe_load((built.folder / "conf/studies.yaml").read_text())["studies"]["town"]
     days = f"train='{town['train']}'", f"asked='{town['tests'][0]}'"
-    course = "dataset=town", "study=town", "method=scan_context", "name=scan_context", "order=streets", "strategy=grown"
-    paths = "views=artifacts/views/town/scan_context", f"out={tmp_path}/grown.zarr", f"timing={tmp_path}/grown.json"
+    course = (
+        "dataset=town",
+        "study=town",
+        "method=scan_context",
+        "name=scan_context",
+        "order=streets",
+        "strategy=grown",
+    )
+    paths = (
+        "views=artifacts/views/town/scan_context",
+        f"out={tmp_path}/grown.zarr",
+        f"timing={tmp_path}/grown.json",
+    )
     line = built.run("python", "-m", "stages.lifelong", *course, *days, *paths)
     assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries that can be known", line)
     artifact = store.read(tmp_path / "grown.zarr", LIFELONG)
@@ -89,16 +120,31 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
 
 STAGES = {
     "processes": ("scans", "localize"),
-    "cluster": ("scans", "submaps", "views", "birdviews", "altered", "localize", "evaluate", "paths", "poses"),
+    "cluster": (
+        "scans",
+        "submaps",
+        "views",
+        "birdviews",
+        "altered",
+        "localize",
+        "evaluate",
+        "paths",
+        "poses",
+    ),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", STAGES)
-def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(built, tmp_path, monkeypatch, way):
+def test_processes_and_a_scheduler_with_two_workers_give_the_bytes_of_threads(
+    built, tmp_path, monkeypatch, way
+):
     monkeypatch.setenv("YEARLOC_COMPUTE", way)
-    recorded, workers = DvcLock.read(built.folder / "dvc.lock").stages, 2 if way == "cluster" else 0
-    with LocalCluster(workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+    recorded = DvcLock.read(built.folder / "dvc.lock").stages
+    workers = 2 if way == "cluster" else 0
+    with LocalCluster(
+        workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
         monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
         for stage in STAGES[way]:
             entry = next(entry for name, entry in recorded.items() if name.startswith(f"{stage}@"))
@@ -112,7 +158,8 @@ def test_a_second_run_runs_nothing(built):
 
 
 def test_after_a_clock_was_set_back_or_forth_nothing_is_built_anew(built):
-    """Outputs and sources of years to come, and of long ago: what is there is told by its content."""
+    """Outputs and sources of years to come, and of long ago: what is there is told by its
+    content."""
     for number, folder in enumerate(("artifacts", "conf", "pipeline", "stages", "dag")):
         for path in (built.folder / folder).rglob("*"):
             os.utime(path, (year_s := (4e9, 1e9)[(number + len(path.name)) % 2], year_s))
@@ -129,12 +176,22 @@ EDITS = {
         ("conf/world/campus_tiny.yaml", "seed: 0", "seed: 1", {"logs"}),
         ("conf/tolerance/15m.yaml", "seen_m: 5.0", "seen_m: 6.0", {"evaluate"}),
         ("conf/results.yaml", "level: 0.95", "level: 0.9", {"results"}),
-        ("pipeline/report/templates/words.yaml", "recorded: Recorded data", "recorded: Recorded numbers", {"report"}),
+        (
+            "pipeline/report/templates/words.yaml",
+            "recorded: Recorded data",
+            "recorded: Recorded numbers",
+            {"report"},
+        ),
     ],
     "views, and how a figure looks": [
         ("conf/view/scan_context.yaml", "rings: 16", "rings: 20", {"views", "altered", "poses"}),
         ("conf/view/birdview_campus.yaml", "depth: 7", "depth: 6", {"birdviews", "altered"}),
-        ("pipeline/report/figures/style.py", "simulated, not recorded", "simulated, never recorded", {"report"}),
+        (
+            "pipeline/report/figures/style.py",
+            "simulated, not recorded",
+            "simulated, never recorded",
+            {"report"},
+        ),
     ],
     "a world, poses, turned queries": [
         ("conf/world/town_tiny.yaml", "seed: 1", "seed: 2", {"logs", "events"}),
@@ -148,14 +205,17 @@ EDITS = {
         ("conf/tracking/local.yaml", "5000", "5001", set()),
     ],
 }
-"""Edits that are made together, since DVC takes seconds to look at the chain: the stages of each."""
+"""Edits that are made together, since DVC takes seconds to look at the chain: the stages of
+each."""
 
 
 @pytest.mark.parametrize("edits", EDITS.values(), ids=EDITS)
 def test_edits_touch_exactly_their_stages(built, edits):
     before = {path: built.edit(path, old, new) for path, old, new, _ in edits}
     try:
-        assert {stage.partition("@")[0] for stage in built.outdated()} == set().union(*(stages for *_, stages in edits))
+        assert {stage.partition("@")[0] for stage in built.outdated()} == set().union(
+            *(stages for *_, stages in edits)
+        )
     finally:
         for path, text in before.items():
             (built.folder / path).write_text(text)
@@ -163,16 +223,27 @@ def test_edits_touch_exactly_their_stages(built, edits):
 
 def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built):
     table = results.read(built.folder / "artifacts", {"campus": {}})
-    own = table[(table["method"] == "scan_context") & (table["case"] == "") & (table["protocol"] == "distance")]
+    own = table[
+        (table["method"] == "scan_context")
+        & (table["case"] == "")
+        & (table["protocol"] == "distance")
+    ]
     values = own.set_index(["variant", "number", "sequence"])["value"].sort_index()
     assert set(own["variant"]) == {"", "pose", "pose-filter", "pose-graph_all"}
-    assert (values["pose", "recall_at_1"] > values["", "recall_at_1"]).all()  # tiny training; walls find the places
+    assert (
+        values["pose", "recall_at_1"] > values["", "recall_at_1"]
+    ).all()  # tiny training; walls find the places
     assert (values["pose", "within_2m_5deg"] > 0.6).all()
     assert "within_2m_5deg" not in values[""].index
-    # Held-out queries are too few for a verdict here; odometry carries what was found to queries that find nothing.
+    # Held-out queries are too few for a verdict here; odometry carries what was found to queries
+    # that find nothing.
     for path in ("filter", "graph_all"):
         assert (values[f"pose-{path}", "within_2m_5deg"] >= values["pose", "within_2m_5deg"]).all()
-    altered = table[(table["variant"] == "pose") & (table["number"] == "within_2m_5deg") & (table["protocol"] == "distance")]
+    altered = table[
+        (table["variant"] == "pose")
+        & (table["number"] == "within_2m_5deg")
+        & (table["protocol"] == "distance")
+    ]
     found = altered[altered["change"] != ""].set_index("change")["value"]
     assert set(found.index) == {"turned", "demolition", "construction"}
     assert found["turned"] > 0.6  # its truth is turned with it
@@ -182,10 +253,23 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
 def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
     for model, day in (("scan_context", "2012-06-15"), ("scan_context-pose-filter", "2012-10-28")):
         out = built.run(
-            "yearloc", "failures", f"campus/10m/{model}", day, "-o", str(tmp_path), "--worst", "2", "--promise", "none"
+            "yearloc",
+            "failures",
+            f"campus/10m/{model}",
+            day,
+            "-o",
+            str(tmp_path),
+            "--worst",
+            "2",
+            "--promise",
+            "none",
         )
         assert f"{tmp_path}: " in out
-        poses = "paths/campus/10m/scan_context-pose-filter" if "filter" in model else "poses/campus/10m/scan_context"
+        poses = (
+            "paths/campus/10m/scan_context-pose-filter"
+            if "filter" in model
+            else "poses/campus/10m/scan_context"
+        )
         artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.FIXES)
         driven = len(artifact.load("novelty")) // len(artifact.attrs["cases"])
         known = np.isfinite(artifact.load("world_T_query")[:driven]).all((1, 2)).sum()

@@ -17,7 +17,12 @@ from tests.report.test_brief import results as brief_results
 from tests.running.test_texts import BROKEN, broken
 
 ROOT = Path(__file__).parents[1]
-SAD = {"name": "sad", "view": "birdview_campus", "code": "pipeline/methods/sad.py", "stage": "birdviews"}
+SAD = {
+    "name": "sad",
+    "view": "birdview_campus",
+    "code": "pipeline/methods/sad.py",
+    "stage": "birdviews",
+}
 
 
 @pytest.fixture
@@ -69,7 +74,14 @@ def test_use_campus_writes_the_list_of_each_world(project):
 def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, capsys):
     (project / "pipeline/cli").mkdir(parents=True)
     line = f"the code of {ROOT} would run, not this folder's: `rm -r .venv && make install`"
-    for words in ("use campus", "results", "repro", "repair", "localize a.site scan.npy", "inspect scan.npy"):
+    for words in (
+        "use campus",
+        "results",
+        "repro",
+        "repair",
+        "localize a.site scan.npy",
+        "inspect scan.npy",
+    ):
         assert line in refused(capsys, *words.split())
     (project / "pipeline/cli").rmdir()
     (project / "pipeline/cli").symlink_to(ROOT / "pipeline/cli")
@@ -78,7 +90,10 @@ def test_a_copied_project_whose_venv_runs_the_code_of_another_says_so(project, c
 
 def test_a_copy_of_the_code_among_the_packages_is_not_another_project(project, monkeypatch):
     (project / "pipeline/cli").mkdir(parents=True)
-    monkeypatch.setattr("pipeline.cli.project.__file__", str(project / ".venv/site-packages/pipeline/cli/project.py"))
+    monkeypatch.setattr(
+        "pipeline.cli.project.__file__",
+        str(project / ".venv/site-packages/pipeline/cli/project.py"),
+    )
     main(["use", "campus"])  # after `pip install '.[onnx]'`
 
 
@@ -91,11 +106,17 @@ def test_keep_leaves_an_added_sequence_but_not_another_world(project):
 
 
 def test_a_study_written_by_hand_may_leave_out_what_follows(project):
-    """The question, and a method's view, code and stage; the lists then have what they would have with all told."""
+    """The question, and a method's view, code and stage; the lists then have what they would have
+    with all told."""
     main(["use", "campus", "world=tiny", "methods=sci,sad"])
-    told, spelled_out = lists(project), studies(project)
+    told = lists(project)
+    spelled_out = studies(project)
     by_hand(project, "    question: year\n", "")
-    by_hand(project, "    - name: sci\n      view: scan_context\n      code: pipeline/methods/sci.py\n", "    - sci\n")
+    by_hand(
+        project,
+        "    - name: sci\n      view: scan_context\n      code: pipeline/methods/sci.py\n",
+        "    - sci\n",
+    )
     by_hand(project, "      code: pipeline/methods/sad.py\n      stage: birdviews\n", "")
     main(["use"])
     assert (lists(project), studies(project)) == (told, spelled_out)
@@ -107,10 +128,13 @@ def test_a_study_written_by_hand_may_leave_out_what_follows(project):
 @pytest.mark.parametrize("key", ["world", "train", "tests", "grids", "methods", "budget"])
 def test_what_a_study_lacks_is_one_line(project, capsys, key):
     main(["use", "campus"])
-    path, own = project / "conf/studies.yaml", studies(project)
+    path = project / "conf/studies.yaml"
+    own = studies(project)
     del own["campus"][key]
     path.write_text(yaml.safe_dump({"studies": own}))
-    assert f"campus has no {key}; `yearloc use campus` writes the study anew" in refused(capsys, "use")
+    assert f"campus has no {key}; `yearloc use campus` writes the study anew" in refused(
+        capsys, "use"
+    )
 
 
 def test_studies_stand_side_by_side(project, capsys):
@@ -135,7 +159,10 @@ def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys
     (root / "2012-03-17/velodyne_sync").mkdir(parents=True)
     main(["use", "nclt", f"root={root}"])
     said = capsys.readouterr().out
-    assert (study(project)["tests"], study(project)["root"]) == (["2012-02-04", "2012-08-20"], str(root))
+    assert (study(project)["tests"], study(project)["root"]) == (
+        ["2012-02-04", "2012-08-20"],
+        str(root),
+    )
     assert "2012-03-17: lacks groundtruth_2012-03-17.csv" in said
     assert "2013-04-05: not below" in said
 
@@ -144,7 +171,11 @@ def kitti(root: Path, *logs: str) -> None:
     (root / "poses").mkdir(parents=True)
     for log in logs:
         (root / f"sequences/{log}/velodyne").mkdir(parents=True)
-        for path in (f"sequences/{log}/calib.txt", f"sequences/{log}/times.txt", f"poses/{log}.txt"):
+        for path in (
+            f"sequences/{log}/calib.txt",
+            f"sequences/{log}/times.txt",
+            f"poses/{log}.txt",
+        ):
             (root / path).touch()
 
 
@@ -157,27 +188,66 @@ def test_use_kitti_splits_one_log(project):
 def test_use_splits_one_log_as_asked(project, capsys):
     carmen_log(project / "logs", name="drive.log")
     main(["use", "carmen", f"root={project / 'logs'}"])
-    assert (study(project)["train"], study(project)["tests"]) == ("drive+path1of2+30s", ["drive+path2of2+30s"])
+    assert (study(project)["train"], study(project)["tests"]) == (
+        "drive+path1of2+30s",
+        ["drive+path2of2+30s"],
+    )
     main(["use", "carmen", f"root={project / 'logs'}", "parts=visits:60"])
-    assert (study(project)["train"], study(project)["tests"]) == ("drive+first+60s", ["drive+later+60s"])
-    main(["use", "carmen", f"root={project / 'logs'}", "train=drive+path1of4", "tests=drive+path3of4,drive+path4of4"])
-    assert (study(project)["train"], study(project)["tests"]) == ("drive+path1of4", ["drive+path3of4", "drive+path4of4"])
-    refusals = {"parts=halved": "expected path:2, time:3", "train=drive+path1of4 tests=drive": "holds what the training sequence"}
+    assert (study(project)["train"], study(project)["tests"]) == (
+        "drive+first+60s",
+        ["drive+later+60s"],
+    )
+    main(
+        [
+            "use",
+            "carmen",
+            f"root={project / 'logs'}",
+            "train=drive+path1of4",
+            "tests=drive+path3of4,drive+path4of4",
+        ]
+    )
+    assert (study(project)["train"], study(project)["tests"]) == (
+        "drive+path1of4",
+        ["drive+path3of4", "drive+path4of4"],
+    )
+    refusals = {
+        "parts=halved": "expected path:2, time:3",
+        "train=drive+path1of4 tests=drive": "holds what the training sequence",
+    }
     for words, part in refusals.items():
         assert part in refused(capsys, "use", "carmen", f"root={project / 'logs'}", *words.split())
 
 
 def test_use_at_another_scale_takes_smaller_cells_ranges_and_errors(project, capsys):
     carmen_log(project / "logs", name="drive.log")
-    main(["use", "carmen", f"root={project / 'logs'}", "scale=indoor", "methods=sci,m2dp", "parts=visits:60"])
+    main(
+        [
+            "use",
+            "carmen",
+            f"root={project / 'logs'}",
+            "scale=indoor",
+            "methods=sci,m2dp",
+            "parts=visits:60",
+        ]
+    )
     own = {"submap": "flat_10m", "grids": ["2m"], "tolerance": "2m"}
     assert {name: study(project)[name] for name in own} == own
     sci, m2dp = study(project)["methods"]
-    assert (sci["view"], sci["settings"]["h_max_m"], sci["settings"]["neighbour_m"]) == ("scan_context_20m", 4.0, 5.0)
-    assert m2dp["settings"] == {"held_out_every_m": 10.0, "held_out_length_m": 1.0, "neighbour_m": 5.0}  # it has no colours
+    assert (sci["view"], sci["settings"]["h_max_m"], sci["settings"]["neighbour_m"]) == (
+        "scan_context_20m",
+        4.0,
+        5.0,
+    )
+    assert m2dp["settings"] == {
+        "held_out_every_m": 10.0,
+        "held_out_length_m": 1.0,
+        "neighbour_m": 5.0,
+    }  # it has no colours
     assert "method.h_max_m=4.0" in lists(project)["models"]["carmen-2m-sci"]["recipe"]
     assert lists(project)["evaluations"]["carmen-2m-sci"]["tolerance"] == "2m"
-    assert "scale=city: expected one of indoor" in refused(capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city")
+    assert "scale=city: expected one of indoor" in refused(
+        capsys, "use", "carmen", f"root={project / 'logs'}", "scale=city"
+    )
 
 
 def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
@@ -187,7 +257,9 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
     with (project / ".dvc/tmp/lock").open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         for words in ("use town", "use campus world=tiny budget=demo", "repair"):
-            assert "`dvc` works in this folder, and nothing was changed" in refused(capsys, *words.split())
+            assert "`dvc` works in this folder, and nothing was changed" in refused(
+                capsys, *words.split()
+            )
         main(["use"])  # `make dashboard` asks so for their names
         main(["use", "campus", "world=tiny"])
     assert studies(project) == before
@@ -200,7 +272,10 @@ def test_poses_of_level_sweeps_are_refused(project, capsys):
     use = ("use", "carmen", f"root={project / 'logs'}")
     for scale, submap in ((), "flat_20m"), (("scale=indoor",), "flat_10m"):
         line = refused(capsys, *use, *scale, "poses=sci_ring")
-        assert f"carmen: poses=sci_ring: level sweeps (submap {submap}) have no heights to register; leave poses out" in line
+        assert (
+            f"carmen: poses=sci_ring: level sweeps (submap {submap}) have no heights to register; "
+            "leave poses out" in line
+        )
     main([*use, "poses="])
     by_hand(project, "    budget: full\n", "    budget: full\n    poses:\n    - sci\n")
     assert "carmen: poses=sci: level sweeps" in refused(capsys, "use")
@@ -212,11 +287,20 @@ def test_an_option_that_nothing_would_read_is_refused(project, capsys):
     recorded = f"root={project / 'data'}"
     split = f"root={project / 'logs'}"
     for words, part in (
-        (("suburb", "question=viewpoints", "poses=sad"), "suburb question=viewpoints has no option poses"),
+        (
+            ("suburb", "question=viewpoints", "poses=sad"),
+            "suburb question=viewpoints has no option poses",
+        ),
         (("suburb", "question=viewpoints", "cells=5m"), "has no option cells"),
-        (("campus", "question=lifelong", "poses=sci"), "campus question=lifelong has no option poses"),
+        (
+            ("campus", "question=lifelong", "poses=sci"),
+            "campus question=lifelong has no option poses",
+        ),
         (("campus", "question=lifelong", "latency=yes"), "has no option latency"),
-        (("campus", "methods=m2dp,scan_context", "seeds=3"), "seeds=3: none of m2dp,scan_context draws at random"),
+        (
+            ("campus", "methods=m2dp,scan_context", "seeds=3"),
+            "seeds=3: none of m2dp,scan_context draws at random",
+        ),
         (("nclt", recorded, "log=2012-01-15"), "log=2012-01-15: nclt splits no log"),
         (
             ("carmen", split, "parts=time:2", "train=drive+path1of4", "tests=drive+path3of4"),
@@ -265,11 +349,15 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ),
         ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 2m, 5m"),
         ("use campus variants=4way", "variants=4way: expected some of engaged"),
-        ("use suburb question=viewpoints variants=4way", "variants=4way: this question and these methods have none"),
+        (
+            "use suburb question=viewpoints variants=4way",
+            "variants=4way: this question and these methods have none",
+        ),
         ("use campus altered=rain", "altered=rain: expected some of glance"),
         (
             "use campus question=robustness variants=5way",
-            "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, engaged",
+            "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
+            "engaged",
         ),
         ("use moon", "expected one of bag, campus"),
         ("use nclt", "root=FOLDER"),
@@ -280,7 +368,10 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use root=/data", "of which data set?"),
         ("use campus tests=2011-01-01", "conf/world/campus_demo.yaml drives 2012-01-15"),
         ("use campus world=a\x1b[31mb\x07c", "world=a?[31mb?c: expected one of tiny"),
-        ("use campus budget=rich", "budget=rich: expected one of demo, evening, full, minutes, night, tiny"),
+        (
+            "use campus budget=rich",
+            "budget=rich: expected one of demo, evening, full, minutes, night, tiny",
+        ),
         ("inspect nothing.bin", "nothing.bin"),
         ("results", "dvc repro"),
         ("fetch kitti", "expected one of carmen, nclt, nclt_keyframes"),
@@ -331,7 +422,15 @@ def test_a_broken_list_of_studies_is_written_anew(project, capsys):
     [
         (
             "studies",
-            ("use", "results", "results --full", "repro", "repair", "picture a/b/c -o a.gif", "pack a/b/c -o a"),
+            (
+                "use",
+                "results",
+                "results --full",
+                "repro",
+                "repair",
+                "picture a/b/c -o a.gif",
+                "pack a/b/c -o a",
+            ),
         ),
         ("lists", ("repro", "repair")),
         ("method/sci", ("methods", "use campus", "repair")),
@@ -343,7 +442,10 @@ def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, c
     path = project / f"conf/{file}.yaml"
     broken(path, how)
     for command in commands:
-        missing = how == "missing" and file not in ("studies", "lists")  # then it is none of those that there are
+        missing = how == "missing" and file not in (
+            "studies",
+            "lists",
+        )  # then it is none of those that there are
         if not missing:
             assert str(path.relative_to(project)) in refused(capsys, *command.split()), command
     if file in ("studies", "lists"):
@@ -353,20 +455,28 @@ def test_a_file_of_conf_that_cannot_be_read_is_one_line(project, capsys, file, c
 
 def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(project, capsys):
     nclt(project / "data", "2012-02-04", "2012-03-17")
-    assert "one of 2012-02-04, 2012-03-17" in refused(capsys, "use", "nclt", f"root={project / 'data'}")
+    assert "one of 2012-02-04, 2012-03-17" in refused(
+        capsys, "use", "nclt", f"root={project / 'data'}"
+    )
 
 
 def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys):
-    root, use = project / "own", ("use", "folder", f"root={project / 'own'}")
+    root = project / "own"
+    use = ("use", "folder", f"root={project / 'own'}")
     for day in ("mon", "tue"):
         (root / day / "scans").mkdir(parents=True)
         (root / day / "scans/1.0.npy").touch()
     assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
     (root / "mon/poses.txt").touch()
-    assert "one more is needed, or parts=path:2 splits it; tue: lacks poses.txt" in refused(capsys, *use, "train=mon")
+    assert "one more is needed, or parts=path:2 splits it; tue: lacks poses.txt" in refused(
+        capsys, *use, "train=mon"
+    )
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")
-    for tests in ([], ["tests=tue"]):  # what is trained on is no advice for a test, and two are no log to split
+    for tests in (
+        [],
+        ["tests=tue"],
+    ):  # what is trained on is no advice for a test, and two are no log to split
         assert refused(capsys, *use, "train=mon,tue", *tests).endswith(": one more is needed")
     (root / "tue").rename(root / "tue 2")
     assert "rename it" in refused(capsys, *use)
@@ -412,17 +522,24 @@ RESULTS = [
 def test_results_are_printed_for_other_programs(project, capsys):
     (project / "artifacts/results/campus").mkdir(parents=True)
     main(["use", "campus"])
-    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv("artifacts/results/campus/results.csv", index=False)
+    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv(
+        "artifacts/results/campus/results.csv", index=False
+    )
     capsys.readouterr()
     main(["results", "--csv", "--where", "method=sci,sad", "protocol=cells"])
     header, line = capsys.readouterr().out.splitlines()
-    assert (header, line) == (",".join(COLUMNS), "campus,campus,False,10m,sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75")
+    assert (header, line) == (
+        ",".join(COLUMNS),
+        "campus,campus,False,10m,sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75",
+    )
     main(["results", "--json"])
     first, second = json.loads(capsys.readouterr().out)
     assert (first["value"], second["low"], second["case"]) == (0.5, None, "")
     main(["results", "--where", "method=m2dp"])
     assert "0.125" in capsys.readouterr().out
-    assert "expected one of the columns study, dataset" in refused(capsys, "results", "--where", "speed=1")
+    assert "expected one of the columns study, dataset" in refused(
+        capsys, "results", "--where", "speed=1"
+    )
 
 
 @pytest.fixture
@@ -433,12 +550,16 @@ def pages(project: Path) -> Path:
     brief_results("campus").to_csv("artifacts/results/campus/results.csv", index=False)
     (project / "docs").mkdir()
     for name in PAGES:
-        Path(name).write_text("<!-- results: campus demo brief -->\nold\n<!-- end of results -->\n" * (name == "README.md"))
+        Path(name).write_text(
+            "<!-- results: campus demo brief -->\nold\n<!-- end of results -->\n"
+            * (name == "README.md")
+        )
     return project / "README.md"
 
 
 def test_a_page_is_filled_whole_or_not_at_all(pages, monkeypatch):
-    before, whole = pages.read_text(), Path.write_text
+    before = pages.read_text()
+    whole = Path.write_text
 
     def killed(path, text, **how):
         whole(path, text[: len(text) // 2], **how)
@@ -455,11 +576,15 @@ def test_a_page_is_filled_whole_or_not_at_all(pages, monkeypatch):
 
 
 def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, capsys):
-    pages.write_text("<!-- results: campus demo picture sci_ring-pose -->\nold\n<!-- end of results -->\n")
+    pages.write_text(
+        "<!-- results: campus demo picture sci_ring-pose -->\nold\n<!-- end of results -->\n"
+    )
     main(["results", "--write"])
     assert "README.md: campus demo picture sci_ring-pose: left as it is" in capsys.readouterr().out
     pages.write_text(pages.read_text() + pages.read_text().replace("sci_ring-pose", "sci"))
-    assert "2 different pictures are wanted, and docs/year.gif holds one" in refused(capsys, "results", "--write")
+    assert "2 different pictures are wanted, and docs/year.gif holds one" in refused(
+        capsys, "results", "--write"
+    )
 
 
 def test_help_names_the_commands(capsys):

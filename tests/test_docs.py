@@ -1,4 +1,5 @@
-"""What the code and the pages refer to is there: sections of METHODS, targets of links, commands, modules and files of conf/."""
+"""What the code and the pages refer to is there: sections of METHODS, targets of links, commands,
+modules and files of conf/."""
 
 import importlib.util
 import re
@@ -20,12 +21,18 @@ from pipeline.studies.names import propose
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("pipeline", "stages", "conf", "benchmarks", "docs", "tests")
-CITING = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*")) if path.suffix in {".py", ".yaml", ".md"}]
+CITING = [
+    path
+    for folder in FOLDERS
+    for path in sorted((ROOT / folder).rglob("*"))
+    if path.suffix in {".py", ".yaml", ".md"}
+]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*sorted(ROOT.glob("*.md")), *DOCS]
 NUMBER = r"\d+(?:\.\d+)?"
 CITATION = re.compile(rf"METHODS(?:\.md)?\s+({NUMBER}(?:(?:,| and| to)\s+{NUMBER})*)")
-FENCED, CODE = re.compile(r"```.*?```", re.DOTALL), re.compile(r"`[^`\n]*`")
+FENCED = re.compile(r"```.*?```", re.DOTALL)
+CODE = re.compile(r"`[^`\n]*`")
 BLOCK = re.compile(r"^[ ]*```\w*\n(.*?)^[ ]*```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 NAMED = re.compile(r"(?:\.github|benchmarks|conf|dag|docs|examples|pipeline|stages|tests)/[\w./-]*")
@@ -56,14 +63,22 @@ def split(lines: Iterable[str]) -> list[list[str]]:
     for line in lines:
         if re.match(r"\s*(yearloc|make|python) ", line):
             words = shlex.split(line, comments=True)
-            ends = [-1, *(row for row, word in enumerate(words) if word in ("&&", "||", "|")), len(words)]
+            ends = [
+                -1,
+                *(row for row, word in enumerate(words) if word in ("&&", "||", "|")),
+                len(words),
+            ]
             found += [words[start + 1 : end] for start, end in pairwise(ends)]
     return found
 
 
 def commands(page: Path) -> list[list[str]]:
     """What a page's blocks say to type."""
-    return split(line for block in BLOCK.findall(page.read_text()) for line in block.replace("\\\n", " ").splitlines())
+    return split(
+        line
+        for block in BLOCK.findall(page.read_text())
+        for line in block.replace("\\\n", " ").splitlines()
+    )
 
 
 def mentioned(page: Path) -> list[list[str]]:
@@ -73,12 +88,21 @@ def mentioned(page: Path) -> list[list[str]]:
 
 
 def check_use(words: list[str]) -> None:
-    """Raise ConfigError for a data set or an option that there is not; whether data lie at `root` is not asked."""
+    """Raise ConfigError for a data set or an option that there is not; whether data lie at `root`
+    is not asked."""
     options = dict(word.split("=", 1) for word in words if "=" in word)
     for name in (word for word in words if "=" not in word):
-        known = name if (ROOT / f"conf/dataset/{name}.yaml").is_file() else {"robot": "bag"}.get(name, name)
+        known = (
+            name
+            if (ROOT / f"conf/dataset/{name}.yaml").is_file()
+            else {"robot": "bag"}.get(name, name)
+        )
         try:
-            propose(ROOT / "conf", known, {key: value.replace("NAME", "m2dp") for key, value in options.items()})
+            propose(
+                ROOT / "conf",
+                known,
+                {key: value.replace("NAME", "m2dp") for key, value in options.items()},
+            )
         except ConfigError as error:
             if not re.match(r"root=|where is ", str(error)):
                 raise
@@ -107,13 +131,21 @@ def check(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_citations_are_read_as_people_write_them() -> None:
-    text = "(IROS 2018; METHODS 1.4). METHODS.md 5.4 and 5.5. Nothing but METHODS 7.2, 2.9: METHODS 6, step 4; METHODS\n4.2"
+    text = (
+        "(IROS 2018; METHODS 1.4). METHODS.md 5.4 and 5.5. Nothing but METHODS 7.2, 2.9: METHODS "
+        "6, step 4; METHODS\n4.2"
+    )
     assert cited(text) == ["1.4", "5.4", "5.5", "7.2", "2.9", "6", "4.2"]
 
 
 def test_every_section_that_is_cited_exists() -> None:
     known = sections((ROOT / "docs/METHODS.md").read_text())
-    assert not [(path, number) for path in CITING for number in cited(path.read_text()) if number not in known]
+    assert not [
+        (path, number)
+        for path in CITING
+        for number in cited(path.read_text())
+        if number not in known
+    ]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -135,9 +167,16 @@ def test_the_table_of_contents_has_every_page_and_no_other() -> None:
 
 def test_commands_are_found_in_blocks_and_sentences(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    blocks = "```\nyearloc use a b=c \\\n  --add && dvc repro  # no more\nls\n```\n  ```\n  python -m a\n  ```\n"
+    blocks = (
+        "```\nyearloc use a b=c \\\n  --add && dvc repro  # no more\nls\n```\n  ```\n  python -m "
+        "a\n  ```\n"
+    )
     page.write_text(f"Say `make demo` or `make TARGET`.\n{blocks}")
-    assert commands(page) == [["yearloc", "use", "a", "b=c", "--add"], ["dvc", "repro"], ["python", "-m", "a"]]
+    assert commands(page) == [
+        ["yearloc", "use", "a", "b=c", "--add"],
+        ["dvc", "repro"],
+        ["python", "-m", "a"],
+    ]
     assert mentioned(page) == [["make", "demo"]]
 
 
@@ -176,16 +215,30 @@ def test_commands_can_be_typed(page: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_files_that_are_named_exist(page: Path) -> None:
     codes = [code[1:-1] for code in CODE.findall(FENCED.sub("", page.read_text()))]
     named = [code for code in codes if NAMED.match(code) and not PLACEHOLDER.search(code)]
-    assert not [name for name in named if not any(ROOT.glob(re.split(r"[\s:]", name)[0].rstrip("/")))]
+    assert not [
+        name for name in named if not any(ROOT.glob(re.split(r"[\s:]", name)[0].rstrip("/")))
+    ]
 
 
 def test_the_pages_build_and_load_nothing_from_elsewhere(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="pip install '.[docs]'")
     pytest.importorskip("material", reason="pip install '.[docs]'")
     built = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "mkdocs",
+            "build",
+            "--strict",
+            "--quiet",
+            "--site-dir",
+            str(tmp_path),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert built.returncode == 0, built.stderr
     pages = sorted(tmp_path.rglob("*.html"))
     assert len(pages) > len(DOCS)

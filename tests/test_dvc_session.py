@@ -1,4 +1,5 @@
-"""DVC as its users know it: a fresh clone, a commit, a changed value, comparisons and experiments."""
+"""DVC as its users know it: a fresh clone, a commit, a changed value, comparisons and
+experiments."""
 
 import csv
 import io
@@ -32,7 +33,8 @@ def commit(clone: Clone, subject: str) -> None:
 
 
 def shown(clone: Clone, *command: str) -> dict[str, dict[str, dict[str, float]]]:
-    """What `dvc metrics diff` or `dvc params diff` prints: file to name to its old and new value."""
+    """What `dvc metrics diff` or `dvc params diff` prints: file to name to its old and new
+    value."""
     found: dict[str, dict[str, dict[str, float]]] = json.loads(clone.run("dvc", *command, "--json"))
     return found
 
@@ -47,14 +49,23 @@ def test_a_run_leaves_plain_lock_files_for_git_and_nothing_else(clone: Clone) ->
 
 def test_metrics_are_a_row_a_sequence_and_method_with_few_columns(clone: Clone) -> None:
     heads, _, row = clone.run("dvc", "metrics", "show", "--md").strip().splitlines()
-    assert {"Path", "answered", "auc_top1", "recall_at_1"} <= set(heads.split()) <= {"Path", *METRICS, "|"}
+    assert (
+        {"Path", "answered", "auc_top1", "recall_at_1"}
+        <= set(heads.split())
+        <= {"Path", *METRICS, "|"}
+    )
     assert "artifacts/metrics/campus/10m/scan_context/2012-06-15.json" in row
 
 
 def test_a_changed_value_shows_in_the_differences_to_the_last_commit(clone: Clone) -> None:
     commit(clone, "what was built")
     before = clone.edit("conf/tolerance/15m.yaml", "correct_m: 15.0", "correct_m: 5.0")
-    assert {stage.partition("@")[0] for stage in clone.repro()} == {"evaluate", "results", "report", "publish"}
+    assert {stage.partition("@")[0] for stage in clone.repro()} == {
+        "evaluate",
+        "results",
+        "report",
+        "publish",
+    }
     (metrics,) = shown(clone, "metrics", "diff").values()
     assert metrics["recall_at_1"]["new"] < metrics["recall_at_1"]["old"]
     assert shown(clone, "params", "diff")["conf/tolerance/15m.yaml"]["distance.correct_m"] == {
@@ -78,9 +89,19 @@ def test_experiments_run_here_and_in_the_queue_and_are_shown_with_numbers(clone:
     clone.run("dvc", "checkout")
     clone.run("dvc", "exp", "run", "--queue", "--name", "queued", "--set-param", f"{WITHIN}=3.0")
     clone.run("dvc", "exp", "run", "--run-all")
-    rows = {row["Experiment"] or row["rev"]: row for row in csv_rows(clone.run("dvc", "exp", "show", "--csv"))}
-    assert float(rows["queued"]["recall_at_1"]) <= float(rows["here"]["recall_at_1"]) < float(rows["main"]["recall_at_1"])
-    assert {name: rows[name]["distance.correct_m"] for name in ("queued", "here")} == {"queued": "3.0", "here": "4.0"}
+    rows = {
+        row["Experiment"] or row["rev"]: row
+        for row in csv_rows(clone.run("dvc", "exp", "show", "--csv"))
+    }
+    assert (
+        float(rows["queued"]["recall_at_1"])
+        <= float(rows["here"]["recall_at_1"])
+        < float(rows["main"]["recall_at_1"])
+    )
+    assert {name: rows[name]["distance.correct_m"] for name in ("queued", "here")} == {
+        "queued": "3.0",
+        "here": "4.0",
+    }
 
 
 def csv_rows(text: str) -> list[dict[str, str]]:

@@ -16,7 +16,8 @@ def poses(*rows: tuple[float, float, float, float]) -> np.ndarray:
 
 
 def test_a_heading_of_90_degrees_turns_forward_into_left() -> None:
-    # The body stands at (10, 20, 1) and looks along +y: 2 m ahead of it is (10, 22, 1), 1 m to its left (9, 20, 1).
+    # The body stands at (10, 20, 1) and looks along +y: 2 m ahead of it is (10, 22, 1), 1 m to its
+    # left (9, 20, 1).
     world_T_body = poses((10, 20, 1, 90))[0]
     points = transform(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
     np.testing.assert_allclose(points, [[10, 22, 1], [9, 20, 1]], atol=1e-6)
@@ -32,11 +33,14 @@ def test_the_last_turn_of_a_pose_is_the_heading() -> None:
 def test_roll_pitch_and_yaw_come_back_and_yaw_is_counter_clockwise_from_x() -> None:
     angles = np.array([[0.1, -0.2, 3.0], [-3.0, 1.2, -0.4]])
     np.testing.assert_allclose(rpy(pose(np.zeros((2, 3)), angles)), angles, atol=1e-12)
-    np.testing.assert_allclose(np.rad2deg(yaw(poses((0, 0, 0, 0), (0, 0, 0, 90), (0, 0, 0, -135)))), [0, 90, -135])
+    np.testing.assert_allclose(
+        np.rad2deg(yaw(poses((0, 0, 0, 0), (0, 0, 0, 90), (0, 0, 0, -135)))), [0, 90, -135]
+    )
 
 
 def test_north_east_down_becomes_z_up() -> None:
-    # 1 m north, 2 m east, 3 m down, looking east (heading 90° clockwise seen from above): z-up (1, −2, −3), looking along −y.
+    # 1 m north, 2 m east, 3 m down, looking east (heading 90° clockwise seen from above): z-up (1,
+    # −2, −3), looking along −y.
     z_up = flip_ned(poses((1, 2, 3, 90)))
     np.testing.assert_allclose(z_up[0, :3, 3], [1, -2, -3])
     assert np.rad2deg(yaw(z_up))[0] == pytest.approx(-90)
@@ -62,7 +66,9 @@ def test_slerp_turns_about_one_axis_at_constant_speed() -> None:
 
 @pytest.mark.parametrize("stamp", [-1_001, 3 * SECOND + 1_001, 10**18, -(10**18)])
 def test_there_is_no_pose_beyond_the_ends(stamp: int) -> None:
-    path = Trajectory(np.array([0, SECOND, 2 * SECOND, 3 * SECOND]), poses(*[(i, 0, 0, 0) for i in range(4)]), 1.0)
+    path = Trajectory(
+        np.array([0, SECOND, 2 * SECOND, 3 * SECOND]), poses(*[(i, 0, 0, 0) for i in range(4)]), 1.0
+    )
     found, known = path.at(np.array([stamp]))
     assert not known.any()
     assert np.isnan(found).all()
@@ -89,7 +95,11 @@ def test_gaps_are_never_bridged() -> None:
 
 
 def test_a_trajectory_without_rows_knows_nothing() -> None:
-    assert not Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)), 1.0).at(np.array([0, 1]))[1].any()
+    assert (
+        not Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4)), 1.0)
+        .at(np.array([0, 1]))[1]
+        .any()
+    )
 
 
 @pytest.mark.parametrize("stamps", [[0, 0], [1, 0], [0]])
@@ -99,6 +109,12 @@ def test_a_trajectory_needs_an_increasing_stamp_for_each_pose(stamps: list[int])
 
 
 def test_days_are_counted_on_the_calendar() -> None:
-    # 2012-01-08 23:59:59 to 2012-01-15 00:00:01 UTC is 6 days and 2 seconds, and a week on the calendar.
-    start, end = 1326067199 * SECOND, 1326585601 * SECOND
-    assert (days_between(start, end), days_between(end, start), days_between(start, start)) == (7, -7, 0)
+    # 2012-01-08 23:59:59 to 2012-01-15 00:00:01 UTC is 6 days and 2 seconds, and a week on the
+    # calendar.
+    start = 1326067199 * SECOND
+    end = 1326585601 * SECOND
+    assert (days_between(start, end), days_between(end, start), days_between(start, start)) == (
+        7,
+        -7,
+        0,
+    )

@@ -21,33 +21,49 @@ def test_cells_are_counted_to_the_nearest_whole_number_and_there_is_at_least_one
 
 
 def test_cells_run_along_y_first() -> None:
-    cells, centres = np.array([0, 1, 85, 4079]), np.array([(-345, -725), (-345, -715), (-335, -725), (125, 115)], float)
+    cells = np.array([0, 1, 85, 4079])
+    centres = np.array([(-345, -725), (-345, -715), (-335, -725), (125, 115)], float)
     np.testing.assert_allclose(NCLT.centre(cells), centres)
     assert NCLT.cell(centres).tolist() == cells.tolist()
 
 
 def test_positions_fall_into_the_authors_cells_and_those_outside_into_the_border() -> None:
     inside = {(0.1, 0.1): 3048, (0, 0): 2962, (-349, -729): 0, (-9999, 0.1): 73, (-338, -718): 86}
-    outside = {(1e6, 1e6): 4079, (-1e6, -1e6): 0, (1e6, -1e6): 47 * 85, (1e30, 1e30): 4079, (-1e30, 1e30): 84}
+    outside = {
+        (1e6, 1e6): 4079,
+        (-1e6, -1e6): 0,
+        (1e6, -1e6): 47 * 85,
+        (1e30, 1e30): 4079,
+        (-1e30, 1e30): 84,
+    }
     cells = inside | outside
     assert NCLT.cell(np.array([*cells], float)).tolist() == [*cells.values()]
 
 
-@pytest.mark.parametrize("grid", [NCLT, Grid(5.0, NCLT.x_m, NCLT.y_m), Grid(0.1, (0.0, 7.0), (-1.0, 1.0))])
+@pytest.mark.parametrize(
+    "grid", [NCLT, Grid(5.0, NCLT.x_m, NCLT.y_m), Grid(0.1, (0.0, 7.0), (-1.0, 1.0))]
+)
 def test_on_a_border_the_lower_cell_wins(grid: Grid) -> None:
     # The border of cells i and i + 1 is i + 1 sides from the low end; both axes at once.
     columns, rows = grid.shape
     x = grid.x_m[0] + np.arange(1, columns) * (grid.x_m[1] - grid.x_m[0]) / columns
     y = grid.y_m[0] + np.arange(1, rows) * (grid.y_m[1] - grid.y_m[0]) / rows
-    first_y, first_x = np.full_like(x, grid.y_m[0] + 1e-6), np.full_like(y, grid.x_m[0] + 1e-6)
-    if grid.cell_m < 1:  # sides that are no whole numbers: the border itself is only known to rounding
-        x, y = x - 1e-9, y - 1e-9
-    np.testing.assert_array_equal(grid.cell(np.column_stack([x, first_y])), np.arange(columns - 1) * rows)
+    first_y = np.full_like(x, grid.y_m[0] + 1e-6)
+    first_x = np.full_like(y, grid.x_m[0] + 1e-6)
+    if (
+        grid.cell_m < 1
+    ):  # sides that are no whole numbers: the border itself is only known to rounding
+        x = x - 1e-9
+        y = y - 1e-9
+    np.testing.assert_array_equal(
+        grid.cell(np.column_stack([x, first_y])), np.arange(columns - 1) * rows
+    )
     np.testing.assert_array_equal(grid.cell(np.column_stack([first_x, y])), np.arange(rows - 1))
 
 
 @given(
-    st.lists(st.tuples(st.floats(-400, 200), st.floats(-800, 200)), min_size=1, max_size=5), st.sampled_from([5.0, 10.0, 20.0])
+    st.lists(st.tuples(st.floats(-400, 200), st.floats(-800, 200)), min_size=1, max_size=5),
+    st.sampled_from([5.0, 10.0, 20.0]),
 )
 @settings(max_examples=50, deadline=None)
 def test_no_other_centre_is_nearer(positions: list[tuple[float, float]], cell_m: float) -> None:
@@ -65,7 +81,9 @@ def test_a_position_that_is_no_number_is_refused(bad: float) -> None:
         NCLT.cell(np.array([[0.0, 0.0], [0.0, bad]]))
 
 
-@pytest.mark.parametrize("wrong", [{"x_m": (1.0, 1.0)}, {"y_m": (1.0, 0.0)}, {"cell_m": 0.0}, {"cell_m": np.nan}])
+@pytest.mark.parametrize(
+    "wrong", [{"x_m": (1.0, 1.0)}, {"y_m": (1.0, 0.0)}, {"cell_m": 0.0}, {"cell_m": np.nan}]
+)
 def test_a_grid_without_extent_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         Grid(**{"cell_m": 10.0, "x_m": (0.0, 1.0), "y_m": (0.0, 1.0), **wrong})
@@ -74,13 +92,19 @@ def test_a_grid_without_extent_is_refused(wrong: dict[str, Any]) -> None:
 EIGHTHS = st.integers(-4_000, 4_000).map(lambda eighths: eighths / 8)  # metres, exact in binary
 
 
-# x = 10 m lies on the border of two 10 m cells, and belongs to the lower: the empty one must be below that.
+# x = 10 m lies on the border of two 10 m cells, and belongs to the lower: the empty one must be
+# below that.
 @example([(0.0, 0.0)], 10.0)
 @example([(10.0, 5.0), (20.0, 5.0)], 10.0)
 @example([(-20.0, 3.0), (-10.0, -7.0)], 10.0)
-@given(st.lists(st.tuples(EIGHTHS, EIGHTHS), min_size=1, max_size=8), st.sampled_from([1.0, 5.0, 10.0, 12.5]))
+@given(
+    st.lists(st.tuples(EIGHTHS, EIGHTHS), min_size=1, max_size=8),
+    st.sampled_from([1.0, 5.0, 10.0, 12.5]),
+)
 @settings(max_examples=50, deadline=None)
-def test_a_grid_around_positions_leaves_its_border_empty(positions: list[tuple[float, float]], cell_m: float) -> None:
+def test_a_grid_around_positions_leaves_its_border_empty(
+    positions: list[tuple[float, float]], cell_m: float
+) -> None:
     xy = np.array(positions)
     grid = around(xy, cell_m)
     columns, rows = grid.shape

@@ -27,8 +27,16 @@ print(pipeline.KERNELS)
 
 
 def run(folder: Path) -> str:
-    environment = {name: value for name, value in os.environ.items() if name != kernel_cache.GIVEN} | {"TMPDIR": str(folder)}
-    ended = subprocess.run([sys.executable, "-c", FIRST_KERNEL], env=environment, capture_output=True, text=True, check=False)
+    environment = {
+        name: value for name, value in os.environ.items() if name != kernel_cache.GIVEN
+    } | {"TMPDIR": str(folder)}
+    ended = subprocess.run(
+        [sys.executable, "-c", FIRST_KERNEL],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert not ended.stderr
     return ended.stdout.strip()
 
@@ -41,7 +49,9 @@ def test_without_a_home_kernels_are_kept_in_a_temporary_folder_of_this_user(tmp_
     assert run(tmp_path) == "nowhere"
 
 
-def test_a_cold_start_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cold_start_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     views = tmp_path / "source" / "views"
     views.mkdir(parents=True)
     (views / "kernels.py").write_text("")
@@ -58,7 +68,9 @@ def test_a_cold_start_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert not capsys.readouterr().err
 
 
-def test_a_folder_that_can_be_written_is_left_to_numba(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_folder_that_can_be_written_is_left_to_numba(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path))
     assert kernel_cache.settle() == ""
     assert os.environ[kernel_cache.GIVEN] == str(tmp_path)
@@ -72,7 +84,9 @@ def test_what_is_compiled_beforehand_is_all_that_a_first_scan_takes(tmp_path: Pa
 
     def run(*words: str) -> tuple[str, set[str]]:
         command = [sys.executable, "-m", "pipeline.cli", *words]
-        ended = subprocess.run(command, env=os.environ | kept, capture_output=True, text=True, check=True)
+        ended = subprocess.run(
+            command, env=os.environ | kept, capture_output=True, text=True, check=True
+        )
         return ended.stdout, {str(path) for path in (tmp_path / "kernels").rglob("*.nbc")}
 
     told, compiled = run("kernels")

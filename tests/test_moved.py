@@ -40,7 +40,10 @@ def test_a_moved_or_a_copied_project_says_what_to_do(project: Path) -> None:
         done = made(folder)
         assert done.returncode == 2
         line = done.stderr.strip()
-        assert f".venv was made in {project}, and this folder was moved or copied from there: `rm -r .venv`" in line
+        assert (
+            f".venv was made in {project}, and this folder was moved or copied from there: `rm -r "
+            ".venv`" in line
+        )
         assert len(line.splitlines()) == 1
         assert made(folder, "clean").returncode == 0
 

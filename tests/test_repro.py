@@ -14,7 +14,10 @@ import pytest
 from pipeline.cli import main
 from pipeline.cli.repro import Counting, count_instances
 
-STAGES = {"dvc.yaml": "report: {foreach: '${lists.report}'}", "dag/train/dvc.yaml": "train: {foreach: '${lists.models}'}"}
+STAGES = {
+    "dvc.yaml": "report: {foreach: '${lists.report}'}",
+    "dag/train/dvc.yaml": "train: {foreach: '${lists.models}'}",
+}
 DVC = """#!/bin/sh
 echo "Stage 'dag/train/dvc.yaml:train@a' didn't change, skipping"
 echo "Running stage 'dag/train/dvc.yaml:train@b':"
@@ -32,7 +35,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).write_text(f"stages:\n  {text}\n")
     (tmp_path / "conf/dataset").mkdir(parents=True)
     (tmp_path / "conf/studies.yaml").write_text("studies: {}\n")
-    (tmp_path / "conf/lists.yaml").write_text("lists:\n  models: {a: 1, b: 1}\n  report: {all: 1}\n")
+    (tmp_path / "conf/lists.yaml").write_text(
+        "lists:\n  models: {a: 1, b: 1}\n  report: {all: 1}\n"
+    )
     (tmp_path / "bin").mkdir()
     dvc = tmp_path / "bin/dvc"
     dvc.write_text(DVC)
@@ -42,7 +47,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_stages_are_counted_and_the_exit_code_is_dvcs(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_stages_are_counted_and_the_exit_code_is_dvcs(
+    project: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["repro"])
     assert ended.value.code == 3
@@ -54,7 +61,9 @@ def test_stages_are_counted_and_the_exit_code_is_dvcs(project: Path, capfd: pyte
 def test_asked_to_end_it_ends_the_stage_under_way(project: Path) -> None:
     """Else the stage writes on, and the next repro runs it a second time beside itself."""
     (project / "bin/dvc").write_text("#!/bin/sh\nsh -c 'echo $$ > stage; exec sleep 60'\n")
-    repro = subprocess.Popen([sys.executable, "-c", "from pipeline.cli import main; main(['repro'])"], cwd=project)
+    repro = subprocess.Popen(
+        [sys.executable, "-c", "from pipeline.cli import main; main(['repro'])"], cwd=project
+    )
     for _ in range(300):
         if (project / "stage").is_file() and (project / "stage").read_text():
             break
@@ -77,11 +86,19 @@ def test_without_dvc_it_says_what_to_do(
 def test_what_is_left_takes_as_long_as_the_stages_of_its_kind_took(project: Path) -> None:
     counting = Counting(count_instances(project) + Counter(train=2))  # four models now
     lines = [
-        counting.line(f"Running stage 'dag/train/dvc.yaml:train@{name}':\n", at) for name, at in (("a", 0), ("b", 60), ("c", 160))
+        counting.line(f"Running stage 'dag/train/dvc.yaml:train@{name}':\n", at)
+        for name, at in (("a", 0), ("b", 60), ("c", 160))
     ]
-    assert [line.partition(" Running")[0] for line in lines] == ["[1/5]", "[2/5, about 4 min left]", "[3/5, about 4 min left]"]
+    assert [line.partition(" Running")[0] for line in lines] == [
+        "[1/5]",
+        "[2/5, about 4 min left]",
+        "[3/5, about 4 min left]",
+    ]
     assert counting.line("any other line\n", 170) == "any other line\n"
 
 
 def test_without_lists_lines_are_left_as_they_are(tmp_path: Path) -> None:
-    assert Counting(count_instances(tmp_path)).line("Running stage 'a@b':\n", 0) == "Running stage 'a@b':\n"
+    assert (
+        Counting(count_instances(tmp_path)).line("Running stage 'a@b':\n", 0)
+        == "Running stage 'a@b':\n"
+    )

@@ -23,16 +23,36 @@ from pipeline.running.progress import Progress
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
 OURS = [*MODULES, *ROOT.glob("stages/**/*.py")]
-UNSAFE = ("import pickle", "allow_pickle=True", "torch.load", "yaml.unsafe", "yaml.full_load", "yaml.Loader", "yaml.FullLoader")
+UNSAFE = (
+    "import pickle",
+    "allow_pickle=True",
+    "torch.load",
+    "yaml.unsafe",
+    "yaml.full_load",
+    "yaml.Loader",
+    "yaml.FullLoader",
+)
 METHODS = sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
 
 
 @pytest.mark.parametrize(
-    "module", ["pipeline", "pipeline.cli", "pipeline.store", "pipeline.readers.nclt", "pipeline.views.scan_context"]
+    "module",
+    [
+        "pipeline",
+        "pipeline.cli",
+        "pipeline.store",
+        "pipeline.readers.nclt",
+        "pipeline.views.scan_context",
+    ],
 )
 def test_importing_the_library_is_light(module):
-    code = f"import sys, {module}; print(sorted({{'torch', 'mlflow', 'dask', 'matplotlib'}} & set(sys.modules)))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    code = (
+        f"import sys, {module}; print(sorted({{'torch', 'mlflow', 'dask', 'matplotlib'}} & "
+        "set(sys.modules)))"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert out.stdout.strip() == "[]"
 
 
@@ -43,7 +63,9 @@ def graph() -> grimp.ImportGraph:
 
 def test_no_modules_import_each_other_in_a_circle(graph):
     """Whoever imports nothing that is left goes first; modules of a circle are never free to go."""
-    waiting = {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+    waiting = {
+        module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules
+    }
     while free := {module for module, imported in waiting.items() if not imported & waiting.keys()}:
         waiting = {module: imported for module, imported in waiting.items() if module not in free}
     assert not waiting
@@ -56,16 +78,26 @@ def test_only_the_stage_and_the_command_line_import_the_report(graph):
 
 
 def test_every_package_has_its_layer():
-    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
+    layers = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ][0]["layers"]
     listed = {name.split(".")[1] for layer in layers for name in layer.split(" | ") if "." in name}
-    there = {path.stem for path in (ROOT / "pipeline").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    there = {
+        path.stem
+        for path in (ROOT / "pipeline").iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").is_file()
+    }
     assert listed == there - {"__init__"}
 
 
 def test_the_library_neither_prints_nor_exits():
     """But for the command line."""
     for path in (path for path in MODULES if path.parent.name != "cli"):
-        calls = {ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)}
+        calls = {
+            ast.unparse(node.func)
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Call)
+        }
         assert not {"print", "exit", "quit", "sys.exit", "os._exit"} & calls, path
 
 
@@ -75,14 +107,23 @@ def test_nothing_is_pickled_and_torch_loads_nothing_unsafe():
 
 
 def test_text_is_read_and_written_with_its_encoding():
-    """Never as the locale says. Of `open` ruff's PLW1514 sees the same; of paths in variables it does not."""
+    """Never as the locale says.
+
+    Of `open` ruff's PLW1514 sees the same; of paths in variables it does not.
+    """
     found = []
     for path in (*OURS, *ROOT.glob("benchmarks/**/*.py")):
-        for call in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)):
+        for call in (
+            node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+        ):
             given = {word.arg: ast.unparse(word.value) for word in call.keywords}
             name = call.func.attr if isinstance(call.func, ast.Attribute) else ""
             mode = ast.unparse(call.args[0]) if name == "open" and call.args else ""
-            text = name in ("read_text", "write_text") or given.get("text") == "True" or mode in ("'r'", "'w'", "'a'")
+            text = (
+                name in ("read_text", "write_text")
+                or given.get("text") == "True"
+                or mode in ("'r'", "'w'", "'a'")
+            )
             found += [f"{path}:{call.lineno}"] if text and "encoding" not in given else []
     assert not found
 
@@ -92,26 +133,53 @@ def test_a_stage_has_a_conf_of_its_name(path):
     assert (ROOT / "conf" / f"{path.stem}.yaml").is_file()
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("conf/dataset/*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted(ROOT.glob("conf/dataset/*.yaml")), ids=lambda path: path.stem
+)
 def test_a_data_set_is_one_yaml_that_its_reader_takes(path):
     conf = yaml.safe_load(path.read_text())
     reader = dict(conf["reader"])
     assert hasattr(locate(reader.pop("_target_"))(**reader), "sequences")
     study = conf["study"]
-    optional = {"parts", "poses", "views", "altered", "variants", "viewpoints", "robustness", "lifelong"}
-    needed = {"train", "tests", "submap", "grids", "methods", *([] if conf["simulated"] else ["expected"])}
+    optional = {
+        "parts",
+        "poses",
+        "views",
+        "altered",
+        "variants",
+        "viewpoints",
+        "robustness",
+        "lifelong",
+    }
+    needed = {
+        "train",
+        "tests",
+        "submap",
+        "grids",
+        "methods",
+        *([] if conf["simulated"] else ["expected"]),
+    }
     assert study.keys() - optional == needed
     assert (ROOT / f"conf/submap/{study['submap']}.yaml").is_file()
     for preset in study["tests"] if conf["simulated"] else ():
-        driven = yaml.safe_load((ROOT / f"conf/world/{path.stem}_{preset}.yaml").read_text())["sequences"]
+        driven = yaml.safe_load((ROOT / f"conf/world/{path.stem}_{preset}.yaml").read_text())[
+            "sequences"
+        ]
         stress = study.get("robustness", {}).get("stress", {}).get(preset, {})
-        further = [study.get("lifelong", {}).get(part, {}).get(preset, ()) for part in ("tests", "learned", "updates")]
+        further = [
+            study.get("lifelong", {}).get(part, {}).get(preset, ())
+            for part in ("tests", "learned", "updates")
+        ]
         asked = (study["train"], *study["tests"][preset], *stress, *itertools.chain(*further))
         assert {name.partition("-a")[0].partition("-b")[0] for name in asked} <= driven.keys()
 
 
 def own_class(module: ModuleType) -> type:
-    classes = [value for value in vars(module).values() if is_dataclass(value) and value.__module__ == module.__name__]
+    classes = [
+        value
+        for value in vars(module).values()
+        if is_dataclass(value) and value.__module__ == module.__name__
+    ]
     assert len(classes) == 1, f"{module.__name__}: one file, one method"
     return classes[0]
 
@@ -130,8 +198,14 @@ def test_a_method_is_one_file_and_one_yaml_with_its_fields(name):
 
 def poles(rng: np.random.Generator) -> np.ndarray:
     """A scene of forty poles of 2 to 12 m, a point every 0.2 m."""
-    xy_m, heights_m = rng.uniform(-22, 22, (40, 2)), rng.uniform(2, 12, 40)
-    return np.concatenate([[(*xy, z) for z in np.arange(0.1, top, 0.2)] for xy, top in zip(xy_m, heights_m, strict=True)])
+    xy_m = rng.uniform(-22, 22, (40, 2))
+    heights_m = rng.uniform(2, 12, 40)
+    return np.concatenate(
+        [
+            [(*xy, z) for z in np.arange(0.1, top, 0.2)]
+            for xy, top in zip(xy_m, heights_m, strict=True)
+        ]
+    )
 
 
 PLACES = np.repeat(np.arange(6), 5)
@@ -141,7 +215,8 @@ SMALL = {"rings": 16, "sectors": 48}
 
 
 MORE_STEPS = {"sci": {"share": 0.06, "batch": 8}}
-"""Of what takes thirty views at once, and so few steps that it knows half of the places with one seed in ten."""
+"""Of what takes thirty views at once, and so few steps that it knows half of the places with one
+seed in ten."""
 
 
 def learned_and_asked(name: str, seed: int, **settings: object) -> tuple[Model, Ranking]:
@@ -157,7 +232,10 @@ def learned_and_asked(name: str, seed: int, **settings: object) -> tuple[Model, 
     rng = np.random.default_rng(1)
     scenes = [poles(rng) for _ in range(6)]
     learned, asked = (
-        np.stack([view(scenes[place] + rng.normal(0, 0.03, scenes[place].shape)) for place in PLACES]) for _ in range(2)
+        np.stack(
+            [view(scenes[place] + rng.normal(0, 0.03, scenes[place].shape)) for place in PLACES]
+        )
+        for _ in range(2)
     )
     world_T_anchor = np.tile(np.eye(4), (30, 1, 1))
     world_T_anchor[:, 0, 3] = 2.0 * np.arange(30)
@@ -169,7 +247,8 @@ def learned_and_asked(name: str, seed: int, **settings: object) -> tuple[Model, 
 @pytest.mark.learning
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_learns_and_localises(name, seed, clears):
-    """In float32, and long enough that any method knows the places whatever the processor's arithmetic."""
+    """In float32, and long enough that any method knows the places whatever the processor's
+    arithmetic."""
     model, ranking = learned_and_asked(name, seed, precision="f32", threads=1)
     assert all(isinstance(array, np.ndarray) for array in model.values())
     assert len(Evidence.of(model).right)
@@ -184,10 +263,17 @@ def test_every_method_learns_and_localises(name, seed, clears):
 
 
 @pytest.mark.learning
-@pytest.mark.parametrize("name", [name for name in METHODS if "precision" in (ROOT / f"conf/method/{name}.yaml").read_text()])
+@pytest.mark.parametrize(
+    "name",
+    [name for name in METHODS if "precision" in (ROOT / f"conf/method/{name}.yaml").read_text()],
+)
 def test_in_bfloat16_a_network_learns_finite_numbers_and_more_than_chance(name, seed, clears):
     """Processors differ in how they sum it, so it is asked for no more: chance is one in six."""
     model, ranking = learned_and_asked(name, seed, precision="bf16", threads=1)
-    assert all(np.isfinite(array).all() for key, array in model.items() if array.dtype.kind == "f" and key.startswith("net/"))
+    assert all(
+        np.isfinite(array).all()
+        for key, array in model.items()
+        if array.dtype.kind == "f" and key.startswith("net/")
+    )
     assert np.isfinite(ranking.costs).all()
     clears((ranking.places[:, 0] == PLACES).mean(), 1 / 3)

@@ -1,4 +1,5 @@
-"""A bit that turns in an artifact or a model is found: what is read is what was written, or nothing."""
+"""A bit that turns in an artifact or a model is found: what is read is what was written, or
+nothing."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,11 @@ from pipeline.errors import ArtifactError
 from tests.test_store import COLUMNS, THINGS, contents, put
 
 TRIES = 400
-MODEL = {"weight": np.linspace(-1, 1, 50, dtype=np.float32), "none": np.empty((0, 3)), "k": np.array(7)}
+MODEL = {
+    "weight": np.linspace(-1, 1, 50, dtype=np.float32),
+    "none": np.empty((0, 3)),
+    "k": np.array(7),
+}
 
 
 def turned(path: Path, rng: np.random.Generator) -> bytes:
@@ -27,7 +32,9 @@ def turned(path: Path, rng: np.random.Generator) -> bytes:
 
 def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
     put(path := tmp_path / "a.zarr")
-    files, rng, refused = sorted(one for one in path.rglob("*") if one.is_file()), np.random.default_rng(0), 0
+    files = sorted(one for one in path.rglob("*") if one.is_file())
+    rng = np.random.default_rng(0)
+    refused = 0
     for i in range(TRIES):
         file = files[i % len(files)]
         before = turned(file, rng)
@@ -46,7 +53,9 @@ def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
     put(path := tmp_path / "a.zarr", heights=np.zeros(2, np.float32))
     np.testing.assert_array_equal(store.read(path, THINGS).load("heights"), [0, 0])
     (path / "points/c.1.0").unlink()
-    with pytest.raises(ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"):
+    with pytest.raises(
+        ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"
+    ):
         store.read(path, THINGS).load("points")
 
 
@@ -56,8 +65,12 @@ def test_an_array_that_says_it_is_huge_is_not_read(tmp_path: Path) -> None:
     form.write_text(json.dumps(json.loads(form.read_text()) | {"shape": [10**12]}))
     with pytest.raises(ArtifactError, match="not as they were written"):
         store.read(path, THINGS)
-    zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.seal(path)  # by somebody who knows how
-    with pytest.raises(ArtifactError, match="249999999999 of 250000000000 files of heights are missing"):
+    zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.seal(
+        path
+    )  # by somebody who knows how
+    with pytest.raises(
+        ArtifactError, match="249999999999 of 250000000000 files of heights are missing"
+    ):
         store.read(path, THINGS).load("heights")
 
 
@@ -71,14 +84,18 @@ def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:
 
 def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
     store.write_model(path := tmp_path / "a.safetensors", MODEL, {"epochs": 3})
-    rng, refused = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    refused = 0
     for _ in range(TRIES):
         before = turned(path, rng)
         try:
             found = store.read_model(path)
             assert store.read_recipe(path) == {"epochs": "3"}
             assert found.keys() == MODEL.keys()
-            assert all(found[name].dtype == array.dtype and np.array_equal(found[name], array) for name, array in MODEL.items())
+            assert all(
+                found[name].dtype == array.dtype and np.array_equal(found[name], array)
+                for name, array in MODEL.items()
+            )
         except ArtifactError:
             refused += 1
         path.write_bytes(before)

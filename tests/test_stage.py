@@ -30,7 +30,9 @@ def main(cfg: DictConfig) -> str:
     return f"{cfg.out} drawn"
 
 
-def test_in_process_it_prints_no_line_and_leaves_its_trace_beside_its_artifact(capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_process_it_prints_no_line_and_leaves_its_trace_beside_its_artifact(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main.run(OmegaConf.create({"out": "artifacts/a", "fails": False})) == "artifacts/a drawn"
     assert capsys.readouterr() == ("", "")
     trace = Trace.read("artifacts/a")
@@ -49,11 +51,17 @@ def test_errors_stay_as_they_are_in_process(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("given", "found"), [({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")])
-def test_waiting_threads_sleep_unless_the_environment_says_otherwise(given: dict[str, str], found: str) -> None:
+@pytest.mark.parametrize(
+    ("given", "found"), [({}, "passive"), ({"OMP_WAIT_POLICY": "active"}, "active")]
+)
+def test_waiting_threads_sleep_unless_the_environment_says_otherwise(
+    given: dict[str, str], found: str
+) -> None:
     env = {key: value for key, value in os.environ.items() if key != "OMP_WAIT_POLICY"} | given
     code = "import sys, os, stages; print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], env=env, cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.split() == [found, "False"]
 
 
@@ -67,7 +75,9 @@ def test_waiting_threads_sleep_unless_the_environment_says_otherwise(given: dict
         (["budget.share=0.5"], 8, 32, 0.5),
     ],
 )
-def test_what_the_command_line_sets_wins_over_the_budget(overrides: list[str], width: int, batch: int, share: float) -> None:
+def test_what_the_command_line_sets_wins_over_the_budget(
+    overrides: list[str], width: int, batch: int, share: float
+) -> None:
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         words = ["method=pfl", "budget=demo", *overrides]
         cfg = within_budget(compose("train", words), words)
@@ -77,7 +87,8 @@ def test_what_the_command_line_sets_wins_over_the_budget(overrides: list[str], w
 
 @pytest.mark.parametrize(("width", "usual"), [(8, True), (64, False)])
 def test_a_sweep_over_a_field_that_the_budget_sets_is_what_it_says(width: int, usual: bool) -> None:
-    """In conf/method/pfl.yaml it is 64, and 8 in conf/budget/demo.yaml, which a study is trained with."""
+    """In conf/method/pfl.yaml it is 64, and 8 in conf/budget/demo.yaml, which a study is trained
+    with."""
     files = {f"conf/{file}.yaml": () for file in ("train", "method/pfl", "budget/demo")}
     step = Step("train", "python -m stages.train method=pfl budget=demo", (), files, ())
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
@@ -123,15 +134,28 @@ def large(cfg):
         ("large", 1, "not enough memory: fewer workers or a smaller view need less"),
     ],
 )
-def test_what_the_machine_refuses_is_one_line(tmp_path: Path, which: str, code: int, said: str) -> None:
+def test_what_the_machine_refuses_is_one_line(
+    tmp_path: Path, which: str, code: int, said: str
+) -> None:
     words = ["out=a", "samples=b", "study=campus"]
-    command = [sys.executable, "-c", f"{FILLED}\nsys.argv[0] = {str(tmp_path / 'out')!r}\n{which}()", *words]
+    command = [
+        sys.executable,
+        "-c",
+        f"{FILLED}\nsys.argv[0] = {str(tmp_path / 'out')!r}\n{which}()",
+        *words,
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == code, done.stderr
     assert re.fullmatch(rf"latency: (.*: )?{said}\n", done.stderr)
 
 
-@pytest.mark.parametrize("target", ["os.system", "builtins.eval", "pipeline.store.Path", "pipeline.cli.os.system"])
+@pytest.mark.parametrize(
+    "target", ["os.system", "builtins.eval", "pipeline.store.Path", "pipeline.cli.os.system"]
+)
 def test_no_other_class_is_built_than_this_projects(target: str) -> None:
     with pytest.raises(ConfigError, match=f"^_target_={target}: expected a class of pipeline$"):
-        main.run(OmegaConf.create({"out": None, "fails": False, "view": {"parts": [{"_target_": target}]}}))
+        main.run(
+            OmegaConf.create(
+                {"out": None, "fails": False, "view": {"parts": [{"_target_": target}]}}
+            )
+        )

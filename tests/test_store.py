@@ -33,7 +33,11 @@ HEIGHTS = np.array([1.5, -2.5], np.float32)
 COLUMNS = {"points": POINTS, "offsets": OFFSETS, "heights": HEIGHTS}
 
 
-def put(path: Path, attrs: Mapping[str, object] = MappingProxyType({"grain_m": 0.005}), **changed: np.ndarray | None) -> None:
+def put(
+    path: Path,
+    attrs: Mapping[str, object] = MappingProxyType({"grain_m": 0.005}),
+    **changed: np.ndarray | None,
+) -> None:
     """Write the columns, some of them changed or (None) left out."""
     with store.write(path, THINGS, **attrs) as draft:
         for name, rows in (COLUMNS | changed).items():
@@ -50,14 +54,23 @@ def interrupted(path: Path) -> None:
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    return {file.relative_to(path).as_posix(): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    return {
+        file.relative_to(path).as_posix(): file.read_bytes()
+        for file in path.rglob("*")
+        if file.is_file()
+    }
 
 
 def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:
     """DVC visits every folder of an artifact each time, and zarr would make c/0/0."""
     put(tmp_path / "a.zarr")
     assert {path.name for path in (tmp_path / "a.zarr").rglob("*") if path.is_dir()} == set(COLUMNS)
-    assert {path.name for path in (tmp_path / "a.zarr/points").iterdir()} == {"zarr.json", "c.0.0", "c.1.0", "c.2.0"}
+    assert {path.name for path in (tmp_path / "a.zarr/points").iterdir()} == {
+        "zarr.json",
+        "c.0.0",
+        "c.1.0",
+        "c.2.0",
+    }
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
@@ -73,7 +86,9 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [1, 3, 8, 11, 20])
-def test_rows_appended_in_blocks_give_the_bytes_of_rows_put_at_once(tmp_path: Path, block: int) -> None:
+def test_rows_appended_in_blocks_give_the_bytes_of_rows_put_at_once(
+    tmp_path: Path, block: int
+) -> None:
     # 20 points in shards of 8: blocks end within, on and beyond a shard's end.
     put(tmp_path / "whole.zarr")
     with store.write(tmp_path / "streamed.zarr", THINGS, grain_m=lambda: 0.005) as draft:
@@ -88,11 +103,18 @@ def test_two_writes_give_the_same_files(tmp_path: Path) -> None:
     put(tmp_path / "a.zarr")
     put(tmp_path / "b.zarr")
     assert contents(tmp_path / "a.zarr") == contents(tmp_path / "b.zarr")
-    assert len(contents(tmp_path / "a.zarr")) <= 12  # a handful of files: four of metadata, three shards of points, …
+    assert (
+        len(contents(tmp_path / "a.zarr")) <= 12
+    )  # a handful of files: four of metadata, three shards of points, …
 
 
 def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
-    put(tmp_path / "a.zarr", points=np.empty((0, 3), np.int16), offsets=np.array([0]), heights=np.empty(0, np.float32))
+    put(
+        tmp_path / "a.zarr",
+        points=np.empty((0, 3), np.int16),
+        offsets=np.array([0]),
+        heights=np.empty(0, np.float32),
+    )
     assert store.read(tmp_path / "a.zarr", THINGS).load("points").shape == (0, 3)
 
 
@@ -110,14 +132,18 @@ def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
         ({"offsets": np.array([0, 7, 2**63], np.uint64)}, "offsets"),
     ],
 )
-def test_columns_that_do_not_fit_the_schema_are_refused(tmp_path: Path, changed: dict[str, Any], says: str) -> None:
+def test_columns_that_do_not_fit_the_schema_are_refused(
+    tmp_path: Path, changed: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ArtifactError, match=says):
         put(tmp_path / "a.zarr", **changed)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("attrs", [{}, {"grain_m": 1, "colour": 2}, {"grain": 1}])
-def test_attributes_that_do_not_fit_the_schema_are_refused(tmp_path: Path, attrs: dict[str, object]) -> None:
+def test_attributes_that_do_not_fit_the_schema_are_refused(
+    tmp_path: Path, attrs: dict[str, object]
+) -> None:
     with pytest.raises(ArtifactError, match="grain_m"):
         put(tmp_path / "a.zarr", attrs)
     assert list(tmp_path.iterdir()) == []
@@ -131,7 +157,9 @@ def test_a_block_that_fails_leaves_the_old_artifact(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
-def test_an_interruption_is_told_where_a_thread_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_is_told_where_a_thread_still_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(path: Path) -> None:
         raise OSError(errno.ENOTEMPTY, "Directory not empty", str(path))
 
@@ -143,7 +171,9 @@ def test_an_interruption_is_told_where_a_thread_still_writes(tmp_path: Path, mon
 def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
     put(tmp_path / "a.zarr")
     put(tmp_path / "a.zarr", heights=HEIGHTS + 1)
-    np.testing.assert_array_equal(store.read(tmp_path / "a.zarr", THINGS).load("heights"), [2.5, -1.5])
+    np.testing.assert_array_equal(
+        store.read(tmp_path / "a.zarr", THINGS).load("heights"), [2.5, -1.5]
+    )
 
 
 KILLED = """
@@ -156,13 +186,19 @@ with store.replace(sys.argv[1]) as scratch:
 """
 
 
-def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(tmp_path: Path) -> None:
+def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "a.zarr"
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(path)], cwd=Path(__file__).parents[1], check=False)
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, str(path)], cwd=Path(__file__).parents[1], check=False
+    )
     assert killed.returncode == -9
     (left,) = tmp_path.iterdir()
     assert left.name.startswith(".a.zarr.")
-    living = tmp_path / f".a.zarr.{os.getppid()}.scratch"  # the parent of this process runs for as long as this does
+    living = (
+        tmp_path / f".a.zarr.{os.getppid()}.scratch"
+    )  # the parent of this process runs for as long as this does
     other = tmp_path / left.name.replace("a.zarr", "b.zarr")
     living.mkdir()
     other.mkdir()
@@ -185,12 +221,20 @@ def make_broken(path: Path) -> None:
     [
         (lambda path: None, "no such artifact"),
         (Path.mkdir, "no such artifact"),
-        (lambda path: make_other(path, "others", 3), "expected things version 3, found others version 3; `dvc repro`"),
-        (lambda path: make_other(path, "things", 2), "expected things version 3, found things version 2; `dvc repro`"),
+        (
+            lambda path: make_other(path, "others", 3),
+            "expected things version 3, found others version 3; `dvc repro`",
+        ),
+        (
+            lambda path: make_other(path, "things", 2),
+            "expected things version 3, found things version 2; `dvc repro`",
+        ),
         (make_broken, r"a\.zarr"),
     ],
 )
-def test_reading_what_is_no_such_artifact_is_one_clear_line(tmp_path: Path, make: Callable[[Path], None], says: str) -> None:
+def test_reading_what_is_no_such_artifact_is_one_clear_line(
+    tmp_path: Path, make: Callable[[Path], None], says: str
+) -> None:
     path = tmp_path / "a.zarr"
     make(path)
     with pytest.raises(ArtifactError, match=says) as error:
@@ -207,8 +251,18 @@ def test_every_schema_writes_whole_shards_and_shares_its_dimensions() -> None:
     assert len({schema.kind for schema in ALL}) == len(ALL)
 
 
-MODEL = {"net/weight": np.arange(6, dtype=np.float32).reshape(2, 3).T, "threshold": np.array(0.25), "best_epoch": np.array(7)}
-RECIPE = {"epochs": 200, "seed": 0, "view": "scan_context", "held_out_every_m": 40.0, "dropout": 0.7}
+MODEL = {
+    "net/weight": np.arange(6, dtype=np.float32).reshape(2, 3).T,
+    "threshold": np.array(0.25),
+    "best_epoch": np.array(7),
+}
+RECIPE = {
+    "epochs": 200,
+    "seed": 0,
+    "view": "scan_context",
+    "held_out_every_m": 40.0,
+    "dropout": 0.7,
+}
 
 
 def test_a_model_comes_back_with_its_recipe(tmp_path: Path) -> None:
@@ -218,7 +272,9 @@ def test_a_model_comes_back_with_its_recipe(tmp_path: Path) -> None:
     for name, array in MODEL.items():
         np.testing.assert_array_equal(found[name], array)
         assert (found[name].shape, found[name].dtype) == (array.shape, array.dtype)
-    assert store.read_recipe(tmp_path / "sci.safetensors") == {name: str(value) for name, value in RECIPE.items()}
+    assert store.read_recipe(tmp_path / "sci.safetensors") == {
+        name: str(value) for name, value in RECIPE.items()
+    }
 
 
 def test_a_model_has_the_same_bytes_each_time(tmp_path: Path) -> None:
@@ -255,7 +311,10 @@ def test_a_folder_may_take_the_place_of_a_file(tmp_path: Path) -> None:
 
 
 def test_a_column_with_a_row_a_case_is_not_padded_to_thousands() -> None:
-    """Chunks are whole in memory: 65,536 rows of 25 × 200 counts took 15 s and 2.9 GB to write two."""
-    judged = [column for schema in ALL for column in schema.columns.values() if column.dims[0] == "case"]
+    """Chunks are whole in memory: 65,536 rows of 25 × 200 counts took 15 s and 2.9 GB to write
+    two."""
+    judged = [
+        column for schema in ALL for column in schema.columns.values() if column.dims[0] == "case"
+    ]
     assert judged
     assert all(column.chunk == 1 and column.shard <= 64 for column in judged)

@@ -1,4 +1,5 @@
-"""Sweeps at their smallest: what a job takes from DVC and from other jobs, and what it leaves alone."""
+"""Sweeps at their smallest: what a job takes from DVC and from other jobs, and what it leaves
+alone."""
 
 import pandas as pd
 import pytest
@@ -25,7 +26,10 @@ def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: 
     assert own["built"] == own["from_sweeps"] == {}
     known = results.read(built.folder / "artifacts", {"campus": {}})
     known = known[(known["method"] == "sci") & (known["variant"] == "") & (known["change"] == "")]
-    told, known = (frame.set_index(["sequence", "kind", "protocol", "number"])["value"] for frame in (table(own["rows"]), known))
+    told, known = (
+        frame.set_index(["sequence", "kind", "protocol", "number"])["value"]
+        for frame in (table(own["rows"]), known)
+    )
     assert len(told) > 100
     pd.testing.assert_series_equal(told, known.loc[told.index], rtol=1e-12)
 

@@ -1,4 +1,5 @@
-"""What a job of a sweep builds, how several run beside each other, and what is refused; each test stands alone."""
+"""What a job of a sweep builds, how several run beside each other, and what is refused; each test
+stands alone."""
 
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -44,13 +45,21 @@ def test_an_edit_since_the_last_repro_is_built_by_the_sweep_and_left_to_dvc(buil
 
 @pytest.mark.slow
 def test_sweeps_side_by_side_lose_and_spoil_nothing(built: Clone) -> None:
-    """Two at once, each with two jobs at once; what they build by turns is what one builds alone."""
-    overrides = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "localize.k=5,6", "grid.cell_m=10")
+    """Two at once, each with two jobs at once; what they build by turns is what one builds
+    alone."""
+    overrides = (
+        "hydra/launcher=joblib",
+        "hydra.launcher.n_jobs=2",
+        "localize.k=5,6",
+        "grid.cell_m=10",
+    )
     with ThreadPoolExecutor(2) as pool:
         one, other = pool.map(lambda _: Swept(built, *overrides), range(2))
     assert one.code == other.code == 0
     assert outcome(one) == outcome(other)
-    assert sum(sum(job["built"].values()) for swept in (one, other) for job in swept.jobs) == 2 * 2  # each artifact once
+    assert (
+        sum(sum(job["built"].values()) for swept in (one, other) for job in swept.jobs) == 2 * 2
+    )  # each artifact once
     assert outcome(Swept(built, "localize.k=5,6", "grid.cell_m=10"))[0][1] == outcome(one)[0][1]
 
 
@@ -59,14 +68,24 @@ def test_slurms_preset_composes_and_submitit_runs_here(built: Clone) -> None:
     composed = built.run("python", "-m", "stages.sweep", "--cfg", "hydra", "hydra/launcher=slurm")
     assert "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher" in composed
     assert "cpus_per_task: 2" in composed
-    swept = Swept(built, "hydra/launcher=submitit_local", "hydra.launcher.submitit_folder=.sweeps/slurm/%j", "localize.k=7,8")
+    swept = Swept(
+        built,
+        "hydra/launcher=submitit_local",
+        "hydra.launcher.submitit_folder=.sweeps/slurm/%j",
+        "localize.k=7,8",
+    )
     assert swept.code == 0
     assert [len(swept.value(job)) for job in (0, 1)] == [2, 2]
 
 
 @pytest.mark.slow
 def test_optuna_looks_for_the_highest_auc_on_held_out_blocks(built: Clone) -> None:
-    swept = Swept(built, "hydra/sweeper=bayes", "hydra.sweeper.n_trials=3", "localize.rejection.unseen_share=interval(0.1,0.5)")
+    swept = Swept(
+        built,
+        "hydra/sweeper=bayes",
+        "hydra.sweeper.n_trials=3",
+        "localize.rejection.unseen_share=interval(0.1,0.5)",
+    )
     assert swept.code == 0
     assert len({job["overrides"]["localize.rejection.unseen_share"] for job in swept.jobs}) == 3
     best = max(value for job in range(3) for value in swept.value(job, "held_out_auc"))

@@ -1,4 +1,5 @@
-"""Every message that the product can print stands in docs/troubleshooting.md, and nothing else does."""
+"""Every message that the product can print stands in docs/troubleshooting.md, and nothing else
+does."""
 
 import re
 from pathlib import Path
@@ -10,12 +11,17 @@ from tests.messages import WHOLE, Messages, templated, words
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/troubleshooting.md"
-FOLDERS, WORDS = ("pipeline", "stages"), "pipeline/report/templates/words.yaml"
+FOLDERS = ("pipeline", "stages")
+WORDS = "pipeline/report/templates/words.yaml"
 
 
 def said() -> dict[str, set[str]]:
     """Every message of the product, with where it is said."""
-    files = [path.relative_to(ROOT) for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+    files = [
+        path.relative_to(ROOT)
+        for folder in FOLDERS
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    ]
     names = {path: ".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in files}
     found = Messages({name: (ROOT / path).read_text() for path, name in names.items()}).all()
     texts = yaml.safe_load((ROOT / WORDS).read_text())
@@ -28,11 +34,19 @@ def said() -> dict[str, set[str]]:
 
 def entries(page: str) -> list[str]:
     """The messages in the first column of the tables that begin with a column `message`."""
-    found, table = [], False
+    found = []
+    table = False
     for line in page.splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
         table = bool(cells) and (table or cells[0] == "message")
-        found += [code.replace("\\|", "|").strip() for _, code in re.findall(r"(`+)(.+?)\1(?!`)", cells[0])] if table else []
+        found += (
+            [
+                code.replace("\\|", "|").strip()
+                for _, code in re.findall(r"(`+)(.+?)\1(?!`)", cells[0])
+            ]
+            if table
+            else []
+        )
     return found
 
 
@@ -43,7 +57,9 @@ def messages() -> dict[str, set[str]]:
 
 def test_every_message_is_on_the_page(messages: dict[str, set[str]]) -> None:
     listed = set(entries(PAGE.read_text()))
-    assert not {message: sorted(where) for message, where in messages.items() if message not in listed}
+    assert not {
+        message: sorted(where) for message, where in messages.items() if message not in listed
+    }
 
 
 def test_every_message_on_the_page_can_still_be_met(messages: dict[str, set[str]]) -> None:
@@ -55,7 +71,9 @@ def test_every_message_on_the_page_can_still_be_met(messages: dict[str, set[str]
 def test_messages_known_to_be_printed_are_collected(messages: dict[str, set[str]]) -> None:
     for message in (
         "…: no such artifact; `dvc repro` builds it",  # raised
-        "z points down: it hangs from z = … m to … m; every highest z is the ground's: turn it by (x, −y, −z)",  # a warning
+        # a warning
+        "z points down: it hangs from z = … m to … m; every highest z is the ground's: turn it "
+        "by (x, −y, −z)",
         "outside the poses' span",  # why a scan is left out
         "unrecognized arguments: …",  # of argparse
         "its own threshold rejects every query",  # a doubt, of a template
@@ -105,10 +123,16 @@ def test_the_collector_follows_texts_through_names_helpers_and_modules() -> None
 
 
 def test_branches_of_a_template_are_messages_of_their_own() -> None:
-    text = "{% if a %}{{ share | percent }} of the queries{% elif b %}none of them{% else %}all of {{ n }}{% endif %}"
+    text = (
+        "{% if a %}{{ share | percent }} of the queries{% elif b %}none of them{% else "
+        "%}all of {{ n }}{% endif %}"
+    )
     assert set(templated(text)) >= {"… of the queries", "none of them", "all of …"}
 
 
 def test_only_the_first_column_of_tables_of_messages_is_read() -> None:
-    page = "| other |\n|---|\n| `no` |\n\n| message | why |\n|---|---|\n| `` a `b` ``<br>`c\\|d` | `no` |\n\n| x |\n| `no` |\n"
+    page = (
+        "| other |\n|---|\n| `no` |\n\n| message | why |\n|---|---|\n| `` a `b` ``<br>`c\\|d` | "
+        "`no` |\n\n| x |\n| `no` |\n"
+    )
     assert entries(page) == ["a `b`", "c|d"]

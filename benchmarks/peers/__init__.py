@@ -1,8 +1,9 @@
-"""Peers' own programs against ours, each in a process of its own: `python -m benchmarks --peers DIR`.
+"""Peers' own programs against ours, each in a process of its own: `python -m benchmarks --peers
+DIR`.
 
-Nothing is built here: DIR holds what benchmarks/PEERS.md says how to build, and what is not there is not raced. In one process a
-peer pays for the memory that another left behind. All take CPU time of one thread and print a median in milliseconds, and where a
-map is grown its megabytes.
+Nothing is built here: DIR holds what benchmarks/PEERS.md says how to build, and what is not there
+is not raced. In one process a peer pays for the memory that another left behind. All take CPU time
+of one thread and print a median in milliseconds, and where a map is grown its megabytes.
 """
 
 import os
@@ -42,14 +43,24 @@ def drawing(folder: Path, scratch: Path) -> Iterator[str]:
         {
             "yearloc": (*OURS, "draw", *words, scratch / "ours"),
             "its authors' C++, -O3": (folder / "scan_context", "draw", *words, scratch / "theirs"),
-            "its authors' C++, -O3 -march=native": (folder / "scan_context_native", "draw", *words, scratch / "native"),
+            "its authors' C++, -O3 -march=native": (
+                folder / "scan_context_native",
+                "draw",
+                *words,
+                scratch / "native",
+            ),
         },
     )
     if (scratch / "theirs").exists():
         ours = np.fromfile(scratch / "ours", "<f4").reshape(scans, 40, 120)
         theirs = np.fromfile(scratch / "theirs", "<f4").reshape(scans, 120, 40).transpose(0, 2, 1)
-        same = np.isclose(ours[:, :-1], theirs[:, :-1], atol=1e-6)  # what lies beyond the last ring they drop
-        yield f"  {same.mean():.2%} of the bins equal; a border belongs to the outer bin here, to the inner one there"
+        same = np.isclose(
+            ours[:, :-1], theirs[:, :-1], atol=1e-6
+        )  # what lies beyond the last ring they drop
+        yield (
+            f"  {same.mean():.2%} of the bins equal; a border belongs to the outer bin here, to "
+            "the inner one there"
+        )
 
 
 def signing(folder: Path, scratch: Path) -> Iterator[str]:
@@ -64,9 +75,15 @@ def signing(folder: Path, scratch: Path) -> Iterator[str]:
         },
     )
     if (scratch / "theirs").exists():
-        ours, theirs = (np.abs(np.fromfile(scratch / each, "<f4").reshape(scans, 192)) for each in ("ours", "theirs"))
+        ours, theirs = (
+            np.abs(np.fromfile(scratch / each, "<f4").reshape(scans, 192))
+            for each in ("ours", "theirs")
+        )
         apart = np.abs(ours - theirs).max(axis=1)
-        yield f"  {(apart < 1e-4).sum()} of {scans} signatures equal to 1e-4, all to {apart.max():.0e}"
+        yield (
+            f"  {(apart < 1e-4).sum()} of {scans} signatures equal to 1e-4, all to "
+            f"{apart.max():.0e}"
+        )
 
 
 def searching(folder: Path, scratch: Path) -> Iterator[str]:
@@ -76,23 +93,49 @@ def searching(folder: Path, scratch: Path) -> Iterator[str]:
     yield table(
         f"Nearest of {rows:,} Scan Contexts",
         {
-            "yearloc, 50 by ring key, all shifts": (*OURS, "search", *words, scratch / "ours50", "50"),
+            "yearloc, 50 by ring key, all shifts": (
+                *OURS,
+                "search",
+                *words,
+                scratch / "ours50",
+                "50",
+            ),
             "yearloc, all of them, all shifts": (*OURS, "search", *words, scratch / "ours", "0"),
-            "its authors' C++, 50, all shifts": (folder / "scan_context_50", "search", *words, scratch / "theirs50"),
+            "its authors' C++, 50, all shifts": (
+                folder / "scan_context_50",
+                "search",
+                *words,
+                scratch / "theirs50",
+            ),
             "its authors' C++, 50, a tenth of the shifts": (
                 folder / "scan_context_50_fast",
                 "search",
                 *words,
                 scratch / "fast50",
             ),
-            "its authors' C++, 10, a tenth of the shifts": (folder / "scan_context", "search", *words, scratch / "theirs"),
+            "its authors' C++, 10, a tenth of the shifts": (
+                folder / "scan_context",
+                "search",
+                *words,
+                scratch / "theirs",
+            ),
         },
     )
-    told = {"ours50": "our 50", "theirs50": "their 50", "fast50": "their 50 at a tenth of the shifts", "theirs": "their 10"}
+    told = {
+        "ours50": "our 50",
+        "theirs50": "their 50",
+        "fast50": "their 50 at a tenth of the shifts",
+        "theirs": "their 10",
+    }
     truth = np.fromfile(scratch / "ours", "<f4").reshape(queries, 2)[:, 0]
     found = [(name, scratch / name) for name in told if (scratch / name).exists()]
-    right = {name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum()) for name, path in found}
-    yield "  the nearest of all is found " + ", ".join(f"{n} times of {queries} by {told[name]}" for name, n in right.items())
+    right = {
+        name: int((np.fromfile(path, "<f4").reshape(queries, 2)[:, 0] == truth).sum())
+        for name, path in found
+    }
+    yield "  the nearest of all is found " + ", ".join(
+        f"{n} times of {queries} by {told[name]}" for name, n in right.items()
+    )
 
 
 def following(folder: Path, scratch: Path) -> Iterator[str]:
@@ -107,14 +150,17 @@ def following(folder: Path, scratch: Path) -> Iterator[str]:
         },
     )
     if (scratch / "their_rows").exists():
-        same = np.fromfile(scratch / "ours_rows", "<i4") == np.fromfile(scratch / "their_rows", "<i4")
+        same = np.fromfile(scratch / "ours_rows", "<i4") == np.fromfile(
+            scratch / "their_rows", "<i4"
+        )
         yield f"  {same.mean():.1%} of the matches equal"
 
 
 def answering(folder: Path, scratch: Path) -> Iterator[str]:
     """SCI's network, a view at a time."""
     given.images(scratch / "images")
-    network, few = scratch / "sci.onnx", str(given.QUERIES)
+    network = scratch / "sci.onnx"
+    few = str(given.QUERIES)
     np.fromfile(scratch / "images", "<f4", given.QUERIES * 40 * 120).tofile(scratch / "few")
     subprocess.run([*OURS, "export", network], stdout=subprocess.DEVNULL, check=True)
     words = network, scratch / "few", few
@@ -122,34 +168,56 @@ def answering(folder: Path, scratch: Path) -> Iterator[str]:
         f"SCI's network, {given.PLACES} places, a view at a time",
         {
             "yearloc, torch": (*OURS, "answer", *words, scratch / "torch", "torch"),
-            "yearloc, a site that was exported": (*OURS, "answer", *words, scratch / "onnx", "onnxruntime"),
+            "yearloc, a site that was exported": (
+                *OURS,
+                "answer",
+                *words,
+                scratch / "onnx",
+                "onnxruntime",
+            ),
             "OpenVINO": (folder / "openvino", *words, scratch / "openvino"),
         },
     )
     found = [scratch / each for each in ("torch", "onnx", "openvino") if (scratch / each).exists()]
     first, *others = (np.fromfile(path, "<f4").reshape(given.QUERIES, -1) for path in found)
-    yield "  scores differ by " + ", ".join(f"{np.abs(other - first).max():.1g}" for other in others)
+    yield "  scores differ by " + ", ".join(
+        f"{np.abs(other - first).max():.1g}" for other in others
+    )
 
 
 def mapping(folder: Path, scratch: Path) -> Iterator[str]:
-    """Scans into an occupancy map, a ray a cell, without decay. All cut rays at the same range; ours end at the cube too."""
+    """Scans into an occupancy map, a ray a cell, without decay.
+
+    All cut rays at the same range; ours end at the cube too.
+    """
     name, scans = given.drive(scratch / "points", scratch / "origins")
     for leaf_m, depth, range_m in ((50 / 128, 7, 25.0), (0.2, 9, 30.0), (0.2, 9, 51.2)):
         words = scratch / "points", str(scans), scratch / "origins", str(leaf_m), str(range_m)
         yield table(
-            f"Octree of {leaf_m:.2f} m, ±{leaf_m * 2**depth / 2:.1f} m, rays of {range_m} m, {name}",
-            {"yearloc": (*OURS, "octree", *words, str(depth)), "Bonxai's C++, -O3": (folder / "bonxai", *words)},
+            f"Octree of {leaf_m:.2f} m, ±{leaf_m * 2**depth / 2:.1f} m, rays of {range_m} m, "
+            f"{name}",
+            {
+                "yearloc": (*OURS, "octree", *words, str(depth)),
+                "Bonxai's C++, -O3": (folder / "bonxai", *words),
+            },
         )
 
 
 def table(name: str, commands: Commands) -> str:
-    """Medians over rounds in turn, of those whose program is there, and the ratio of each to the first."""
+    """Medians over rounds in turn, of those whose program is there, and the ratio of each to the
+    first."""
     there = {each: words for each, words in commands.items() if Path(words[0]).exists()}
     took: dict[str, list[tuple[float, ...]]] = {each: [] for each in there}
     load = os.getloadavg()[0]
     for _ in range(ROUNDS):
         for each, words in there.items():
-            done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, text=True, encoding="utf-8", check=True)
+            done = subprocess.run(
+                [str(word) for word in words],
+                stdout=subprocess.PIPE,
+                text=True,
+                encoding="utf-8",
+                check=True,
+            )
             took[each].append(tuple(float(word) for word in done.stdout.split()))
     lines = [f"{name} (medians of {ROUNDS} processes, load {load:.1f})"]
     first = statistics.median(one[0] for one in next(iter(took.values())))
@@ -157,6 +225,9 @@ def table(name: str, commands: Commands) -> str:
         times = [one[0] for one in rounds]
         median = statistics.median(times)
         memory = f", {rounds[-1][1]:.1f} MB" if len(rounds[-1]) > 1 else ""
-        lines.append(f"  {each:<46}{median:9.3f} ms {median / first:8.2f} ×   {min(times):.3f}…{max(times):.3f}{memory}")
+        lines.append(
+            f"  {each:<46}{median:9.3f} ms {median / first:8.2f} ×   "
+            f"{min(times):.3f}…{max(times):.3f}{memory}"
+        )
     missing = [str(Path(words[0]).name) for each, words in commands.items() if each not in there]
     return "\n".join(lines + ([f"  not there: {', '.join(missing)}"] if missing else []))

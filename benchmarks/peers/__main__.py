@@ -1,4 +1,5 @@
-"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw|search|… …`."""
+"""Ours, with the words that the peers' programs take: `python -m benchmarks.peers draw|search|…
+…`."""
 
 import statistics
 import sys
@@ -18,8 +19,12 @@ from pipeline.matching.shifts import Spectra
 from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 
-RINGS, SECTORS, ROUNDS = 40, 120, 6
-Scoring = Callable[[NDArray[np.float32]], NDArray[np.float32]]  # heights (1, rings, sectors) in metres to scores (1, places)
+RINGS = 40
+SECTORS = 120
+ROUNDS = 6
+Scoring = Callable[
+    [NDArray[np.float32]], NDArray[np.float32]
+]  # heights (1, rings, sectors) in metres to scores (1, places)
 
 
 def median_ms(call: Callable[[int], object], inputs: int) -> float:
@@ -43,7 +48,8 @@ def draw(points: str, scans: str, out: str) -> tuple[float, ...]:
 
 def m2dp(points: str, scans: str, out: str) -> tuple[float, ...]:
     """Signatures of scans."""
-    clouds, view = np.fromfile(points, "<f4").reshape(int(scans), -1, 3), M2dp()
+    clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3)
+    view = M2dp()
     np.stack([view(cloud) for cloud in clouds]).astype("<f4").tofile(out)
     return (median_ms(lambda i: view(clouds[i]), len(clouds)),)
 
@@ -103,11 +109,19 @@ def onnx_scores(network: Path) -> Scoring:
 def search(images: str, rows: str, queries: str, out: str, candidates: str) -> tuple[float, ...]:
     """The nearest of all rows, or of as many candidates by ring key, to each query."""
     heights = np.fromfile(images, "<f4").reshape(-1, RINGS, SECTORS)
-    known, asked, k = heights[: int(rows)], heights[int(rows) :], int(candidates)
-    spectra, keys, everything = Spectra.learned(known), ring_keys(known), np.arange(len(known))
+    known = heights[: int(rows)]
+    asked = heights[int(rows) :]
+    k = int(candidates)
+    spectra = Spectra.learned(known)
+    keys = ring_keys(known)
+    everything = np.arange(len(known))
 
     def find(i: int) -> tuple[int, float]:
-        among = nearest(keys, ring_keys(asked[i, None]), k)[1][0] if k else spectra.likely(asked[i], everything, 1)
+        among = (
+            nearest(keys, ring_keys(asked[i, None]), k)[1][0]
+            if k
+            else spectra.likely(asked[i], everything, 1)
+        )
         distances, _ = spectra.compare(asked[i], among)
         return among[distances.argmin()], distances.min()
 
@@ -115,14 +129,22 @@ def search(images: str, rows: str, queries: str, out: str, candidates: str) -> t
     return (median_ms(find, int(queries)),)
 
 
-def octree(points: str, scans: str, origins: str, leaf_m: str, range_m: str, depth: str) -> tuple[float, ...]:
-    """All scans into one map, again and again as the peers do: its time a scan, and its megabytes."""
+def octree(
+    points: str, scans: str, origins: str, leaf_m: str, range_m: str, depth: str
+) -> tuple[float, ...]:
+    """All scans into one map, again and again as the peers do: its time a scan, and its
+    megabytes."""
     sensors = np.fromfile(origins, "<f4").reshape(-1, 1, 3).astype(np.float64)
     clouds = np.fromfile(points, "<f4").reshape(int(scans), -1, 3) - sensors
     recipe = Octree(
-        edge_m=float(leaf_m) * 2 ** int(depth), depth=int(depth), motion="none", max_range_m=float(range_m), sensor_height_m=0.0
+        edge_m=float(leaf_m) * 2 ** int(depth),
+        depth=int(depth),
+        motion="none",
+        max_range_m=float(range_m),
+        sensor_height_m=0.0,
     )
-    grown, poses = recipe.grow(), np.tile(np.eye(4), (len(clouds), 1, 1))
+    grown = recipe.grow()
+    poses = np.tile(np.eye(4), (len(clouds), 1, 1))
     poses[:, :3, 3] = sensors[:, 0]
 
     def insert(_: int) -> None:

@@ -1,8 +1,10 @@
-"""MapClosures, its authors' program: a day's local maps are its database, another's are asked, on one core.
+"""MapClosures, its authors' program: a day's local maps are its database, another's are asked, on
+one core.
 
-`python local_maps.py TRAIN TEST REACH_M OUT`: TRAIN and TEST are npz files of scans: points (n, 3), offsets (scan + 1,),
-laid_T_scan (scan, 4, 4), and TEST's asked (query,), rows of scans. OUT is an npz of two sets of answers: `own_` of the test day's
-local maps as its authors' program cuts them, `asked_` of one at each row asked, of what was driven through last.
+`python local_maps.py TRAIN TEST REACH_M OUT`: TRAIN and TEST are npz files of scans: points (n, 3),
+offsets (scan + 1,), laid_T_scan (scan, 4, 4), and TEST's asked (query,), rows of scans. OUT is an
+npz of two sets of answers: `own_` of the test day's local maps as its authors' program cuts them,
+`asked_` of one at each row asked, of what was driven through last.
 """
 
 import os
@@ -22,7 +24,8 @@ from map_closures.voxel_map import VoxelMap  # type: ignore[import-not-found]
 
 Array = np.ndarray[Any, Any]
 Local = tuple[int, int, int, Array]
-"""A local map: the scan whose frame it has, its first scan and the one after its last, points (n, 3)."""
+"""A local map: the scan whose frame it has, its first scan and the one after its last, points (n,
+3)."""
 FAR = 10
 """It never compares maps whose numbers are as near as 3."""
 config = MapClosuresConfig()
@@ -34,18 +37,24 @@ class Day:
 
     def __init__(self, path: str) -> None:
         given = np.load(path)
-        self.points, self.offsets, self.laid_T_scan = given["points"], given["offsets"], given["laid_T_scan"]
+        self.points = given["points"]
+        self.offsets = given["offsets"]
+        self.laid_T_scan = given["laid_T_scan"]
         self.asked = given["asked"]
 
     def lay(self, grown: Any, frame: int, row: int) -> float:
-        """Put a scan into a map that has another scan's frame; how far it is from that in metres."""
+        """Put a scan into a map that has another scan's frame; how far it is from that in
+        metres."""
         frame_T_scan = np.linalg.inv(self.laid_T_scan[frame]) @ self.laid_T_scan[row]
         grown.integrate_frame(self.points[self.offsets[row] : self.offsets[row + 1]], frame_T_scan)
         return float(np.linalg.norm(frame_T_scan[:3, 3]))
 
     def own(self, reach_m: float) -> Iterator[Local]:
-        """One after the other: a map ends so far from its start, and what of it lies near its end is part of the next."""
-        grown, start, last = VoxelMap(config.density_map_resolution, reach_m), 0, len(self.laid_T_scan) - 1
+        """One after the other: a map ends so far from its start, and what of it lies near its end
+        is part of the next."""
+        grown = VoxelMap(config.density_map_resolution, reach_m)
+        start = 0
+        last = len(self.laid_T_scan) - 1
         for row in range(last + 1):
             if self.lay(grown, start, row) > reach_m or row == last:
                 yield start, start, row + 1, grown.point_cloud()
@@ -59,14 +68,16 @@ class Day:
     def last(self, reach_m: float) -> Iterator[Local]:
         """One at each row asked: the scans before it, back to where the drive was so far away."""
         for end in self.asked.tolist():
-            grown, first = VoxelMap(config.density_map_resolution, reach_m), end
+            grown = VoxelMap(config.density_map_resolution, reach_m)
+            first = end
             while self.lay(grown, end, first) <= reach_m and first > 0:
                 first -= 1
             yield end, first, end + 1, grown.point_cloud()
 
 
 def ask(number: int, local: Local) -> tuple[Any, ...]:
-    """A local map's scans, the best map of the database, this one's frame in that one, inliers and milliseconds of CPU time."""
+    """A local map's scans, the best map of the database, this one's frame in that one, inliers and
+    milliseconds of CPU time."""
     *rows, points = local
     start = time.process_time()
     found = closures.get_best_closure(number, points)
@@ -81,14 +92,28 @@ def main(train: str, test: str, reach_m: float, out: str) -> None:
     for number, (start, _, _, points) in enumerate(Day(train).own(reach_m)):
         frames.append(start)
         closures.get_best_closure(number, points)
-    day, answers = Day(test), dict[str, Any]()
+    day = Day(test)
+    answers = dict[str, Any]()
     for kind, maps in (("own", day.own(reach_m)), ("asked", day.last(reach_m))):
         with get_context("fork").Pool(1, maxtasksperchild=1) as pool:
             found = [pool.apply(ask, (len(frames) + FAR, local)) for local in maps]
-        frame, first, stop, source, pose, inliers, took_ms = (np.array(each) for each in zip(*found, strict=True))
-        answers |= {f"{kind}_frame": frame, f"{kind}_first": first, f"{kind}_stop": stop, f"{kind}_took_ms": took_ms}
-        answers |= {f"{kind}_reference": np.array(frames)[np.where(inliers > 0, source, 0)], f"{kind}_reference_T_frame": pose}
-        answers |= {f"{kind}_inliers": inliers, f"{kind}_accepted": inliers > config.inliers_threshold}
+        frame, first, stop, source, pose, inliers, took_ms = (
+            np.array(each) for each in zip(*found, strict=True)
+        )
+        answers |= {
+            f"{kind}_frame": frame,
+            f"{kind}_first": first,
+            f"{kind}_stop": stop,
+            f"{kind}_took_ms": took_ms,
+        }
+        answers |= {
+            f"{kind}_reference": np.array(frames)[np.where(inliers > 0, source, 0)],
+            f"{kind}_reference_T_frame": pose,
+        }
+        answers |= {
+            f"{kind}_inliers": inliers,
+            f"{kind}_accepted": inliers > config.inliers_threshold,
+        }
     np.savez(out, **answers)
 
 

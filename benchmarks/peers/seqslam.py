@@ -1,4 +1,5 @@
-"""pySeqSLAM's match of each image of a drive in another: `PYTHONPATH=pySeqSLAM python seqslam.py IMAGES ROWS OUT`."""
+"""pySeqSLAM's match of each image of a drive in another: `PYTHONPATH=pySeqSLAM python seqslam.py
+IMAGES ROWS OUT`."""
 
 import sys
 import time
@@ -8,7 +9,9 @@ from pyseqslam.parameters import defaultParameters  # type: ignore[import-not-fo
 from pyseqslam.seqslam import SeqSLAM  # type: ignore[import-not-found]
 
 images, rows, out = sys.argv[1:]
-pixels = np.fromfile(images, np.uint8).reshape(2, int(rows), -1).astype(np.float64)  # its differences of bytes would wrap around
+pixels = (
+    np.fromfile(images, np.uint8).reshape(2, int(rows), -1).astype(np.float64)
+)  # its differences of bytes would wrap around
 slam = SeqSLAM(defaultParameters())
 start = time.process_time()
 enhanced = slam.enhanceContrast(slam.getDifferenceMatrix(pixels[0].T, pixels[1].T))

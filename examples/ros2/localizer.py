@@ -1,10 +1,13 @@
-"""A ROS 2 node: PointCloud2 in, PoseWithCovarianceStamped out where a fix is accepted, with the stamp of the cloud.
+"""A ROS 2 node: PointCloud2 in, PoseWithCovarianceStamped out where a fix is accepted, with the
+stamp of the cloud.
 
-    python localizer.py campus.site --ros-args -r points:=/velodyne_points -p odometry:=/odom -p tf:=true
+    python localizer.py campus.site --ros-args -r points:=/velodyne_points \\
+        -p odometry:=/odom -p tf:=true
 
-Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0) or body_T_lidar (x,y,z,roll,pitch,yaw in m and
-degrees, from the body that the odometry is of), frame (map), odometry (a topic of Odometry; none is constant motion), tf (false:
-whether to broadcast frame to the odometry's frame). Of the clouds that arrive while one is localised the newest is next, the
+Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0) or body_T_lidar
+(x,y,z,roll,pitch,yaw in m and degrees, from the body that the odometry is of), frame (map),
+odometry (a topic of Odometry; none is constant motion), tf (false: whether to broadcast frame to
+the odometry's frame). Of the clouds that arrive while one is localised the newest is next, the
 others are dropped.
 """
 
@@ -32,12 +35,17 @@ def stamp_ns(header: Any) -> int:
 
 
 class Localizer:
-    """What the node does, without ROS: a cloud becomes the numbers of a pose message, or nothing."""
+    """What the node does, without ROS: a cloud becomes the numbers of a pose message, or
+    nothing."""
 
-    def __init__(self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = "") -> None:
+    def __init__(
+        self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = ""
+    ) -> None:
         self._tracker = Tracker(site, promise)
         self._odometry = Newest()
-        self._body_T_lidar = placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
+        self._body_T_lidar = (
+            placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
+        )
         self._before = NO_POSE
 
     def moved(self, odometry: Any) -> None:
@@ -45,15 +53,29 @@ class Localizer:
         self._odometry.add(stamp_ns(odometry.header), poses([pose_numbers(odometry, ODOMETRY)])[0])
 
     def pose(self, cloud: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Pose (4, 4) and covariance (36,) of a PointCloud2 as ROS has them, and the pose (4, 4) of the odometry's frame in the
-        map, NaN without odometry; None where no fix is accepted."""
+        """Pose (4, 4) and covariance (36,) of a PointCloud2 as ROS has them, and the pose (4, 4) of
+        the odometry's frame in the map, NaN without odometry; None where no fix is accepted."""
         time_ns = stamp_ns(cloud.header)
         odom_T_body = self._odometry.at(time_ns)
-        step = np.linalg.inv(self._before) @ odom_T_body if np.isfinite(self._before + odom_T_body).all() else None
-        fix = self._tracker.localize(placed(decode(cloud), self._body_T_lidar), step, time_ns or None)
+        step = (
+            np.linalg.inv(self._before) @ odom_T_body
+            if np.isfinite(self._before + odom_T_body).all()
+            else None
+        )
+        fix = self._tracker.localize(
+            placed(decode(cloud), self._body_T_lidar), step, time_ns or None
+        )
         self._before = odom_T_body
-        map_T_odom = fix.world_T_sensor @ np.linalg.inv(odom_T_body) if np.isfinite(odom_T_body).all() else NO_POSE
-        return (fix.world_T_sensor, in_world(fix).ravel(), map_T_odom) if fix.verdict == "accepted" else None
+        map_T_odom = (
+            fix.world_T_sensor @ np.linalg.inv(odom_T_body)
+            if np.isfinite(odom_T_body).all()
+            else NO_POSE
+        )
+        return (
+            (fix.world_T_sensor, in_world(fix).ravel(), map_T_odom)
+            if fix.verdict == "accepted"
+            else None
+        )
 
 
 def fill(position: Any, turn: Any, pose: np.ndarray) -> None:
@@ -78,10 +100,21 @@ def main() -> None:
     rclpy.init()
     node = Node("yearloc")
     odom_frame = ""
-    usual = {"promise": 0.99, "lift_m": 0.0, "body_T_lidar": "", "frame": "map", "odometry": "", "tf": False}
-    promise, lift_m, body_T_lidar, frame, odometry, tf = (node.declare_parameter(name, usual[name]).value for name in usual)
+    usual = {
+        "promise": 0.99,
+        "lift_m": 0.0,
+        "body_T_lidar": "",
+        "frame": "map",
+        "odometry": "",
+        "tf": False,
+    }
+    promise, lift_m, body_T_lidar, frame, odometry, tf = (
+        node.declare_parameter(name, usual[name]).value for name in usual
+    )
     try:
-        localizer = Localizer(Site.open(remove_ros_args(sys.argv)[1]), promise, lift_m, body_T_lidar)
+        localizer = Localizer(
+            Site.open(remove_ros_args(sys.argv)[1]), promise, lift_m, body_T_lidar
+        )
     except YearlocError as error:
         sys.exit(f"yearloc: {error}")
     publisher = node.create_publisher(PoseWithCovarianceStamped, "fix", 10)
@@ -102,13 +135,16 @@ def main() -> None:
             return
         world_T_sensor, covariance, map_T_odom = found
         message = PoseWithCovarianceStamped()
-        message.header.stamp, message.header.frame_id = cloud.header.stamp, frame
+        message.header.stamp = cloud.header.stamp
+        message.header.frame_id = frame
         fill(message.pose.pose.position, message.pose.pose.orientation, world_T_sensor)
         message.pose.covariance = covariance.tolist()
         publisher.publish(message)
         if tf and np.isfinite(map_T_odom).all():
             leads = TransformStamped()
-            leads.header.stamp, leads.header.frame_id, leads.child_frame_id = cloud.header.stamp, frame, odom_frame
+            leads.header.stamp = cloud.header.stamp
+            leads.header.frame_id = frame
+            leads.child_frame_id = odom_frame
             fill(leads.transform.translation, leads.transform.rotation, map_T_odom)
             broadcaster.sendTransform(leads)
 
@@ -117,7 +153,12 @@ def main() -> None:
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     node.create_subscription(PointCloud2, "points", arrived, newest)
     if odometry:
-        node.create_subscription(Odometry, odometry, moved, QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT))
+        node.create_subscription(
+            Odometry,
+            odometry,
+            moved,
+            QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT),
+        )
     rclpy.spin(node)
 
 

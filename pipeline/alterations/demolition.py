@@ -19,7 +19,10 @@ class Demolition:
     """Removes all points, ground included, whose azimuth lies in a wedge."""
 
     widths_deg: Sequence[float] = (30, 60, 90)
-    """Widths of the wedge, a case each. All wedges of a query begin at one random azimuth and open to the left."""
+    """Widths of the wedge, a case each.
+
+    All wedges of a query begin at one random azimuth and open to the left.
+    """
     seed: Seed = 0
     """See pipeline.alterations."""
 
@@ -27,15 +30,20 @@ class Demolition:
         check(self, "alteration")
         object.__setattr__(self, "widths_deg", tuple(self.widths_deg))
         if not self.widths_deg or not all(0 < width < 360 for width in self.widths_deg):
-            raise ConfigError(f"alteration.widths_deg={list(self.widths_deg)}: expected angles between 0 and 360")
+            raise ConfigError(
+                f"alteration.widths_deg={list(self.widths_deg)}: expected angles between 0 and 360"
+            )
 
     @property
     def cases(self) -> Sequence[Case]:
         """As driven, then each width."""
         return (Case(), *(Case(DEMOLITION, float(width)) for width in self.widths_deg))
 
-    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
-        """The points (m, 3) outside a wedge of `case.level` degrees from an azimuth U[0, 2π) on, and no turn."""
+    def alter(
+        self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
+    ) -> tuple[NDArray[np.floating], float]:
+        """The points (m, 3) outside a wedge of `case.level` degrees from an azimuth U[0, 2π) on,
+        and no turn."""
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         half_rad = math.radians(case.level) / 2

@@ -13,7 +13,8 @@ from pipeline.running.settings import check
 
 @dataclass(frozen=True)
 class Several:
-    """The cases of several alterations, one after the other; each case is that of its part alone."""
+    """The cases of several alterations, one after the other; each case is that of its part
+    alone."""
 
     parts: Sequence[Alteration]
     """All of one seed, and no two with a case in common but the first."""
@@ -22,11 +23,18 @@ class Several:
         check(self, "alteration")
         object.__setattr__(self, "parts", tuple(self.parts))
         if strange := [part for part in self.parts if not hasattr(part, "cases")]:
-            raise ConfigError(f"alteration.parts: expected alterations, each with its _target_, got {strange}")
+            raise ConfigError(
+                f"alteration.parts: expected alterations, each with its _target_, got {strange}"
+            )
         if len({part.seed for part in self.parts}) != 1:
-            raise ConfigError(f"alteration.parts: expected parts of one seed, got {[part.seed for part in self.parts]}")
+            raise ConfigError(
+                "alteration.parts: expected parts of one seed, got "
+                f"{[part.seed for part in self.parts]}"
+            )
         if len(set(self.cases)) < len(self.cases):
-            raise ConfigError("alteration.parts: two parts have a case in common; leave one of them out")
+            raise ConfigError(
+                "alteration.parts: two parts have a case in common; leave one of them out"
+            )
 
     @property
     def seed(self) -> int:
@@ -38,7 +46,9 @@ class Several:
         """As driven, then the cases of each part."""
         return (Case(), *(case for part in self.parts for case in part.cases if case != Case()))
 
-    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
+    def alter(
+        self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
+    ) -> tuple[NDArray[np.floating], float]:
         """See the part that has this case."""
         (part, *_) = (part for part in self.parts if case in part.cases)
         return part.alter(case, points_m, rng)

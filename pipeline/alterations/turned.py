@@ -1,4 +1,5 @@
-"""The robot turned on the spot by random angles, before its view is computed (SCI paper, Fig. 10; METHODS 2.8)."""
+"""The robot turned on the spot by random angles, before its view is computed (SCI paper, Fig. 10;
+METHODS 2.8)."""
 
 import math
 from collections.abc import Sequence
@@ -28,8 +29,11 @@ class Turned:
         """As driven, then each repeat."""
         return (Case(), *(Case(TURNED, repeat=repeat) for repeat in range(self.repeats)))
 
-    def alter(self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator) -> tuple[NDArray[np.floating], float]:
-        """The points (n, 3) as a robot sees them that is turned to the left by U[0, 2π), and that angle in radians."""
+    def alter(
+        self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
+    ) -> tuple[NDArray[np.floating], float]:
+        """The points (n, 3) as a robot sees them that is turned to the left by U[0, 2π), and that
+        angle in radians."""
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         left_rad = float(rng.uniform(0, 2 * math.pi, case.repeat + 1)[-1])
@@ -38,7 +42,10 @@ class Turned:
 
 def turned(points_m: NDArray[np.floating], left_rad: float) -> NDArray[np.floating]:
     """Points (n, 3) in the frame of a robot that has turned to the left by so much: Rz(−left) p."""
-    c, s = math.cos(left_rad), math.sin(left_rad)
-    seen, (x, y) = points_m.copy(), points_m.T[:2]
-    seen[:, 0], seen[:, 1] = c * x + s * y, c * y - s * x
+    c = math.cos(left_rad)
+    s = math.sin(left_rad)
+    seen = points_m.copy()
+    (x, y) = points_m.T[:2]
+    seen[:, 0] = c * x + s * y
+    seen[:, 1] = c * y - s * x
     return seen

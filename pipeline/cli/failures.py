@@ -33,17 +33,30 @@ def failures(given: argparse.Namespace) -> None:
         site = Site.open(Path(given.of))
         site.check(given.promise)
         tell_cold()
-        targets, judged, simulated = site.targets, _judged_of_log(given, site), site.about["simulated"]
+        targets = site.targets
+        judged = _judged_of_log(given, site)
+        simulated = site.about["simulated"]
         told = "nothing was promised"
         if given.promise is not None:
-            told = f"rejected from {site.promises[given.promise][0]:.3f} on (promise {given.promise:g})"
+            told = (
+                f"rejected from {site.promises[given.promise][0]:.3f} on (promise "
+                f"{given.promise:g})"
+            )
     every = list(judged)
     found = cards.failures(every)
     given.out.mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(found[: given.worst], start=1):
-        cards.draw(targets, one, given.out / f"{number:03d}_{one.file_name}", told + ", simulated" * simulated)
+        cards.draw(
+            targets,
+            one,
+            given.out / f"{number:03d}_{one.file_name}",
+            told + ", simulated" * simulated,
+        )
     wrong = sum(one.accepted for one in found)
-    counted = f"of {len(every)} poses {wrong} were accepted though wrong, {len(found) - wrong} rejected though right"
+    counted = (
+        f"of {len(every)} poses {wrong} were accepted though wrong, {len(found) - wrong} rejected "
+        "though right"
+    )
     print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn there")
 
 
@@ -57,38 +70,65 @@ def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]
     if given.log is None:
         raise ConfigError(f"{given.of} is a site: say which log, `yearloc failures {given.of} LOG`")
     skipped: Counter[str] = Counter()
-    how = (site.about["reader"], site.about["sensor"]["lift_m"], None, None, skipped, lidar_of(given))
+    how = (
+        site.about["reader"],
+        site.about["sensor"]["lift_m"],
+        None,
+        None,
+        skipped,
+        lidar_of(given),
+    )
     every = scans(given.log, *how)
     log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
     if left_out := left_out_text(skipped):
         print(f"  {left_out}", file=sys.stderr)
     if not log:
-        raise LogError(f"{given.log}: no scan with a true pose: a log that the reader of this site's data set opens has them")
+        raise LogError(
+            f"{given.log}: no scan with a true pose: a log that the reader of this site's data set "
+            "opens has them"
+        )
     return of_log(log, [site.localize(scan.points(), given.promise) for scan in log])
 
 
 def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[Judged], bool]":
-    """The map, the fixes of a study's test sequences, or of one of them, and whether they are simulated."""
+    """The map, the fixes of a study's test sequences, or of one of them, and whether they are
+    simulated."""
     from itertools import chain
 
     from pipeline.online.failures import of_study
     from pipeline.posing.targets import Targets
     from pipeline.studies.expansion import answerers, folder
 
-    studies, (dataset, grid, name) = read_studies(), given.of.split("/")
+    studies = read_studies()
+    (dataset, grid, name) = given.of.split("/")
     if dataset not in studies or grid not in studies[dataset]["grids"]:
-        raise ConfigError(f"{given.of}: no such file, and no such study and grid among {', '.join(studies)}")
-    study, root = studies[dataset], Path("artifacts")
+        raise ConfigError(
+            f"{given.of}: no such file, and no such study and grid among {', '.join(studies)}"
+        )
+    study = studies[dataset]
+    root = Path("artifacts")
     posed = {one.name: one for one in answerers(study) if one.posed}
     if (own := posed.get(name) or posed.get(f"{name}-pose")) is None:
-        ask = f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make them"
+        ask = (
+            f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make "
+            "them"
+        )
         raise ConfigError(
-            f"{given.of}: the models with poses are {', '.join(posed)}" if posed else f"{given.of}: no poses; {ask}"
+            f"{given.of}: the models with poses are {', '.join(posed)}"
+            if posed
+            else f"{given.of}: no poses; {ask}"
         )
     days = [*study["tests"], *study.get("stress", {})]
     if given.log not in (None, *days):
         raise ConfigError(f"{given.log}: expected one of {', '.join(days)}")
-    poses, scans, submaps = (root / part for part in (folder(dataset, grid, own), f"scans/{dataset}", f"submaps/{dataset}"))
+    poses, scans, submaps = (
+        root / part
+        for part in (folder(dataset, grid, own), f"scans/{dataset}", f"submaps/{dataset}")
+    )
     names = [f"{day}.zarr" for day in ([given.log] if given.log else days)]
     each = (of_study(poses / name, scans / name, submaps / name, given.promise) for name in names)
-    return Targets.read(root / "map" / dataset / f"{study['train']}.zarr"), chain.from_iterable(each), study["source"] == "world"
+    return (
+        Targets.read(root / "map" / dataset / f"{study['train']}.zarr"),
+        chain.from_iterable(each),
+        study["source"] == "world",
+    )

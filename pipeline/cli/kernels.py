@@ -10,11 +10,20 @@ def tell_cold() -> None:
     """Say so once, if the first scan takes so much longer than the others."""
     if pipeline.KERNELS == "nowhere":
         print(
-            f"  compiling kernels, at every start: half a minute; set {GIVEN} to a folder to keep them",
+            f"  compiling kernels, at every start: half a minute; set {GIVEN} to a folder to keep "
+            "them",
             file=sys.stderr,
             flush=True,
         )
         return
     if cold():
-        kept = f", kept in {pipeline.KERNELS}: set {GIVEN} to a folder that lasts" if pipeline.KERNELS else ""
-        print(f"  compiling kernels, once per machine: half a minute{kept}", file=sys.stderr, flush=True)
+        kept = (
+            f", kept in {pipeline.KERNELS}: set {GIVEN} to a folder that lasts"
+            if pipeline.KERNELS
+            else ""
+        )
+        print(
+            f"  compiling kernels, once per machine: half a minute{kept}",
+            file=sys.stderr,
+            flush=True,
+        )

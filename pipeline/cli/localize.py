@@ -30,8 +30,13 @@ def share_or_none(word: str) -> float | None:
 
 def add_lidar(command: Any) -> None:
     """Add the option that places points."""
-    how = "turns and raises the points, by metres and degrees; in place of a bag's transforms, but not of logs"
-    command.add_argument("--body-T-lidar", dest="body_T_lidar", metavar="X,Y,Z,ROLL,PITCH,YAW", help=how)
+    how = (
+        "turns and raises the points, by metres and degrees; in place of a bag's transforms, but "
+        "not of logs"
+    )
+    command.add_argument(
+        "--body-T-lidar", dest="body_T_lidar", metavar="X,Y,Z,ROLL,PITCH,YAW", help=how
+    )
 
 
 def lidar_of(given: argparse.Namespace) -> "Poses | None":
@@ -62,27 +67,46 @@ def localize(given: argparse.Namespace) -> None:
     if given.lift is not None and not given.follow:
         logs = [source for source in given.inputs if is_log(source, site.about["reader"])]
         if logs:
-            raise ConfigError(f"--lift {given.lift:g}: {logs[0]} is a log of the site's data set, whose reader raises its points")
+            raise ConfigError(
+                f"--lift {given.lift:g}: {logs[0]} is a log of the site's data set, whose reader "
+                "raises its points"
+            )
     lift_m = about["lift_m"] if given.lift is None else given.lift
     body_T_lidar = lidar_of(given)
-    told, tracker = Summary(), Tracker(site, given.promise) if given.track else None
+    told = Summary()
+    tracker = Tracker(site, given.promise) if given.track else None
     before: Scan | None = None
     tell_cold()
     with writer(given.kind or "text", given.out) as write:
         for source in given.inputs:
             follower = None
             if given.follow:
-                follower = Following(Path(source), given.topic, lift_m, given.idle, given.odometry, body_T_lidar)
-            how = (site.about["reader"], lift_m, given.topic, given.odometry, told.skipped, body_T_lidar)
+                follower = Following(
+                    Path(source), given.topic, lift_m, given.idle, given.odometry, body_T_lidar
+                )
+            how = (
+                site.about["reader"],
+                lift_m,
+                given.topic,
+                given.odometry,
+                told.skipped,
+                body_T_lidar,
+            )
             for scan in follower.scans() if follower else scans(source, *how):
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
-                    told.broken.append(str(error) if scan.name in str(error) else f"{scan.name}: {error}")
+                    told.broken.append(
+                        str(error) if scan.name in str(error) else f"{scan.name}: {error}"
+                    )
                     continue
                 if not told.fixes:
                     for line in unlike(points_m, about, scan.body_T_lidar):
-                        print(f"yearloc localize: unlike the scans that the site was learned with: {line}", file=sys.stderr)
+                        print(
+                            "yearloc localize: unlike the scans that the site was learned with: "
+                            f"{line}",
+                            file=sys.stderr,
+                        )
                 if tracker is None:
                     fix = site.localize(points_m, given.promise)
                 else:
@@ -97,7 +121,9 @@ def localize(given: argparse.Namespace) -> None:
                 told.skipped += follower.skipped
                 told.broken += filter(None, [follower.damage])
     if not told.fixes:
-        raise LogError(told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there")
+        raise LogError(
+            told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there"
+        )
     print(told.text(), file=sys.stderr)
     if site.about["simulated"]:
         print("the site is simulated, not recorded", file=sys.stderr)
@@ -109,7 +135,8 @@ class Summary:
     def __init__(self) -> None:
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
-        self.dropped, self.steps = 0, Counter[bool]()
+        self.dropped = 0
+        self.steps = Counter[bool]()
         self.skipped: Counter[str] = Counter()
         self._ms: list[float] = []
         self._right = Counter[bool]()
@@ -133,11 +160,20 @@ class Summary:
         counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in told)
         median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
         number = sum(self.fixes.values())
-        lines = [f"{number} scan{'s' * (number != 1)}: {counts}; median {median:.0f} ms, 95 % within {slow:.0f} ms"]
+        lines = [
+            f"{number} scan{'s' * (number != 1)}: {counts}; median {median:.0f} ms, 95 % within "
+            f"{slow:.0f} ms"
+        ]
         if self._right:
-            lines.append(f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} are over 2 m or 5° off")
+            lines.append(
+                f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} "
+                "are over 2 m or 5° off"
+            )
         if self.steps:
-            lines.append(f"followed by odometry over {self.steps[True]} steps, by constant motion over {self.steps[False]}")
+            lines.append(
+                f"followed by odometry over {self.steps[True]} steps, by constant motion over "
+                f"{self.steps[False]}"
+            )
         if self.dropped:
             lines.append(f"{self.dropped} more came while another was localised, and were dropped")
         if left_out := left_out_text(self.skipped):

@@ -8,7 +8,8 @@ from pipeline.errors import ConfigError
 
 
 def check_file(out: Path | None, whole: bool = True) -> None:
-    """Refuse a file that cannot be written; a `whole` one is moved into place when done, another may be a device or a pipe."""
+    """Refuse a file that cannot be written; a `whole` one is moved into place when done, another
+    may be a device or a pipe."""
     if out is None:
         return
     _check_parent(out)

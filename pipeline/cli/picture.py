@@ -17,10 +17,23 @@ if TYPE_CHECKING:
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser."""
-    draw = commands.add_parser("picture", help="a moving picture of one test day: the drive, and which answers are right")
-    draw.add_argument("of", metavar="STUDY/GRID/METHOD", help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT")
+    draw = commands.add_parser(
+        "picture", help="a moving picture of one test day: the drive, and which answers are right"
+    )
+    draw.add_argument(
+        "of",
+        metavar="STUDY/GRID/METHOD",
+        help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
+    )
     draw.add_argument("day", nargs="?", metavar="DAY", help="a test day (the last)")
-    draw.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="its name ends in .gif, .webp or .png")
+    draw.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="its name ends in .gif, .webp or .png",
+    )
 
 
 @dataclass(frozen=True)
@@ -40,16 +53,28 @@ class Drawn:
     @property
     def line(self) -> str:
         """What the command prints."""
-        share = f"{self.right} of {self.counted} answers right within {self.correct_m:g} m{', simulated' * self.simulated}"
-        return f"{self.path}: {self.title}: {share}; {self.frames} frames, {self.path.stat().st_size / 1e6:.2f} MB"
+        share = (
+            f"{self.right} of {self.counted} answers right within {self.correct_m:g} "
+            f"m{', simulated' * self.simulated}"
+        )
+        return (
+            f"{self.path}: {self.title}: {share}; {self.frames} frames, "
+            f"{self.path.stat().st_size / 1e6:.2f} MB"
+        )
 
     @property
     def page(self) -> str:
         """The picture and its caption for README.md."""
         share = self.right / self.counted if self.counted else 0.0
-        told = f"{self.title}: {self.right} of {self.counted} answers right within {self.correct_m:g} m ({share:.3f})"
+        told = (
+            f"{self.title}: {self.right} of {self.counted} answers right within {self.correct_m:g} "
+            f"m ({share:.3f})"
+        )
         data = "Simulated" if self.simulated else "Recorded"
-        return f"![{told}]({self.path.as_posix()})\n\n*{data}. {told}; answers turn blue where they are right.*"
+        return (
+            f"![{told}]({self.path.as_posix()})\n\n*{data}. {told}; answers turn blue where they "
+            "are right.*"
+        )
 
 
 def picture(given: argparse.Namespace) -> None:
@@ -68,10 +93,16 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
 
     check_file(out)
     animation.check_ending(out)
-    studies, (name, grid, model) = read_studies(), _parts(of)
+    studies = read_studies()
+    (name, grid, model) = _parts(of)
     if name not in studies or grid not in studies[name]["grids"]:
-        known = ", ".join(f"{one}/{own}" for one, study in studies.items() for own in study["grids"])
-        raise ConfigError(f"{of}: no such study and grid, expected one of {known or 'none: `yearloc use campus` first'}")
+        known = ", ".join(
+            f"{one}/{own}" for one, study in studies.items() for own in study["grids"]
+        )
+        raise ConfigError(
+            f"{of}: no such study and grid, expected one of "
+            f"{known or 'none: `yearloc use campus` first'}"
+        )
     study = studies[name]
     if not asks_about_the_year(study):
         raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
@@ -90,8 +121,14 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
-    """The test day farthest from training, of a table of results some of whose rows are of no day."""
-    age = table[table["days"].notna()].drop_duplicates("sequence").set_index("sequence")["days"].to_dict()
+    """The test day farthest from training, of a table of results some of whose rows are of no
+    day."""
+    age = (
+        table[table["days"].notna()]
+        .drop_duplicates("sequence")
+        .set_index("sequence")["days"]
+        .to_dict()
+    )
     return max(tests, key=lambda test: age.get(test, 0.0))
 
 
@@ -100,5 +137,7 @@ def _parts(name: str) -> tuple[str, str, str]:
     try:
         study, grid, model = name.split("/")
     except ValueError:
-        raise ConfigError(f"{name}: expected STUDY/GRID/METHOD, such as campus/10m/sci_ring") from None
+        raise ConfigError(
+            f"{name}: expected STUDY/GRID/METHOD, such as campus/10m/sci_ring"
+        ) from None
     return study, grid, model

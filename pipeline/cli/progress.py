@@ -31,10 +31,20 @@ class Bytes(Lines):
 
         from pipeline.fetching.download import CHUNK
 
-        yield from _tracked(items, total, CHUNK, what, DownloadColumn(), TimeRemainingColumn(), TransferSpeedColumn())
+        yield from _tracked(
+            items,
+            total,
+            CHUNK,
+            what,
+            DownloadColumn(),
+            TimeRemainingColumn(),
+            TransferSpeedColumn(),
+        )
 
 
-def _tracked(items: Iterable[Item], total: int, advance: int, what: str, *columns: Any) -> Iterator[Item]:
+def _tracked(
+    items: Iterable[Item], total: int, advance: int, what: str, *columns: Any
+) -> Iterator[Item]:
     """The items, each counted as so much."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
@@ -42,7 +52,9 @@ def _tracked(items: Iterable[Item], total: int, advance: int, what: str, *column
 
     console = Console(stderr=True)
     shown = (TextColumn(what), BarColumn(24), *columns)
-    with RichProgress(*shown, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with RichProgress(
+        *shown, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(what, total=total * advance)
         for item in items:
             yield item

@@ -8,7 +8,10 @@ from pipeline.running.texts import read_yaml
 
 
 def conf_folder() -> Path:
-    """The project's conf folder; the command is meant to be called from the project's root. Raises ConfigError elsewhere."""
+    """The project's conf folder; the command is meant to be called from the project's root.
+
+    Raises ConfigError elsewhere.
+    """
     folder = Path("conf")
     if not (folder / "dataset").is_dir():
         raise ConfigError("call this in the project's root folder, where conf/ is")
@@ -16,18 +19,28 @@ def conf_folder() -> Path:
 
 
 def refuse_code_of_another() -> None:
-    """Raise ConfigError in a project that was copied with its .venv, which still runs the code of the first one."""
+    """Raise ConfigError in a project that was copied with its .venv, which still runs the code of
+    the first one."""
     here = Path("pipeline/cli")
     running = Path(__file__).resolve().parent
     project = running.parents[1]
     if here.is_dir() and here.resolve() != running and (project / "pyproject.toml").is_file():
-        raise ConfigError(f"the code of {project} would run, not this folder's: `rm -r .venv && make install`")
+        raise ConfigError(
+            f"the code of {project} would run, not this folder's: `rm -r .venv && make install`"
+        )
 
 
 def read_studies() -> dict[str, dict[str, Any]]:
     """The studies as conf/studies.yaml has them."""
     path = conf_folder() / "studies.yaml"
     studies = read_yaml(path).get("studies")
-    if isinstance(studies, dict) and studies and all(isinstance(study, dict) for study in studies.values()):
+    if (
+        isinstance(studies, dict)
+        and studies
+        and all(isinstance(study, dict) for study in studies.values())
+    ):
         return studies
-    raise ConfigError(f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes it anew")
+    raise ConfigError(
+        f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes "
+        "it anew"
+    )

@@ -19,18 +19,33 @@ MOVING = Path("docs/year.gif")
 
 def add_command(commands: Any) -> None:
     """What it takes."""
-    words = commands.add_parser("results", help="the results in a few lines, all tables, or every number as csv or json")
-    words.add_argument("--full", action="store_true", help="all tables of the report, with intervals")
-    words.add_argument("--csv", action="store_true", help="every number: a header line and a row a number")
+    words = commands.add_parser(
+        "results", help="the results in a few lines, all tables, or every number as csv or json"
+    )
+    words.add_argument(
+        "--full", action="store_true", help="all tables of the report, with intervals"
+    )
+    words.add_argument(
+        "--csv", action="store_true", help="every number: a header line and a row a number"
+    )
     words.add_argument("--json", action="store_true", help="the same as a list of objects")
     words.add_argument("--markdown", action="store_true", help="all tables, as in docs/RESULTS.md")
     words.add_argument(
         "--write",
         nargs="*",
         metavar="KIND",
-        help="fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, bfloat16, float32, picture)",
+        help=(
+            "fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, "
+            "bfloat16, float32, picture)"
+        ),
     )
-    words.add_argument("--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only these rows; commas between values")
+    words.add_argument(
+        "--where",
+        nargs="+",
+        default=[],
+        metavar="COLUMN=VALUE",
+        help="only these rows; commas between values",
+    )
 
 
 def results(given: argparse.Namespace) -> None:
@@ -55,16 +70,23 @@ def results(given: argparse.Namespace) -> None:
         return print("all tables: yearloc results --full; a page: artifacts/report/page.html")
     table = where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
     if table.empty:
-        raise ConfigError(f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all")
+        raise ConfigError(
+            f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all"
+        )
     if given.csv:
         return print(table.to_csv(index=False), end="")
     if given.json:
         return print(table.to_json(orient="records"))
-    return print(table.to_string(index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()))
+    return print(
+        table.to_string(
+            index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()
+        )
+    )
 
 
 def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: list[str]) -> None:
-    """Fill the blocks of the pages that these studies can fill, of these kinds, of all kinds if none are given."""
+    """Fill the blocks of the pages that these studies can fill, of these kinds, of all kinds if
+    none are given."""
     from pipeline.cli.picture import draw
     from pipeline.networks.loop import arithmetic
     from pipeline.replacing import replace
@@ -74,21 +96,35 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
     if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(KINDS)}")
     kinds = kinds or list(KINDS)
-    texts = {block: text for block, text in table_texts(table, studies, arithmetic()).items() if block.kind in kinds}
+    texts = {
+        block: text
+        for block, text in table_texts(table, studies, arithmetic()).items()
+        if block.kind in kinds
+    }
     pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
     wanted = {path: blocks(page) for path, page in pages.items()}
     pictures = sorted({block for own in wanted.values() for block in own if block.kind == PICTURE})
     if len(pictures) > 1:
-        raise ConfigError(f"{' and '.join(PAGES)}: {len(pictures)} different pictures are wanted, and {MOVING} holds one")
+        raise ConfigError(
+            f"{' and '.join(PAGES)}: {len(pictures)} different pictures are wanted, and {MOVING} "
+            "holds one"
+        )
     for block in pictures if PICTURE in kinds else ():
         study = studies.get(block.study, {})
-        if study.get("budget") == block.budget and block.model in [answers.name for answers in answerers(study)]:
-            texts[block] = draw(f"{block.study}/{study['grids'][0]}/{block.model}", None, MOVING).page
+        if study.get("budget") == block.budget and block.model in [
+            answers.name for answers in answerers(study)
+        ]:
+            texts[block] = draw(
+                f"{block.study}/{study['grids'][0]}/{block.model}", None, MOVING
+            ).page
     for path, page in pages.items():
         with replace(path) as scratch:
             scratch.write_text(filled(page, texts), encoding="utf-8")
         for block in wanted[path]:
-            print(f"{path}: {' '.join(filter(None, block))}: {'written' if block in texts else 'left as it is'}")
+            print(
+                f"{path}: {' '.join(filter(None, block))}: "
+                f"{'written' if block in texts else 'left as it is'}"
+            )
 
 
 def _full(places: list[tuple[str, str]]) -> None:

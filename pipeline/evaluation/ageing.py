@@ -1,7 +1,9 @@
-"""How a number changes with the days since training, and when it has fallen so far that one would train again.
+"""How a number changes with the days since training, and when it has fallen so far that one would
+train again.
 
-A straight line through one value a test sequence, by least squares. Its interval is of the scatter of the sequences about the
-line, whatever that comes from: chance along each path, another share of streets driven backwards, the weather of the day.
+A straight line through one value a test sequence, by least squares. Its interval is of the scatter
+of the sequences about the line, whatever that comes from: chance along each path, another share of
+streets driven backwards, the weather of the day.
 """
 
 from dataclasses import dataclass
@@ -25,14 +27,17 @@ class Line:
     last_day: float  # of the last sequence: what lies after it is extrapolated
     intercept: float  # on the day of training
     slope: float  # a day
-    middle_slope: float  # Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly moves
+    # Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly moves
+    middle_slope: float
     p: float  # two-sided, of no slope; NaN of two sequences
-    quantile: float  # of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none
+    # of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none
+    quantile: float
     covariance: NDArray[np.float64]  # (2, 2) of intercept and slope
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Lowest and highest slope a day; None of two sequences, through which a line always goes."""
+        """Lowest and highest slope a day; None of two sequences, through which a line always
+        goes."""
         half = self.quantile * np.sqrt(self.covariance[1, 1])
         return None if np.isnan(half) else (float(self.slope - half), float(self.slope + half))
 
@@ -43,17 +48,20 @@ class Line:
         return int(low > 0) - int(high < 0)
 
     def at(self, days: NDArray[Any]) -> NDArray[np.float64]:
-        """The line and its lowest and highest (3, n) on some days (n,), each by itself; NaN where there is no interval."""
+        """The line and its lowest and highest (3, n) on some days (n,), each by itself; NaN where
+        there is no interval."""
         beside = np.stack([np.ones_like(days, np.float64), days])
         value = np.array([self.intercept, self.slope]) @ beside
         half = self.quantile * np.sqrt(np.einsum("in,ij,jn->n", beside, self.covariance, beside))
         return np.stack([value, value - half, value + half])
 
     def lost(self, share: float) -> tuple[float, float, float] | None:
-        """The day on which the line has lost `share` of its value on the day of training, and its earliest and latest.
+        """The day on which the line has lost `share` of its value on the day of training, and its
+        earliest and latest.
 
-        None unless the line surely falls. Fieller's interval of a ratio (1954): the days d on which share · intercept +
-        slope · d = 0 cannot be ruled out; unlike the slope's interval alone, it knows that the intercept is uncertain too.
+        None unless the line surely falls. Fieller's interval of a ratio (1954): the days d on which
+        share · intercept + slope · d = 0 cannot be ruled out; unlike the slope's interval alone, it
+        knows that the intercept is uncertain too.
         """
         if self.trend >= 0 or self.intercept <= 0:
             return None
@@ -68,23 +76,29 @@ class Line:
 class Ageing:
     """What is asked of the lines (conf/results.yaml)."""
 
-    loss: InnerShare = 0.1  # the share of a number's value on the day of training whose loss calls for training again
+    # the share of a number's value on the day of training whose loss calls for training again
+    loss: InnerShare = 0.1
     level: InnerShare = 0.95  # of the intervals
 
     def __post_init__(self) -> None:
         check(self, "ageing")
 
     def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
-        """Through values (n,) on days (n,) since training, those that are NaN left out; None unless two lie on unlike days."""
+        """Through values (n,) on days (n,) since training, those that are NaN left out; None unless
+        two lie on unlike days."""
         there = np.isfinite(values)
-        x, y = np.asarray(days, np.float64)[there], np.asarray(values, np.float64)[there]
+        x = np.asarray(days, np.float64)[there]
+        y = np.asarray(values, np.float64)[there]
         if len(np.unique(x)) < 2:
             return None
-        n, apart, rise = len(x), x - x.mean(), y - y.mean()
+        n = len(x)
+        apart = x - x.mean()
+        rise = y - y.mean()
         slope = float(apart @ rise / (apart @ apart))
         left = rise - slope * apart
         of_slope = (left @ left) / (apart @ apart) / (n - 2) if n > 2 else np.nan
-        of_intercept, of_both = of_slope * (x**2).mean(), -of_slope * x.mean()
+        of_intercept = of_slope * (x**2).mean()
+        of_both = -of_slope * x.mean()
         before, after = np.nonzero(x[:, None] < x)
         return Line(
             number=n,
@@ -92,16 +106,20 @@ class Ageing:
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
             middle_slope=float(np.median((y[after] - y[before]) / (x[after] - x[before]))),
-            p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(of_slope), TINY))) if n > 2 else np.nan,
+            p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(of_slope), TINY)))
+            if n > 2
+            else np.nan,
             quantile=float(stdtrit(n - 2, (1 + self.level) / 2)) if n > 2 else np.nan,
             covariance=np.array([[of_intercept, of_both], [of_both, of_slope]]),
         )
 
 
 def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:
-    """How new the seen queries look, 0 to 100: the percentile of their median novelty among held-out queries (h,).
+    """How new the seen queries look, 0 to 100: the percentile of their median novelty among
+    held-out queries (h,).
 
-    Seen by distance, novelty in use; 50 is as new as the day of training itself. NaN where either is empty.
+    Seen by distance, novelty in use; 50 is as new as the day of training itself. NaN where either
+    is empty.
     """
     seen = evaluation.novelty[evaluation.distance.seen, 0]
     if not len(seen) or not len(held_out):

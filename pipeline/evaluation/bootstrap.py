@@ -1,4 +1,5 @@
-"""How far a number would move had the robot driven other stretches of the same streets: 95 % intervals."""
+"""How far a number would move had the robot driven other stretches of the same streets: 95 %
+intervals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,10 +16,11 @@ Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # weights (r, q)
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Resamples blocks of the path, not queries: neighbouring queries see the same street, so their errors come in runs.
+    """Resamples blocks of the path, not queries: neighbouring queries see the same street, so their
+    errors come in runs.
 
-    Percentile method. A number that no resample moves, such as a recall of 1, has an interval of no width: the path holds no
-    evidence of how it might fail.
+    Percentile method. A number that no resample moves, such as a recall of 1, has an interval of no
+    width: the path holds no evidence of how it might fail.
     """
 
     block_m: Positive = 50.0  # travelled metres that stay together; longer than a run of errors
@@ -31,14 +33,18 @@ class Bootstrap:
     def intervals(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).
 
-        NaN for a number that all queries together leave undefined, and on a path of a single block; resamples that leave it
-        undefined are left out.
+        NaN for a number that all queries together leave undefined, and on a path of a single block;
+        resamples that leave it undefined are left out.
         """
-        return np.array([bounds(spread) for spread in self.spreads(numbers, xy_m)], np.float64).reshape(-1, 2)
+        return np.array(
+            [bounds(spread) for spread in self.spreads(numbers, xy_m)], np.float64
+        ).reshape(-1, 2)
 
     def estimates(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The m numbers of all queries, each with its lowest and highest (m, 3)."""
-        return np.concatenate([numbers(np.ones((1, len(xy_m)))), self.intervals(numbers, xy_m)], axis=1)
+        return np.concatenate(
+            [numbers(np.ones((1, len(xy_m)))), self.intervals(numbers, xy_m)], axis=1
+        )
 
     def spreads(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Each number in the resamples that define it; empty where `intervals` has NaN."""
@@ -47,11 +53,19 @@ class Bootstrap:
         count = block.max(initial=-1) + 1
         if count < 2:
             return [np.empty(0)] * len(estimate)
-        drawn = np.random.default_rng(self.seed).multinomial(count, np.full(count, 1 / count), self.resamples)
+        drawn = np.random.default_rng(self.seed).multinomial(
+            count, np.full(count, 1 / count), self.resamples
+        )
         step = max(1, CHUNK // len(block))
-        chunks = [numbers(drawn[i : i + step, block].astype(np.float64)) for i in range(0, self.resamples, step)]
+        chunks = [
+            numbers(drawn[i : i + step, block].astype(np.float64))
+            for i in range(0, self.resamples, step)
+        ]
         resampled = np.concatenate(chunks, axis=1)
-        return [spread[~np.isnan(spread) & ~np.isnan(one)] for spread, one in zip(resampled, estimate, strict=True)]
+        return [
+            spread[~np.isnan(spread) & ~np.isnan(one)]
+            for spread, one in zip(resampled, estimate, strict=True)
+        ]
 
 
 def bounds(spread: NDArray[np.float64]) -> tuple[float, float]:
@@ -61,6 +75,7 @@ def bounds(spread: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:
-    """The block (q,) of each position (q, 2) of a path: `block_m` of travelled metres each, numbered from 0 without gaps."""
+    """The block (q,) of each position (q, 2) of a path: `block_m` of travelled metres each,
+    numbered from 0 without gaps."""
     travelled_m = np.cumsum(np.linalg.norm(np.diff(xy_m, axis=0, prepend=xy_m[:1]), axis=1))
     return np.unique(travelled_m // block_m, return_inverse=True)[1]

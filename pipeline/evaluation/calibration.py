@@ -22,25 +22,32 @@ class Reliability:
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
-    """Bins of answers with confidences (q,), each a chance between 0 and 1, that are `right` (q,) or not."""
+    """Bins of answers with confidences (q,), each a chance between 0 and 1, that are `right` (q,)
+    or not."""
     if not chances(confidence):
         raise InputError("a confidence is no chance between 0 and 1")
     confidence = np.asarray(confidence, np.float64)
     bin_of = (confidence * BINS).astype(np.int64).clip(0, BINS - 1)
     count = np.bincount(bin_of, minlength=BINS)
-    confident, true = (np.bincount(bin_of, values, BINS) / np.where(count > 0, count, np.nan) for values in (confidence, right))
+    confident, true = (
+        np.bincount(bin_of, values, BINS) / np.where(count > 0, count, np.nan)
+        for values in (confidence, right)
+    )
     return Reliability(confident, true, count)
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
-    """Expected calibration error: how far confidence and share right are apart, over the bins by their counts; NaN of none.
+    """Expected calibration error: how far confidence and share right are apart, over the bins by
+    their counts; NaN of none.
 
     NaN too where a confidence is no chance, as a descriptor's distance is not.
     """
     if len(confidence) == 0 or not chances(confidence):
         return np.nan
     found = reliability(confidence, right)
-    return float(np.nansum(np.abs(found.confidence - found.right) * found.count) / found.count.sum())
+    return float(
+        np.nansum(np.abs(found.confidence - found.right) * found.count) / found.count.sum()
+    )
 
 
 def chances(confidence: NDArray[Any]) -> bool:

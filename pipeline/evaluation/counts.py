@@ -1,4 +1,5 @@
-"""How queries fare at every threshold and every top n: the four counts under a precision-recall curve (METHODS.md 2.7)."""
+"""How queries fare at every threshold and every top n: the four counts under a precision-recall
+curve (METHODS.md 2.7)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,28 +16,38 @@ N_THRESHOLDS = 200
 
 @dataclass(frozen=True)
 class Counts:
-    """Judged queries of each outcome, thresholds along the last axis; the four add up to the same number everywhere."""
+    """Judged queries of each outcome, thresholds along the last axis; the four add up to the same
+    number everywhere."""
 
     hits: NDArray[Any]  # accepted, and a right answer among the first n
     misses: NDArray[Any]  # rejected although seen; the same for every n
-    false_alarms: NDArray[Any]  # accepted, and no right answer among the first n, or the query unseen
+    false_alarms: NDArray[
+        Any
+    ]  # accepted, and no right answer among the first n, or the query unseen
     correct_rejections: NDArray[Any]  # rejected and unseen; the same for every n
 
 
-def count(truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N) -> Counts:
-    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,): rejected is a query whose novelty (q,) ≥ the threshold."""
+def count(
+    truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N
+) -> Counts:
+    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,): rejected is a query whose
+    novelty (q,) ≥ the threshold."""
     _check(truth, novelty)
-    rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(thresholds, np.float64)  # (q, t)
+    rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(
+        thresholds, np.float64
+    )  # (q, t)
     hits = _tally(np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1), ~rejected)
     accepted = _tally((truth.seen | truth.unseen)[:, None], ~rejected)
     misses, correct_rejections = (
-        np.tile(_tally(queries[:, None], rejected), (top_n, 1)) for queries in (truth.seen, truth.unseen)
+        np.tile(_tally(queries[:, None], rejected), (top_n, 1))
+        for queries in (truth.seen, truth.unseen)
     )
     return Counts(hits, misses, accepted - hits, correct_rejections)
 
 
 class ExactCounts:
-    """Weighted counts as the threshold rises past every distinct novelty: the exact curve, of which any other is a part.
+    """Weighted counts as the threshold rises past every distinct novelty: the exact curve, of which
+    any other is a part.
 
     Column 0 rejects all; column i accepts the i smallest distinct novelties.
     """
@@ -50,7 +61,8 @@ class ExactCounts:
         self._distinct = np.unique(ascending)
         self._accepted = np.r_[0, np.searchsorted(ascending, self._distinct, side="right")]
         self._weight = weight[:, self._order]
-        self._seen, self._unseen = self._running(truth.seen), self._running(truth.unseen)
+        self._seen = self._running(truth.seen)
+        self._unseen = self._running(truth.unseen)
 
     def columns(self, thresholds: NDArray[np.float64]) -> NDArray[np.int64]:
         """The column (t,) that rejects from each threshold (t,) on."""
@@ -59,8 +71,11 @@ class ExactCounts:
     def count(self, n: int, columns: NDArray[np.int64] | slice = slice(None)) -> Counts:
         """Counts (r, t) among the first `n` answers, in all columns or some."""
         hits = self._running(right(self._truth, n))[:, columns]
-        seen, unseen = self._seen[:, columns], self._unseen[:, columns]
-        return Counts(hits, self._seen[:, -1:] - seen, seen + unseen - hits, self._unseen[:, -1:] - unseen)
+        seen = self._seen[:, columns]
+        unseen = self._unseen[:, columns]
+        return Counts(
+            hits, self._seen[:, -1:] - seen, seen + unseen - hits, self._unseen[:, -1:] - unseen
+        )
 
     def _running(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Weight (r, t) of the accepted queries that have the flag (q,)."""
@@ -70,18 +85,21 @@ class ExactCounts:
 
 
 def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
-    """The 200 thresholds (t,) to judge these novelties (q,) at: from 0, or the least of them if that is lower, to 1, or the
-    largest of them if that is higher; infinite ones left out."""
+    """The 200 thresholds (t,) to judge these novelties (q,) at: from 0, or the least of them if
+    that is lower, to 1, or the largest of them if that is higher; infinite ones left out."""
     finite = np.asarray(novelty, np.float64)[np.isfinite(novelty)]
-    return np.linspace(min(0.0, finite.min(initial=0.0)), max(1.0, finite.max(initial=0.0)), N_THRESHOLDS)
+    return np.linspace(
+        min(0.0, finite.min(initial=0.0)), max(1.0, finite.max(initial=0.0)), N_THRESHOLDS
+    )
 
 
 def _check(truth: Truth, novelty: NDArray[Any]) -> None:
-    """Raise InputError unless each query has a truth and a novelty that a threshold can be held against."""
+    """Raise InputError unless each query has a truth and a novelty that a threshold can be held
+    against."""
     if not len(truth.true_rank) == len(truth.seen) == len(truth.unseen) == len(novelty):
         raise InputError(
-            f"{len(truth.true_rank)} true ranks, {len(truth.seen)} seen and {len(truth.unseen)} unseen flags "
-            f"and {len(novelty)} novelties of the same queries"
+            f"{len(truth.true_rank)} true ranks, {len(truth.seen)} seen and {len(truth.unseen)} "
+            f"unseen flags and {len(novelty)} novelties of the same queries"
         )
     if np.isnan(novelty).any():
         raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")
@@ -93,5 +111,6 @@ def right(truth: Truth, n: int) -> NDArray[np.bool_]:
 
 
 def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many queries hold both flags: (q, a), (q, b) to (a, b); the product runs in float64, exact below 2⁵³."""
+    """How many queries hold both flags: (q, a), (q, b) to (a, b); the product runs in float64,
+    exact below 2⁵³."""
     return np.rint(rows.T.astype(np.float64) @ columns.astype(np.float64)).astype(np.int64)

@@ -1,4 +1,5 @@
-"""Doubts: what makes a score say little, or nothing at all; they are rows of the table of results like any number."""
+"""Doubts: what makes a score say little, or nothing at all; they are rows of the table of results
+like any number."""
 
 from collections.abc import Mapping
 
@@ -11,34 +12,57 @@ from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.store import Artifact
 
 BLIND = "blind_recall_at_1"
-"""What one and the same answer to every query would reach: half of it all, and the score is void."""
+"""What one and the same answer to every query would reach: half of it all, and the score is
+void."""
 VOID = "void"
-HALF, FEW, FEW_BLOCKS = 0.5, 30, 5
+HALF = 0.5
+FEW = 30
+FEW_BLOCKS = 5
 UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
-OF_SCORES = "one_answer", "few_seen", "few_blocks", "all_rejected", "none_rejected", "no_threshold", "less_kept"
+OF_SCORES = (
+    "one_answer",
+    "few_seen",
+    "few_blocks",
+    "all_rejected",
+    "none_rejected",
+    "no_threshold",
+    "less_kept",
+)
 DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED)
-"""Rows that are there where they apply: the share of queries that get the commonest answer, if half or more; how many queries are
-seen, if FEW or fewer, and in how many blocks of the path, if FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no
-threshold kept any precision on held-out blocks; the precision that it kept there, if less than wanted. Of the submaps: degrees
-of azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the highest points, under LOW_M; the
-share of the drive without a whole window, if half or more."""
-ROUND_DEG, GROUND_M, LOW_M = 300.0, 0.5, 1.0
+"""Rows that are there where they apply: the share of queries that get the commonest answer, if half
+or more; how many queries are seen, if FEW or fewer, and in how many blocks of the path, if
+FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no threshold kept any precision on
+held-out blocks; the precision that it kept there, if less than wanted. Of the submaps: degrees of
+azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the
+highest points, under LOW_M; the share of the drive without a whole window, if half or more."""
+ROUND_DEG = 300.0
+GROUND_M = 0.5
+LOW_M = 1.0
 
 
 def blind(
-    places: NDArray[np.int64], nearest_m: NDArray[np.float64], xy_m: NDArray[np.float64], distance: Distance
+    places: NDArray[np.int64],
+    nearest_m: NDArray[np.float64],
+    xy_m: NDArray[np.float64],
+    distance: Distance,
 ) -> dict[str, float]:
-    """By protocol, the share of seen queries that one answer to all would be right for; NaN of none seen.
+    """By protocol, the share of seen queries that one answer to all would be right for; NaN of none
+    seen.
 
-    By cells that is the commonest of the true `places` (q,), −1 unseen; by distance the position of a seen query, given where all
-    were taken, `xy_m` (q, 2), and how far they are from training, `nearest_m` (q,).
+    By cells that is the commonest of the true `places` (q,), −1 unseen; by distance the position of
+    a seen query, given where all were taken, `xy_m` (q, 2), and how far they are from training,
+    `nearest_m` (q,).
     """
-    there, near = places[places >= 0], xy_m[nearest_m < distance.seen_m]
+    there = places[places >= 0]
+    near = xy_m[nearest_m < distance.seen_m]
     found = {"cells": np.nan, "distance": np.nan}
     if len(there):
         found["cells"] = float(np.bincount(there).max() / len(there))
     if len(near):
-        found["distance"] = float(KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max() / len(near))
+        found["distance"] = float(
+            KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max()
+            / len(near)
+        )
     return found
 
 
@@ -52,7 +76,8 @@ def doubts(
     seen: int,
     blocks: int,
 ) -> dict[str, float]:
-    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,) and the threshold in use.
+    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,)
+    and the threshold in use.
 
     That threshold keeps the precision `kept` on held-out blocks, where `wanted` was wanted.
     """
@@ -75,11 +100,15 @@ def doubts(
 def unsuited(submaps: Artifact) -> dict[str, float]:
     """Those of UNSUITED that apply to the submaps of a sequence."""
     azimuth_deg, ground_m, highest_m = (
-        np.nan if submaps.attrs["appearance"][name] is None else float(submaps.attrs["appearance"][name])
+        np.nan
+        if submaps.attrs["appearance"][name] is None
+        else float(submaps.attrs["appearance"][name])
         for name in ("azimuth_deg", "ground_m", "highest_m")
     )
     left_out = submaps.attrs["left_out"]
-    share = left_out.get("window not yet whole", 0) / (submaps["scans"].shape[0] + sum(left_out.values()))
+    share = left_out.get("window not yet whole", 0) / (
+        submaps["scans"].shape[0] + sum(left_out.values())
+    )
     return _applying(
         {
             "doubt_not_all_round": (azimuth_deg, azimuth_deg < ROUND_DEG),

@@ -1,6 +1,8 @@
-"""How a method fares by the distance to the nearest thing that was built or torn down since training.
+"""How a method fares by the distance to the nearest thing that was built or torn down since
+training.
 
-Real changes of the world, unlike those that an alteration draws into single queries: they hide, widen and open up views for good.
+Real changes of the world, unlike those that an alteration draws into single queries: they hide,
+widen and open up views for good.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +22,8 @@ from pipeline.formats.changes import Change
 from pipeline.running.settings import check
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
-APART_M = 1e6  # between the paths of two sequences that are pooled, so that no block holds queries of both
+# between the paths of two sequences that are pooled, so that no block holds queries of both
+APART_M = 1e6
 
 
 @dataclass(frozen=True)
@@ -28,12 +31,19 @@ class Bands:
     """How queries are grouped (conf/results.yaml)."""
 
     edges_m: Sequence[float] = (25.0, 50.0, 100.0)  # rising; the last band has no end
-    kinds: Sequence[str] = ("construction", "demolition")  # which changes count; trees change everywhere
+    kinds: Sequence[str] = (
+        "construction",
+        "demolition",
+    )  # which changes count; trees change everywhere
 
     def __post_init__(self) -> None:
         check(self, "bands")
-        if not self.edges_m or list(self.edges_m) != sorted({float(edge) for edge in self.edges_m if edge > 0}):
-            raise ConfigError(f"bands.edges_m={list(self.edges_m)}: expected rising distances above 0")
+        if not self.edges_m or list(self.edges_m) != sorted(
+            {float(edge) for edge in self.edges_m if edge > 0}
+        ):
+            raise ConfigError(
+                f"bands.edges_m={list(self.edges_m)}: expected rising distances above 0"
+            )
 
     @property
     def names(self) -> list[str]:
@@ -43,7 +53,11 @@ class Bands:
 
     def of(self, away_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The band (q,) of each distance (q,), on an edge the nearer one; −1 of NaN."""
-        return np.where(np.isnan(away_m), -1, np.searchsorted(np.asarray(self.edges_m, np.float64), away_m, side="left"))
+        return np.where(
+            np.isnan(away_m),
+            -1,
+            np.searchsorted(np.asarray(self.edges_m, np.float64), away_m, side="left"),
+        )
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,9 @@ class Banded:
 
     seen: NDArray[np.int64]  # (band,)
     unseen: NDArray[np.int64]  # (band,)
-    values: NDArray[np.float64]  # (band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none
+    values: NDArray[
+        np.float64
+    ]  # (band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none
 
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
@@ -62,34 +78,50 @@ def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[n
 
 
 def distances(
-    xy_m: Mapping[str, NDArray[np.float64]], changes: Mapping[str, Iterable[Change]], kinds: Sequence[str]
+    xy_m: Mapping[str, NDArray[np.float64]],
+    changes: Mapping[str, Iterable[Change]],
+    kinds: Sequence[str],
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """How far queries (q, 2) are from the nearest change that shows, and from one to come: two of (q,) a sequence.
+    """How far queries (q, 2) are from the nearest change that shows, and from one to come: two of
+    (q,) a sequence.
 
-    `changes` of each sequence are those that show on its day. What shows in others alone is to come, or NaN where something that
-    shows is nearer: the kind of street that changes, before it does.
+    `changes` of each sequence are those that show on its day. What shows in others alone is to
+    come, or NaN where something that shows is nearer: the kind of street that changes, before it
+    does.
     """
     by = {sequence: {one for one in changes[sequence] if one.what in kinds} for sequence in xy_m}
-    every, found = set().union(*by.values()), {}
+    every = set().union(*by.values())
+    found = {}
     for sequence, where in xy_m.items():
-        shown, to_come = nearest_m(where, by[sequence]), nearest_m(where, every - by[sequence])
+        shown = nearest_m(where, by[sequence])
+        to_come = nearest_m(where, every - by[sequence])
         found[sequence] = shown, np.where(to_come < shown, to_come, np.nan)
     return found
 
 
 def banded(
-    evaluations: Sequence[Evaluation], away_m: Sequence[NDArray[np.float64]], bands: Bands, protocol: str, bootstrap: Bootstrap
+    evaluations: Sequence[Evaluation],
+    away_m: Sequence[NDArray[np.float64]],
+    bands: Bands,
+    protocol: str,
+    bootstrap: Bootstrap,
 ) -> Banded:
-    """One method's queries of all sequences pooled, each counting once; `away_m` (q,) of each evaluation's, NaN to leave out.
+    """One method's queries of all sequences pooled, each counting once; `away_m` (q,) of each
+    evaluation's, NaN to leave out.
 
     The threshold of the exact curve passes the novelties of all sequences together.
     """
     band = bands.of(np.concatenate(away_m))
     novelty = np.concatenate([one.novelty[:, 0] for one in evaluations])
-    truths, flags = [one.truth(protocol) for one in evaluations], ("seen", "unseen", "true_rank", "oracle_right")
-    pooled: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in truths]) for name in flags}
+    truths = [one.truth(protocol) for one in evaluations]
+    flags = ("seen", "unseen", "true_rank", "oracle_right")
+    pooled: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in truths]) for name in flags
+    }
     rows = [np.flatnonzero(band == number) for number in range(len(bands.names))]
-    parts = [replace(truths[0], **{name: array[here] for name, array in pooled.items()}) for here in rows]
+    parts = [
+        replace(truths[0], **{name: array[here] for name, array in pooled.items()}) for here in rows
+    ]
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
         found = []
@@ -99,6 +131,12 @@ def banded(
             found.append(auc_exact(part, novelty[here], own))
         return np.stack(found)
 
-    apart_m = np.concatenate([one.xy_m + np.array([APART_M * number, 0.0]) for number, one in enumerate(evaluations)])
-    seen, unseen = (np.array([getattr(part, name).sum() for part in parts]) for name in ("seen", "unseen"))
-    return Banded(seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(rows), len(NUMBERS), 3))
+    apart_m = np.concatenate(
+        [one.xy_m + np.array([APART_M * number, 0.0]) for number, one in enumerate(evaluations)]
+    )
+    seen, unseen = (
+        np.array([getattr(part, name).sum() for part in parts]) for name in ("seen", "unseen")
+    )
+    return Banded(
+        seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(rows), len(NUMBERS), 3)
+    )

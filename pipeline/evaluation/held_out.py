@@ -1,4 +1,5 @@
-"""How a model did on the held-out blocks of training: what settings may be chosen by, and never by the test sequences."""
+"""How a model did on the held-out blocks of training: what settings may be chosen by, and never by
+the test sequences."""
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from pipeline.matching.rejection import Evidence
 
 
 def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
-    """Area under the exact curve of precision over recall, by the authors' rules, by cells, at top 1.
+    """Area under the exact curve of precision over recall, by the authors' rules, by cells, at top
+    1.
 
     Each held-out query counts once as seen and once, with its surroundings forgotten, as unseen.
     """
@@ -16,5 +18,13 @@ def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen, ~seen, np.where(right, 0, -1), right)
     nothing = (np.zeros(len(novelty)),) * 2
-    queries = Queries(novelty[:, None].astype(np.float32), (0.0,), np.zeros(1), *nothing, *nothing, *nothing, np.nan)
+    queries = Queries(
+        novelty[:, None].astype(np.float32),
+        (0.0,),
+        np.zeros(1),
+        *nothing,
+        *nothing,
+        *nothing,
+        np.nan,
+    )
     return float(measures(truth, queries, 0, weight[None])["auc_exact_top1"][0])

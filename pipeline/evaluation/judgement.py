@@ -1,4 +1,5 @@
-"""How a model fared in one test sequence, in each case of its queries: every dimension kept, and its numbers with intervals."""
+"""How a model fared in one test sequence, in each case of its queries: every dimension kept, and
+its numbers with intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -43,17 +44,27 @@ class Judgement:
 
     @property
     def answered(self) -> float:
-        """The share of the judged queries that the method dares to answer; 0 where none is judged."""
-        return float(np.isin(self.outcome, (HIT, FALSE_ALARM)).sum() / max((self.outcome != NOT_JUDGED).sum(), 1))
+        """The share of the judged queries that the method dares to answer; 0 where none is
+        judged."""
+        return float(
+            np.isin(self.outcome, (HIT, FALSE_ALARM)).sum()
+            / max((self.outcome != NOT_JUDGED).sum(), 1)
+        )
 
     def turned_share(self, turn_deg: NDArray[np.float64]) -> float:
-        """The share of the seen queries that drive another way than training, by their headings (q,) against it; NaN of none."""
-        return float((np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG).mean()) if self.seen.any() else np.nan
+        """The share of the seen queries that drive another way than training, by their headings
+        (q,) against it; NaN of none."""
+        return (
+            float((np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG).mean())
+            if self.seen.any()
+            else np.nan
+        )
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One model on q queries of one case in one test sequence (schemas.EVALUATIONS says what each array is), t thresholds."""
+    """One model on q queries of one case in one test sequence (schemas.EVALUATIONS says what each
+    array is), t thresholds."""
 
     cells: Judgement
     distance: Judgement
@@ -77,7 +88,8 @@ class Evaluation:
     wanted: float
     """Precision that the thresholds were chosen for; NaN where it is not known."""
     kept: tuple[float, ...]
-    """(kind,) precision that each keeps on held-out blocks of training; NaN where it is not known, or accepts nothing."""
+    """(kind,) precision that each keeps on held-out blocks of training; NaN where it is not known,
+    or accepts nothing."""
     days: int
     blind: Mapping[str, float]
     block_m: float
@@ -98,13 +110,17 @@ class Evaluation:
         seen = self.protocol(name).seen
         held = len(np.unique(blocks(self.xy_m, self.block_m)[seen]))
         chosen = (self.reject_from[0], self.kept[0], self.wanted)
-        own = doubts(self.blind[name], self.answer, self.novelty[:, 0], *chosen, int(seen.sum()), held)
+        own = doubts(
+            self.blind[name], self.answer, self.novelty[:, 0], *chosen, int(seen.sum()), held
+        )
         return own | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
         """What that judgement took as true of the queries."""
         by = self.protocol(name)
-        return Truth(by.seen, by.unseen, by.true_rank, by.oracle_right, usual_recall=name == "distance")
+        return Truth(
+            by.seen, by.unseen, by.true_rank, by.oracle_right, usual_recall=name == "distance"
+        )
 
     def number(self, protocol: str, name: str) -> tuple[float, float, float]:
         """One of NUMBERS and the bounds of its 95 % interval; NaN where there is none."""
@@ -112,8 +128,10 @@ class Evaluation:
         return value, low, high
 
     def exact_curve(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Precision and recall (n,) of the first answers at every distinct novelty in use, from none accepted to all."""
-        truth, everyone = self.truth(protocol), np.ones((1, len(self.answer)))
+        """Precision and recall (n,) of the first answers at every distinct novelty in use, from
+        none accepted to all."""
+        truth = self.truth(protocol)
+        everyone = np.ones((1, len(self.answer)))
         counts = ExactCounts(truth, self.novelty[:, 0], everyone).count(1)
         precision, recall = curve(truth, counts, everyone @ truth.seen)
         return precision[0], recall[0]
@@ -121,19 +139,37 @@ class Evaluation:
     @classmethod
     def read(cls, artifact: Artifact, case: int = 0) -> Self:
         """One case of an `evaluations` artifact; the first is as driven."""
-        for name, expected in (("protocols", PROTOCOLS), ("numbers", NUMBERS), ("measures", MEASURES)):
+        for name, expected in (
+            ("protocols", PROTOCOLS),
+            ("numbers", NUMBERS),
+            ("measures", MEASURES),
+        ):
             if tuple(artifact.attrs[name]) != expected:
-                raise ArtifactError(f"{artifact.path}: its {name} are not this version's; `dvc repro` it")
+                raise ArtifactError(
+                    f"{artifact.path}: its {name} are not this version's; `dvc repro` it"
+                )
         arrays = {name: np.asarray(artifact[name][case]) for name in EVALUATIONS.columns}
-        own: dict[str, Any] = {field.name: arrays[field.name] for field in fields(cls) if field.name in arrays}
+        own: dict[str, Any] = {
+            field.name: arrays[field.name] for field in fields(cls) if field.name in arrays
+        }
         for i, name in enumerate(PROTOCOLS):
-            own[name] = Judgement(**{field.name: arrays[field.name][i] for field in fields(Judgement)})
+            own[name] = Judgement(
+                **{field.name: arrays[field.name][i] for field in fields(Judgement)}
+            )
         promised = artifact.attrs["promised"]
-        own |= {"kinds": tuple(artifact.attrs["kinds"]), "reject_from": tuple(map(float, artifact.attrs["reject_from"]))}
+        own |= {
+            "kinds": tuple(artifact.attrs["kinds"]),
+            "reject_from": tuple(map(float, artifact.attrs["reject_from"])),
+        }
         own["promised"] = np.nan if promised is None else float(promised)
         own["wanted"] = float(artifact.attrs["wanted_precision"])
-        own["kept"] = tuple(np.nan if one is None else float(one) for one in artifact.attrs["kept_precision"])
-        own["blind"] = {by: np.nan if share is None else float(share) for by, share in artifact.attrs["blind"].items()}
+        own["kept"] = tuple(
+            np.nan if one is None else float(one) for one in artifact.attrs["kept_precision"]
+        )
+        own["blind"] = {
+            by: np.nan if share is None else float(share)
+            for by, share in artifact.attrs["blind"].items()
+        }
         own["unsuited"] = artifact.attrs["unsuited"]
         block_m = float(artifact.attrs["bootstrap"]["block_m"])
         return cls(**own, days=int(artifact.attrs["days"]), block_m=block_m)
@@ -141,9 +177,17 @@ class Evaluation:
 
 def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:
     """The arrays of an artifact that holds these evaluations, a row a case."""
-    parts = [vars(one) | {"protocols": [vars(one.protocol(protocol)) for protocol in PROTOCOLS]} for one in evaluations]
+    parts = [
+        vars(one) | {"protocols": [vars(one.protocol(protocol)) for protocol in PROTOCOLS]}
+        for one in evaluations
+    ]
     return {
-        name: np.stack([one[name] if name in one else np.stack([by[name] for by in one["protocols"]]) for one in parts])
+        name: np.stack(
+            [
+                one[name] if name in one else np.stack([by[name] for by in one["protocols"]])
+                for one in parts
+            ]
+        )
         for name in EVALUATIONS.columns
     }
 
@@ -151,30 +195,46 @@ def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:
 def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
     """The attributes of that artifact that the evaluations know."""
     first = next(iter(evaluations.values()))
-    names = {"protocols": list(PROTOCOLS), "numbers": list(NUMBERS), "measures": list(MEASURES), "kinds": list(first.kinds)}
+    names = {
+        "protocols": list(PROTOCOLS),
+        "numbers": list(NUMBERS),
+        "measures": list(MEASURES),
+        "kinds": list(first.kinds),
+    }
     promised = None if np.isnan(first.promised) else first.promised
-    own = {"days": first.days, "reject_from": list(first.reject_from), "promised": promised, "blind": _valid(first.blind)}
+    own = {
+        "days": first.days,
+        "reject_from": list(first.reject_from),
+        "promised": promised,
+        "blind": _valid(first.blind),
+    }
     own["unsuited"] = dict(first.unsuited)
     own["kept_precision"] = [None if np.isnan(one) else one for one in first.kept]
     return {"cases": [asdict(case) for case in evaluations], **own, **names}
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:
-    """All numbers of an evaluation by name; None where there is none, so that JSON can hold them."""
+    """All numbers of an evaluation by name; None where there is none, so that JSON can hold
+    them."""
     found: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
     for protocol in PROTOCOLS:
         by = evaluation.protocol(protocol)
-        values = {name: evaluation.number(protocol, name)[0] for name in NUMBERS} | {"threshold": evaluation.reject_from[0]}
+        values = {name: evaluation.number(protocol, name)[0] for name in NUMBERS} | {
+            "threshold": evaluation.reject_from[0]
+        }
         counts = {"seen": int(by.seen.sum()), "unseen": int(by.unseen.sum())}
         found[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
-    found["calibration"] = _valid(dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True)))
+    found["calibration"] = _valid(
+        dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True))
+    )
     return found
 
 
 def metrics(evaluation: Evaluation) -> dict[str, float]:
     """The few numbers that `dvc metrics show` has in the row of a model and sequence.
 
-    auc_top1 is the papers', by cells; the others go by distance. A number that there is none of is left out.
+    auc_top1 is the papers', by cells; the others go by distance. A number that there is none of is
+    left out.
     """
     shown = {
         "auc_top1": evaluation.number("cells", "auc_top1")[0],
@@ -188,4 +248,7 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
 
 
 def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: number if abs(number) < np.finfo(np.float64).max else None for name, number in numbers.items()}
+    return {
+        name: number if abs(number) < np.finfo(np.float64).max else None
+        for name, number in numbers.items()
+    }

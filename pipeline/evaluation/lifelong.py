@@ -1,7 +1,8 @@
-"""Numbers of a localiser that learns day after day: recall, forgetting, and what a day costs (METHODS 11.4).
+"""Numbers of a localiser that learns day after day: recall, forgetting, and what a day costs
+(METHODS 11.4).
 
-Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after an earlier step, how many more
-were answered right then.
+Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after
+an earlier step, how many more were answered right then.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,22 +36,46 @@ class Course:
     @classmethod
     def of(cls, artifact: Artifact, protocol: str) -> Self:
         """That of an artifact, by cells or by distance."""
-        attrs, known_from = artifact.attrs, artifact.load("known_from")
-        right = artifact.load("right") if protocol == "cells" else artifact.load("error_m") <= attrs["correct_m"]
+        attrs = artifact.attrs
+        known_from = artifact.load("known_from")
+        right = (
+            artifact.load("right")
+            if protocol == "cells"
+            else artifact.load("error_m") <= attrs["correct_m"]
+        )
         streets = attrs["order"] == "streets"
-        group, groups = (known_from, attrs["steps"]) if streets else (artifact.load("day"), attrs["asked"])
+        group, groups = (
+            (known_from, attrs["steps"]) if streets else (artifact.load("day"), attrs["asked"])
+        )
         later = np.greater(*np.ix_(attrs["asked_ns"], attrs["newest_ns"])).T
-        return cls(right, known_from, group, groups, attrs["steps"], np.zeros((len(groups),) * 2, bool) if streets else later)
+        return cls(
+            right,
+            known_from,
+            group,
+            groups,
+            attrs["steps"],
+            np.zeros((len(groups),) * 2, bool) if streets else later,
+        )
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
-        """The share of right answers after a step to queries of a group whose place was known by then, or by an earlier step."""
-        asked = (self.group == group) & (self.known_from >= 0) & (self.known_from <= (step if known_by is None else known_by))
+        """The share of right answers after a step to queries of a group whose place was known by
+        then, or by an earlier step."""
+        asked = (
+            (self.group == group)
+            & (self.known_from >= 0)
+            & (self.known_from <= (step if known_by is None else known_by))
+        )
         return float(self.right[step, asked].mean()) if asked.any() else np.nan
 
     @property
     def matrix(self) -> NDArray[np.float64]:
         """(step, group) recall; NaN where no place of the group is known yet."""
-        return np.array([[self.recall(step, group) for group in range(len(self.groups))] for step in range(len(self.steps))])
+        return np.array(
+            [
+                [self.recall(step, group) for group in range(len(self.groups))]
+                for step in range(len(self.steps))
+            ]
+        )
 
     def mean_recall(self, step: int) -> float:
         """Over the groups that have a known place."""
@@ -61,17 +86,25 @@ class Course:
         return float(self.right[step, self.known_from >= 0].mean())
 
     def forgetting(self, step: int) -> float:
-        """The mean over the groups of the most that was lost since an earlier step; 0 after the first."""
+        """The mean over the groups of the most that was lost since an earlier step; 0 after the
+        first."""
         if not step:
             return 0.0
         lost = [
             [self.recall(past, group) - self.recall(step, group, past) for past in range(step)]
             for group in range(len(self.groups))
         ]
-        return _mean([max(known) for one in lost if (known := [value for value in one if np.isfinite(value)])])
+        return _mean(
+            [
+                max(known)
+                for one in lost
+                if (known := [value for value in one if np.isfinite(value)])
+            ]
+        )
 
     def transfer(self, step: int) -> float:
-        """The mean over the days still to come of what was gained since the first step, of the queries known then."""
+        """The mean over the days still to come of what was gained since the first step, of the
+        queries known then."""
         coming = np.flatnonzero(self.later[step]).tolist()
         return _mean([self.recall(step, group, 0) - self.recall(0, group, 0) for group in coming])
 
@@ -89,21 +122,37 @@ def lifelong_rows(artifact: Artifact) -> Rows:
         for protocol in ("cells", "distance"):
             course = Course.of(artifact, protocol)
             for group, asked in enumerate(course.groups):
-                yield from several(place | {"sequence": asked}, protocol, {"recall_at_1": course.recall(step, group)})
-            numbers = {"mean_recall": course.mean_recall(step), "recall_of_all": course.of_all(step)}
+                yield from several(
+                    place | {"sequence": asked},
+                    protocol,
+                    {"recall_at_1": course.recall(step, group)},
+                )
+            numbers = {
+                "mean_recall": course.mean_recall(step),
+                "recall_of_all": course.of_all(step),
+            }
             numbers |= {"forgetting": course.forgetting(step), "transfer": course.transfer(step)}
             yield from several(place, protocol, numbers)
         counts = {kind: attrs[kind][step] for kind in ("places", "bytes")} | attrs["counts"][step]
-        yield from several(place | {"sequence": name}, "", counts | {"correct_m": attrs["correct_m"]})
+        yield from several(
+            place | {"sequence": name}, "", counts | {"correct_m": attrs["correct_m"]}
+        )
 
 
 def cost_rows(course: Mapping[str, Any]) -> Rows:
     """CPU seconds of each step, as the stage keeps them beside the artifact."""
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
-        yield from several(course["place"] | _place(course, step) | {"sequence": name}, "", {"cpu_s": seconds})
+        yield from several(
+            course["place"] | _place(course, step) | {"sequence": name}, "", {"cpu_s": seconds}
+        )
 
 
 def _place(attrs: Mapping[str, Any], step: int) -> dict[str, Any]:
     """The columns that say which step of which strategy."""
     case = f"{attrs['order']} {attrs['strategy']} {step}"
-    return {"case": case, "change": CHANGE, "kind": f"{attrs['order']} {attrs['strategy']}", "level": float(step)}
+    return {
+        "case": case,
+        "change": CHANGE,
+        "kind": f"{attrs['order']} {attrs['strategy']}",
+        "level": float(step),
+    }

@@ -1,4 +1,5 @@
-"""The numbers that are compared, from weighted queries: weights of one give the estimate, a bootstrap's give its spread."""
+"""The numbers that are compared, from weighted queries: weights of one give the estimate, a
+bootstrap's give its spread."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,36 +9,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.counts import Counts, ExactCounts, right
-from pipeline.evaluation.curves import Curve, auc, auroc, f1_max, precision_recall, ratio, recall_at_precision
+from pipeline.evaluation.curves import (
+    Curve,
+    auc,
+    auroc,
+    f1_max,
+    precision_recall,
+    ratio,
+    recall_at_precision,
+)
 from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.protocols import Truth
 
 POSES = (
-    *("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "wrong_of_accepted_99", "recall_99"),
-    *("within_2m_5deg_same_heading", "within_2m_5deg_turned", "within_2m_5deg_beside", "trajectory_m"),
+    *(
+        "within_2m_5deg",
+        "within_05m_2deg",
+        "error_m",
+        "error_deg",
+        "wrong_of_accepted_99",
+        "recall_99",
+    ),
+    *(
+        "within_2m_5deg_same_heading",
+        "within_2m_5deg_turned",
+        "within_2m_5deg_beside",
+        "trajectory_m",
+    ),
 )
 NUMBERS = (
-    *("recall_at_1", "recall_at_5", "recall_at_25", "recall_at_1_same_heading", "recall_at_1_turned"),
+    *(
+        "recall_at_1",
+        "recall_at_5",
+        "recall_at_25",
+        "recall_at_1_same_heading",
+        "recall_at_1_turned",
+    ),
     *("oracle", "oracle_same_heading", "oracle_turned"),
-    *("auc_top1", "auc_top5", "auc_top25", "auc_exact_top1", "f1_max", "recall_at_99_precision", "auroc"),
+    *(
+        "auc_top1",
+        "auc_top5",
+        "auc_top25",
+        "auc_exact_top1",
+        "f1_max",
+        "recall_at_99_precision",
+        "auroc",
+    ),
     *("precision_at_threshold", "recall_at_threshold", "median_error_m"),
     *("oracle_auc_exact_top1", "median_heading_error_deg", "heading_within_10deg"),
     *POSES,
 )
-"""recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored; oracle: the same if each
-were answered with its nearest training anchor. auc_topn: precision over recall as the papers draw it, auc_exact_top1 through
-every threshold there is; of the oracle, which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen
-from seen. …_at_threshold: where the model itself rejects. Beside them stand kept_precision, what that threshold
-keeps on held-out blocks, and wanted_precision. …heading…: of the seen that are placed right and given a heading, since
-an answer in another street has none to compare. Of poses: within_…: share of the seen queries; error_…: medians over them;
-wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen queries or not, that are off by more
-than 2 m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of
-those that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from it; trajectory_m: root
-mean square of the error over all queries that were given a pose, seen and accepted or not, as of a whole drive's trajectory."""
-MEASURES = ("auroc", "auc_exact_top1", "recall_at_99_precision", "precision_at_threshold", "recall_at_threshold")
+"""recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored;
+oracle: the same if each were answered with its nearest training anchor. auc_topn: precision over
+recall as the papers draw it, auc_exact_top1 through every threshold there is; of the oracle, which
+takes the distance to that anchor for novelty. auroc: how well novelty tells unseen from seen.
+…_at_threshold: where the model itself rejects. Beside them stand kept_precision, what that
+threshold keeps on held-out blocks, and wanted_precision. …heading…: of the seen that are placed
+right and given a heading, since an answer in another street has none to compare. Of poses:
+within_…: share of the seen queries; error_…: medians over them; wrong_of_accepted_99: share of the
+poses that were accepted where .99 was promised, of seen queries or not, that are off by more than 2
+m or 5°; recall_99: share of the seen queries that were accepted so, and are within; …_same_heading,
+…_turned, …_beside: of those that drive as the nearest training pose did, that do not, and that are
+BESIDE_M or more away from it; trajectory_m: root mean square of the error over all queries that
+were given a pose, seen and accepted or not, as of a whole drive's trajectory."""
+MEASURES = (
+    "auroc",
+    "auc_exact_top1",
+    "recall_at_99_precision",
+    "precision_at_threshold",
+    "recall_at_threshold",
+)
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
-SAME_HEADING_DEG = 45.0  # turned at most this far against the nearest training anchor, a query drives the street as training did
+# turned at most this far against the nearest training anchor, a query drives the street as training
+# did
+SAME_HEADING_DEG = 45.0
 GOOD_HEADING_DEG = 10.0
 BESIDE_M = 2.0
 WITHIN = {"within_2m_5deg": (2.0, 5.0), "within_05m_2deg": (0.5, 2.0)}
@@ -56,16 +102,20 @@ class Queries:
     error_m: NDArray[np.float64]  # (q,) from the query to its first answer
     turn_deg: NDArray[np.float64]  # (q,) heading against the nearest training anchor's
     nearest_m: NDArray[np.float64]  # (q,) distance to that anchor
-    heading_error_deg: NDArray[np.float64]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
+    heading_error_deg: NDArray[
+        np.float64
+    ]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
     pose_error_m: NDArray[np.float64]  # (q,) of the pose; NaN where there is none
     pose_error_deg: NDArray[np.float64]  # (q,)
-    promised: float  # reject from this novelty in use on to keep .99 of the poses; NaN of a method without
+    # reject from this novelty in use on to keep .99 of the poses; NaN of a method without
+    promised: float
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """Each of NUMBERS."""
     exact = ExactCounts(truth, queries.novelty[:, 0], weight)
-    columns, seen = exact.columns(queries.thresholds), weight @ truth.seen
+    columns = exact.columns(queries.thresholds)
+    seen = weight @ truth.seen
     found = answers(truth, queries, weight) | poses(truth, queries, weight)
     found |= rejection(truth, exact, queries.reject_from[0], seen)
     for n in (1, 5, 25):
@@ -90,52 +140,73 @@ def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
 
 def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
     """How good the answers to the seen queries are, rejection ignored."""
-    seen, same = truth.seen, np.abs(queries.turn_deg) <= SAME_HEADING_DEG
+    seen = truth.seen
+    same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
     good = {f"recall_at_{n}": right(truth, n) for n in (1, 5, 25)} | {"oracle": truth.oracle_right}
     found = {name: share(flags, seen, weight) for name, flags in good.items()}
     for name in ("recall_at_1", "oracle"):
         found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
         found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
     found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
-    off_deg, known = queries.heading_error_deg, good["recall_at_1"] & np.isfinite(queries.heading_error_deg)
+    off_deg = queries.heading_error_deg
+    known = good["recall_at_1"] & np.isfinite(queries.heading_error_deg)
     found["median_heading_error_deg"] = median(off_deg[known], weight[:, known])
     found["heading_within_10deg"] = share(off_deg <= GOOD_HEADING_DEG, known, weight)
     return found
 
 
 def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
-    """How good the poses are; a missing one counts as wrong, but all is NaN of a method that gives none."""
+    """How good the poses are; a missing one counts as wrong, but all is NaN of a method that gives
+    none."""
     if np.isnan(queries.promised):
         return dict.fromkeys(POSES, np.full(len(weight), np.nan))
     off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
     good = {name: within(name, *off.values()) for name in WITHIN}
-    accepted, right_there = queries.novelty[:, 0].astype(np.float64) < queries.promised, good["within_2m_5deg"]
+    accepted = queries.novelty[:, 0].astype(np.float64) < queries.promised
+    right_there = good["within_2m_5deg"]
     found = {name: share(flags, truth.seen, weight) for name, flags in good.items()}
-    found |= {name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()}
+    found |= {
+        name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()
+    }
     found["wrong_of_accepted_99"] = share(~right_there, accepted, weight)
     found["recall_99"] = share(accepted & right_there, truth.seen, weight)
     known = np.isfinite(queries.pose_error_m)
     found["trajectory_m"] = np.sqrt(
-        ratio(weight[:, known] @ queries.pose_error_m[known] ** 2, weight[:, known].sum(axis=1), empty=np.nan)
+        ratio(
+            weight[:, known] @ queries.pose_error_m[known] ** 2,
+            weight[:, known].sum(axis=1),
+            empty=np.nan,
+        )
     )
     same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
-    for name, some in (("same_heading", same), ("turned", ~same), ("beside", queries.nearest_m >= BESIDE_M)):
+    for name, some in (
+        ("same_heading", same),
+        ("turned", ~same),
+        ("beside", queries.nearest_m >= BESIDE_M),
+    ):
         found[f"within_2m_5deg_{name}"] = share(right_there, truth.seen & some, weight)
     return found
 
 
-def within(name: str, error_m: NDArray[np.float64], error_deg: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which poses (q,) are right by one of WITHIN, given their errors (q,); a missing pose, NaN, is not."""
+def within(
+    name: str, error_m: NDArray[np.float64], error_deg: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which poses (q,) are right by one of WITHIN, given their errors (q,); a missing pose, NaN, is
+    not."""
     far_m, far_deg = WITHIN[name]
     return (error_m < far_m) & (error_deg < far_deg)
 
 
-def rejection(truth: Truth, exact: ExactCounts, reject_from: float, seen: Number) -> dict[str, Number]:
-    """How well one novelty tells right first answers from wrong ones and from unseen queries: MEASURES and F1max.
+def rejection(
+    truth: Truth, exact: ExactCounts, reject_from: float, seen: Number
+) -> dict[str, Number]:
+    """How well one novelty tells right first answers from wrong ones and from unseen queries:
+    MEASURES and F1max.
 
     `seen` (r,) is the weight of the seen queries.
     """
-    counts, column = exact.count(1), exact.columns(np.array([reject_from]))[0]
+    counts = exact.count(1)
+    column = exact.columns(np.array([reject_from]))[0]
     precision, recall = curve(truth, counts, seen)
     accepted = counts.hits[:, column] + counts.false_alarms[:, column]
     return {
@@ -149,7 +220,8 @@ def rejection(truth: Truth, exact: ExactCounts, reject_from: float, seen: Number
 
 
 def curve(truth: Truth, counts: Counts, seen: Number) -> tuple[Curve, Curve]:
-    """Precision and recall (r, t) by the protocol's rule, with the weight of the seen queries (r,)."""
+    """Precision and recall (r, t) by the protocol's rule, with the weight of the seen queries
+    (r,)."""
     return precision_recall(counts, seen[:, None] if truth.usual_recall else None)
 
 
@@ -159,14 +231,18 @@ def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) ->
 
 
 def median(values: NDArray[np.float64], weight: Weight) -> Number:
-    """The median of values (q,), each counted as often as its weight, a whole number, says; NaN of none.
+    """The median of values (q,), each counted as often as its weight, a whole number, says; NaN of
+    none.
 
     A value that is NaN, an answer without a position, counts as the largest.
     """
     ascending = np.r_[np.sort(values), np.nan]
     running = np.cumsum(weight[:, np.argsort(values)], axis=1)
     total = weight.sum(axis=1)
-    middle = [(running <= half[:, None]).sum(axis=1) for half in (np.ceil(total / 2) - 1, np.floor(total / 2))]
+    middle = [
+        (running <= half[:, None]).sum(axis=1)
+        for half in (np.ceil(total / 2) - 1, np.floor(total / 2))
+    ]
     return where(total, (ascending[middle[0]] + ascending[middle[1]]) / 2)
 
 
@@ -178,6 +254,11 @@ def where(whole: Number, value: Number) -> Number:
 def line(numbers: Mapping[str, float | None]) -> str:
     """A few of the numbers, as a line has room for, and what makes them doubtful."""
     shown = ("auc_top1", "recall_at_1", "auroc")
-    known = (f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none" for name in shown)
-    doubted = [name.removeprefix("doubt_").replace("_", " ") for name in (VOID, *DOUBTS) if name in numbers]
+    known = (
+        f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none"
+        for name in shown
+    )
+    doubted = [
+        name.removeprefix("doubt_").replace("_", " ") for name in (VOID, *DOUBTS) if name in numbers
+    ]
     return " ".join(known) + (f" ({', '.join(doubted)})" if doubted else "")

@@ -1,4 +1,5 @@
-"""Whether one method is better than another on the same queries, or only luckier along this path: a paired test."""
+"""Whether one method is better than another on the same queries, or only luckier along this path: a
+paired test."""
 
 from dataclasses import dataclass
 
@@ -35,27 +36,40 @@ class Paired:
 
 
 def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap) -> Paired:
-    """Both methods meet the same resamples, so what is hard for both cancels out; raises InputError for other queries.
+    """Both methods meet the same resamples, so what is hard for both cancels out; raises InputError
+    for other queries.
 
-    p inverts the percentile interval: twice the smaller share of the resamples in which the difference is at most, or at least,
-    0, counting the path itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many resamples. Nor
-    is it less than a sign test of the blocks that hold seen queries can reach, 2 / 2**blocks: five blocks never say .05.
+    p inverts the percentile interval: twice the smaller share of the resamples in which the
+    difference is at most, or at least, 0, counting the path itself as one more: at least 2 / (1 +
+    resamples), so a test of many sequences needs many resamples. Nor is it less than a sign test of
+    the blocks that hold seen queries can reach, 2 / 2**blocks: five blocks never say .05.
     """
-    ours, theirs = this.truth(protocol), reference.truth(protocol)
+    ours = this.truth(protocol)
+    theirs = reference.truth(protocol)
     same = ((this.xy_m, reference.xy_m), (ours.seen, theirs.seen), (ours.unseen, theirs.unseen))
     if not all(np.array_equal(one, other) for one, other in same):
-        raise InputError("two methods can be compared on the same queries only, in the same order and judged alike")
-    good, better = right(ours, 1), right(theirs, 1)
+        raise InputError(
+            "two methods can be compared on the same queries only, in the same order and judged "
+            "alike"
+        )
+    good = right(ours, 1)
+    better = right(theirs, 1)
 
     def difference(weight: Weight) -> NDArray[np.float64]:
         recall = share(good, ours.seen, weight) - share(better, theirs.seen, weight)
         return np.stack(
-            [recall, auc_exact(ours, this.novelty[:, 0], weight) - auc_exact(theirs, reference.novelty[:, 0], weight)]
+            [
+                recall,
+                auc_exact(ours, this.novelty[:, 0], weight)
+                - auc_exact(theirs, reference.novelty[:, 0], weight),
+            ]
         )
 
     values = difference(np.ones((1, len(this.xy_m))))[:, 0].tolist()
     tested = (
-        Difference(one, *bounds(spread), _p(spread, ours.seen, blocks(this.xy_m, bootstrap.block_m)))
+        Difference(
+            one, *bounds(spread), _p(spread, ours.seen, blocks(this.xy_m, bootstrap.block_m))
+        )
         for one, spread in zip(values, bootstrap.spreads(difference, this.xy_m), strict=True)
     )
     return Paired(tuple(tested), int((good & ~better).sum()), int((better & ~good).sum()))
@@ -64,13 +78,16 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """Holm's correction of p values (n,) for being the least of n; NaN counts as none.
 
-    It holds the chance of any false claim, where scipy's `false_discovery_control` holds the share of them.
+    It holds the chance of any false claim, where scipy's `false_discovery_control` holds the share
+    of them.
     """
-    corrected, order = np.full(len(p), np.nan), np.argsort(p)[: np.isfinite(p).sum()]
+    corrected = np.full(len(p), np.nan)
+    order = np.argsort(p)[: np.isfinite(p).sum()]
     corrected[order] = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1)).clip(max=1.0)
     return corrected
 
 
 def _p(spread: NDArray[np.float64], seen: NDArray[np.bool_], block: NDArray[np.int64]) -> float:
-    fewer, least = min((spread <= 0).sum(), (spread >= 0).sum()), 2 / 2.0 ** len(np.unique(block[seen]))
+    fewer = min((spread <= 0).sum(), (spread >= 0).sum())
+    least = 2 / 2.0 ** len(np.unique(block[seen]))
     return min(1.0, max(least, 2 * (1 + int(fewer)) / (1 + len(spread)))) if len(spread) else np.nan

@@ -1,4 +1,5 @@
-"""The plain data that `dvc plots` draws: one row a point, wide, of the models' own recipes on the test sequences."""
+"""The plain data that `dvc plots` draws: one row a point, wide, of the models' own recipes on the
+test sequences."""
 
 import pandas as pd
 
@@ -15,13 +16,21 @@ YEAR = {
 
 
 def year(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a method and test sequence: the days since training and the main numbers, by cells unless named otherwise."""
-    driven = table[(table["case"] == "") & (table["variant"] == "") & (table["seed"] == 0) & (table["stress"] == "")]
+    """A row a method and test sequence: the days since training and the main numbers, by cells
+    unless named otherwise."""
+    driven = table[
+        (table["case"] == "")
+        & (table["variant"] == "")
+        & (table["seed"] == 0)
+        & (table["stress"] == "")
+    ]
     columns = {}
     for column, (protocol, number) in YEAR.items():
         rows = driven[(driven["protocol"] == protocol) & (driven["number"] == number)]
         columns[column] = rows.set_index(["method", "sequence", "days"])["value"]
-    wide = pd.DataFrame({name: values[~values.index.duplicated()] for name, values in columns.items()}).dropna(subset="auc_top1")
+    wide = pd.DataFrame(
+        {name: values[~values.index.duplicated()] for name, values in columns.items()}
+    ).dropna(subset="auc_top1")
     return wide.reset_index().sort_values(["method", "days", "sequence"])
 
 
@@ -30,7 +39,17 @@ def precision_recall(gathering: Gathering) -> pd.DataFrame:
     frames = []
     for method in gathering.study["methods"] if asks_about_the_year(gathering.study) else ():
         for sequence in gathering.study["tests"]:
-            found = gathering.evaluation(gathering.study["grids"][0], ModelName(method["name"]), sequence)
-            columns = {"threshold": found.thresholds, "recall": found.cells.recall[0], "precision": found.cells.precision[0]}
+            found = gathering.evaluation(
+                gathering.study["grids"][0], ModelName(method["name"]), sequence
+            )
+            columns = {
+                "threshold": found.thresholds,
+                "recall": found.cells.recall[0],
+                "precision": found.cells.precision[0],
+            }
             frames.append(pd.DataFrame({"method": method["name"], "sequence": sequence, **columns}))
-    return pd.concat(frames) if frames else pd.DataFrame(columns=["method", "sequence", "threshold", "recall", "precision"])
+    return (
+        pd.concat(frames)
+        if frames
+        else pd.DataFrame(columns=["method", "sequence", "threshold", "recall", "precision"])
+    )

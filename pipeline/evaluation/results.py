@@ -1,7 +1,8 @@
 """The one table of results: every number that anyone reads is a row of it, gathered from artifacts.
 
-Reports, the page, MLflow, `yearloc results` and sweeps read this table and compute no metric of their own. Its rows are kept as
-csv, a file a study; timings, which differ from run to run, have a csv of their own and are added when the table is read.
+Reports, the page, MLflow, `yearloc results` and sweeps read this table and compute no metric of
+their own. Its rows are kept as csv, a file a study; timings, which differ from run to run, have a
+csv of their own and are added when the table is read.
 """
 
 import json
@@ -23,8 +24,24 @@ from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
-from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES, WORDS, Rows, of_evaluation, row, table
-from pipeline.evaluation.study_rows import Answers, ageing_rows, event_rows, paired_rows, viewpoint_rows
+from pipeline.evaluation.rows import (
+    COLUMNS,
+    NUMERIC,
+    TYPED,
+    TYPES,
+    WORDS,
+    Rows,
+    of_evaluation,
+    row,
+    table,
+)
+from pipeline.evaluation.study_rows import (
+    Answers,
+    ageing_rows,
+    event_rows,
+    paired_rows,
+    viewpoint_rows,
+)
 from pipeline.evaluation.viewpoints import Judged
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
@@ -46,7 +63,8 @@ FILE = "results.csv"
 
 @dataclass(frozen=True)
 class Gathering:
-    """Gathers the table of one study of conf/studies.yaml; raises ArtifactError for an artifact that is not there."""
+    """Gathers the table of one study of conf/studies.yaml; raises ArtifactError for an artifact
+    that is not there."""
 
     artifacts: Path
     name: str
@@ -62,40 +80,61 @@ class Gathering:
         return table(rows, study=self.name, dataset=self.name, simulated=self.simulated)
 
     def _answers(self) -> Rows:
-        """Every model at every cell size on every sequence; and for the study's own cells what several of them show together."""
-        tests, stress = self.study["tests"], self.study.get("stress", {})
+        """Every model at every cell size on every sequence; and for the study's own cells what
+        several of them show together."""
+        tests = self.study["tests"]
+        stress = self.study.get("stress", {})
         models = answerers(self.study)
         for grid in grids(self.study) if asks_about_the_year(self.study) else ():
             own = grid in self.study["grids"]
             of_methods: dict[str, dict[str, Evaluation]] = {}
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
-            held_out, bootstrap = {}, Bootstrap()
-            for model in models if own else [model for model in models if model.name == model.method]:
+            held_out = {}
+            bootstrap = Bootstrap()
+            for model in (
+                models if own else [model for model in models if model.name == model.method]
+            ):
                 place = {"grid": grid, **model.columns}
                 driven: dict[str, Evaluation] = {}
                 for sequence in (*tests, *stress) if own else tests:
                     artifact = self._evaluations(grid, model, sequence)
                     for i, case in enumerate(read_cases(artifact.attrs)):
                         evaluation = Evaluation.read(artifact, i)
-                        where = {"sequence": sequence, "days": evaluation.days, "stress": stress.get(sequence, "")}
+                        where = {
+                            "sequence": sequence,
+                            "days": evaluation.days,
+                            "stress": stress.get(sequence, ""),
+                        }
                         yield from (place | where | one for one in of_evaluation(evaluation, case))
                         if not case.change:
                             driven[sequence] = evaluation
-                by_day = {name: driven[name] for name in sorted(tests, key=lambda name: (driven[name].days, name))}
+                by_day = {
+                    name: driven[name]
+                    for name in sorted(tests, key=lambda name: (driven[name].days, name))
+                }
                 if not model.posed:
-                    learned = store.read_model(self._path("train", grid, f"{model.name}.safetensors"))
+                    learned = store.read_model(
+                        self._path("train", grid, f"{model.name}.safetensors")
+                    )
                     kind = driven[tests[0]].kinds[0]
                     area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)
                     yield place | row("held_out_auc", "cells", area)
                 if model.name == model.method:
                     of_methods[model.method] = by_day
-                    held_out[model.method] = np.asarray(learned.get(f"{PREFIX}seen/{kind}", ()), np.float64)
+                    held_out[model.method] = np.asarray(
+                        learned.get(f"{PREFIX}seen/{kind}", ()), np.float64
+                    )
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
                 elif (self.study["question"] == "year" or model.posed) and not model.seed:
                     of_variants[model.method, model.answered] = by_day
             if own:
-                yield {"grid": grid} | row("correct_m", "distance", artifact.attrs["distance"]["correct_m"])
-                yield from ({"grid": grid} | one for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap))
+                yield {"grid": grid} | row(
+                    "correct_m", "distance", artifact.attrs["distance"]["correct_m"]
+                )
+                yield from (
+                    {"grid": grid} | one
+                    for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap)
+                )
 
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
         yield from ageing_rows(answers, self.ageing)
@@ -106,7 +145,8 @@ class Gathering:
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
     def _viewpoints(self) -> Rows:
-        """Every model on bird-views, on the sequences that the stage `viewpoints` matched with themselves."""
+        """Every model on bird-views, on the sequences that the stage `viewpoints` matched with
+        themselves."""
         for grid in self.study["grids"]:
             for method in self._on_bird_views():
                 for model in models_of({**method, "variants": {}}):
@@ -116,7 +156,9 @@ class Gathering:
                         raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
                     for path in sorted(folder.glob("*.zarr")):
                         judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
-                        yield from (place | {"sequence": path.stem} | one for one in viewpoint_rows(judged))
+                        yield from (
+                            place | {"sequence": path.stem} | one for one in viewpoint_rows(judged)
+                        )
 
     def _on_bird_views(self) -> Sequence[Mapping[str, Any]]:
         return on_bird_views(self.study["methods"]) if self.study["question"] != "lifelong" else ()
@@ -129,27 +171,34 @@ class Gathering:
                 for order, strategies in method["courses"].items():
                     for strategy in strategies:
                         path = self._path("lifelong", grid, model.name, f"{order}-{strategy}.zarr")
-                        yield from (place | one for one in lifelong_rows(store.read(path, LIFELONG)))
+                        yield from (
+                            place | one for one in lifelong_rows(store.read(path, LIFELONG))
+                        )
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """What a model answered in one sequence as driven."""
         return Evaluation.read(self._evaluations(grid, model, sequence))
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Artifact:
-        return store.read(self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS)
+        return store.read(
+            self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS
+        )
 
     def _path(self, kind: str, *names: str) -> Path:
         return self.artifacts.joinpath(kind, self.name, *names)
 
 
 def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
-    """The table of some studies by name, with their timings; raises ArtifactError where a study has none yet."""
+    """The table of some studies by name, with their timings; raises ArtifactError where a study has
+    none yet."""
     frames = []
     for name, study in studies.items():
         path = artifacts / "results" / name / FILE
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-        courses = sorted((artifacts / "lifelong" / name).glob("*/*/*.json"))  # beside the artifacts, not in them
+        courses = sorted(
+            (artifacts / "lifelong" / name).glob("*/*/*.json")
+        )  # beside the artifacts, not in them
         told = [json.loads(course.read_text(encoding="utf-8")) for course in courses]
         frames += [table(row for one in told for row in cost_rows(one))] if told else []
         timings = sorted((artifacts / "latency" / name).glob("*.csv")) if is_timed(study) else []
@@ -160,22 +209,32 @@ def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
 def _parsed(path: Path) -> pd.DataFrame:
     try:
         missing = {name: [""] for name in NUMERIC}
-        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=missing)[[*COLUMNS, *TYPED]]
+        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=missing)[
+            [*COLUMNS, *TYPED]
+        ]
         if frame[[*WORDS]].isna().any(axis=None):
             raise ValueError("a row is cut off")
         return frame
     except (ValueError, KeyError) as error:
-        raise ArtifactError(f"{path}: not a table of results ({str(error).strip()}); `dvc repro` writes it anew") from None
+        raise ArtifactError(
+            f"{path}: not a table of results ({str(error).strip()}); `dvc repro` writes it anew"
+        ) from None
 
 
 def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
-    """The rows in which each column's text is the one wanted, or one of several with commas between; 20 is 20.0 too.
+    """The rows in which each column's text is the one wanted, or one of several with commas
+    between; 20 is 20.0 too.
 
     Raises ConfigError for a column that the table has not.
     """
     for column, wanted in conditions.items():
         if column not in COLUMNS:
-            raise ConfigError(f"--where {column}={wanted}: expected one of the columns {', '.join(COLUMNS)}")
-        text, texts = frame[column].astype(str), wanted.split(",")
-        frame = frame[text.isin(texts) | (column in NUMERIC and text.str.removesuffix(".0").isin(texts))]
+            raise ConfigError(
+                f"--where {column}={wanted}: expected one of the columns {', '.join(COLUMNS)}"
+            )
+        text = frame[column].astype(str)
+        texts = wanted.split(",")
+        frame = frame[
+            text.isin(texts) | (column in NUMERIC and text.str.removesuffix(".0").isin(texts))
+        ]
     return frame

@@ -11,18 +11,50 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
-Rows = Iterator[dict[str, Any]]  # rows as they come: columns to values, those that are the same in all rows left out
+Rows = Iterator[
+    dict[str, Any]
+]  # rows as they come: columns to values, those that are the same in all rows left out
 COLUMNS = (
-    "study", "dataset", "simulated", "grid", "method", "variant", "seed", "sequence", "days", "case", "protocol", "number",
-    "value", "low", "high",
-)  # fmt: skip
-"""What `yearloc results --csv` prints. `case` is empty for queries as they were driven, `variant` for a method's own recipe,
-`sequence` for a number of all test sequences together; low and high bound a 95 % interval, where there is one."""
+    "study",
+    "dataset",
+    "simulated",
+    "grid",
+    "method",
+    "variant",
+    "seed",
+    "sequence",
+    "days",
+    "case",
+    "protocol",
+    "number",
+    "value",
+    "low",
+    "high",
+)
+"""What `yearloc results --csv` prints.
+
+`case` is empty for queries as they were driven, `variant` for a method's own recipe, `sequence` for
+a number of all test sequences together; low and high bound a 95 % interval, where there is one.
+"""
 TYPED = ("change", "level", "shadow", "repeat", "kind", "stress")
-"""The parts of a case, so that nobody takes its text apart: an alteration (or `change shown`, `change to come`, of real changes
-within `level` metres), its level, whether walls hide what is behind them, the repeat; the `kind` of novelty, or the method that
-is compared with; and what is hard about a sequence of stress."""
-WORDS = ("study", "dataset", "grid", "method", "variant", "sequence", "case", "protocol", "number", "change", "kind", "stress")
+"""The parts of a case, so that nobody takes its text apart: an alteration (or `change shown`,
+`change to come`, of real changes within `level` metres), its level, whether walls hide what is
+behind them, the repeat; the `kind` of novelty, or the method that is compared with; and what is
+hard about a sequence of stress."""
+WORDS = (
+    "study",
+    "dataset",
+    "grid",
+    "method",
+    "variant",
+    "sequence",
+    "case",
+    "protocol",
+    "number",
+    "change",
+    "kind",
+    "stress",
+)
 NUMERIC = ("days", "level", "value", "low", "high")
 TYPES: Mapping[str, type] = {
     **dict.fromkeys(WORDS, str),
@@ -34,32 +66,71 @@ TYPES: Mapping[str, type] = {
 
 
 def case_text(case: Case) -> str:
-    """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`; empty as driven."""
-    level = {"demolition": f" {case.level:g}°", "construction": f" {case.level:g} walls"}.get(case.change, "")
+    """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`; empty
+    as driven."""
+    level = {"demolition": f" {case.level:g}°", "construction": f" {case.level:g} walls"}.get(
+        case.change, ""
+    )
     repeat = f" {case.repeat}" if case.change and not level else ""
     return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
 
 
 def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa: B008 (frozen)
-    """The rows of one case of one evaluation: counts, numbers with intervals, each kind of novelty, calibration."""
-    parts = {"case": case_text(case), "change": case.change, "level": case.level, "shadow": case.shadow, "repeat": case.repeat}
+    """The rows of one case of one evaluation: counts, numbers with intervals, each kind of novelty,
+    calibration."""
+    parts = {
+        "case": case_text(case),
+        "change": case.change,
+        "level": case.level,
+        "shadow": case.shadow,
+        "repeat": case.repeat,
+    }
     for protocol in PROTOCOLS:
         by = evaluation.protocol(protocol)
         counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
-        shares = {"threshold": evaluation.reject_from[0], "turned_share": by.turned_share(evaluation.turn_deg)}
-        shares |= {"answered": by.answered, "kept_precision": evaluation.kept[0], "wanted_precision": evaluation.wanted}
+        shares = {
+            "threshold": evaluation.reject_from[0],
+            "turned_share": by.turned_share(evaluation.turn_deg),
+        }
+        shares |= {
+            "answered": by.answered,
+            "kept_precision": evaluation.kept[0],
+            "wanted_precision": evaluation.wanted,
+        }
         numbers = dict(zip(NUMBERS, by.numbers, strict=True))
-        known = {name: values for name, values in numbers.items() if name not in POSES or not np.isnan(evaluation.promised)}
-        yield from several(parts, protocol, counts | shares | known | ({} if case.change else evaluation.doubts(protocol)))
-        for kind, measures, kept in () if case.change else zip(evaluation.kinds, by.rejection, evaluation.kept, strict=True):
+        known = {
+            name: values
+            for name, values in numbers.items()
+            if name not in POSES or not np.isnan(evaluation.promised)
+        }
+        yield from several(
+            parts,
+            protocol,
+            counts | shares | known | ({} if case.change else evaluation.doubts(protocol)),
+        )
+        for kind, measures, kept in (
+            () if case.change else zip(evaluation.kinds, by.rejection, evaluation.kept, strict=True)
+        ):
             own = parts | {"case": f"novelty {kind}", "kind": kind}
-            yield from several(own, protocol, dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept})
-    yield from several(parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True)))
+            yield from several(
+                own, protocol, dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept}
+            )
+    yield from several(
+        parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
+    )
 
 
-def row(number: str, protocol: str, value: float, low: float = np.nan, high: float = np.nan) -> dict[str, Any]:
+def row(
+    number: str, protocol: str, value: float, low: float = np.nan, high: float = np.nan
+) -> dict[str, Any]:
     """The last columns of a row."""
-    return {"protocol": protocol, "number": number, "value": float(value), "low": float(low), "high": float(high)}
+    return {
+        "protocol": protocol,
+        "number": number,
+        "value": float(value),
+        "low": float(low),
+        "high": float(high),
+    }
 
 
 def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> Rows:
@@ -70,6 +141,13 @@ def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any])
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
     """A frame with all columns, those of `common` the same in every row, each of its type."""
-    usual = dict.fromkeys(WORDS, "") | {"simulated": False, "seed": 0, "days": np.nan, "level": 0.0, "shadow": False, "repeat": 0}
+    usual = dict.fromkeys(WORDS, "") | {
+        "simulated": False,
+        "seed": 0,
+        "days": np.nan,
+        "level": 0.0,
+        "shadow": False,
+        "repeat": 0,
+    }
     frame = pd.DataFrame([usual | common | dict(one) for one in rows], columns=[*COLUMNS, *TYPED])
     return frame.astype(TYPES)

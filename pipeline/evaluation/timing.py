@@ -1,6 +1,8 @@
-"""How long one query takes on this machine, from a submap's points to places: Table III of the SCI paper (METHODS 2.7).
+"""How long one query takes on this machine, from a submap's points to places: Table III of the SCI
+paper (METHODS 2.7).
 
-Timings differ from run to run and from machine to machine, so nothing that is compared bit by bit may depend on them.
+Timings differ from run to run and from machine to machine, so nothing that is compared bit by bit
+may depend on them.
 """
 
 import os
@@ -27,7 +29,9 @@ from pipeline.store import Artifact, read_model
 from pipeline.studies.expansion import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
-Laps = dict[tuple[str, str], tuple[float, float]]  # milliseconds of wall and of CPU time of each view and each method
+Laps = dict[
+    tuple[str, str], tuple[float, float]
+]  # milliseconds of wall and of CPU time of each view and each method
 WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
@@ -36,7 +40,9 @@ PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 class Contender:
     """A method, ready to be asked."""
 
-    view: str  # name of what it looks at; methods that look at the same share the time of drawing it
+    view: (
+        str  # name of what it looks at; methods that look at the same share the time of drawing it
+    )
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     localize: Localizer
 
@@ -53,8 +59,16 @@ class Latency:
     machine: Mapping[str, Any]  # what it was measured on: `machine`
 
     @classmethod
-    def measure(cls, contenders: Mapping[str, Contender], scans: Artifact, submaps: Artifact, queries: int, k: int) -> Self:
-        """Ask all contenders about one submap before the next; submaps are spread over the sequence.
+    def measure(
+        cls,
+        contenders: Mapping[str, Contender],
+        scans: Artifact,
+        submaps: Artifact,
+        queries: int,
+        k: int,
+    ) -> Self:
+        """Ask all contenders about one submap before the next; submaps are spread over the
+        sequence.
 
         Raises InputError where it has none, ConfigError for no queries.
         """
@@ -64,15 +78,21 @@ class Latency:
         if not number:
             raise InputError(f"{submaps.path}: no submap to measure with")
         rows = np.unique(np.linspace(0, number - 1, queries).round().astype(np.int64))
-        stamps_ns, world_T_anchor = submaps.load("stamps_ns")[rows, None], submaps.load("world_T_anchor")[rows, None]
+        stamps_ns = submaps.load("stamps_ns")[rows, None]
+        world_T_anchor = submaps.load("world_T_anchor")[rows, None]
         points: list[int] = []
         laps: list[Laps] = []
-        for cloud, stamp_ns, pose in zip(clouds(scans, submaps, rows), stamps_ns, world_T_anchor, strict=True):
+        for cloud, stamp_ns, pose in zip(
+            clouds(scans, submaps, rows), stamps_ns, world_T_anchor, strict=True
+        ):
             for _ in range(0 if laps else WARM_UP):
                 _ask(contenders, cloud, stamp_ns, pose, k)
             laps.append(_ask(contenders, cloud, stamp_ns, pose, k))
             points.append(len(cloud))
-        wall, cpu = ({key: np.array([lap[key][clock] for lap in laps]) for key in laps[0]} for clock in (0, 1))
+        wall, cpu = (
+            {key: np.array([lap[key][clock] for lap in laps]) for key in laps[0]}
+            for clock in (0, 1)
+        )
         busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
         views = {name: contender.view for name, contender in contenders.items()}
         generation = {view: wall["view", view] for view in views.values()}
@@ -82,7 +102,11 @@ class Latency:
     def rows(self) -> Rows:
         """Medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
-            parts = {"generation": self.generation[view], "retrieval": self.retrieval[method], "query": self.total[method]}
+            parts = {
+                "generation": self.generation[view],
+                "retrieval": self.retrieval[method],
+                "query": self.total[method],
+            }
             for part, took in parts.items():
                 numbers = {f"{part}_ms": np.median(took), f"{part}_ms_p95": np.percentile(took, 95)}
                 yield from several({"method": method}, "", numbers)
@@ -90,30 +114,49 @@ class Latency:
     def record(self) -> dict[str, Any]:
         """Every sample, and what it was measured on, as JSON has it."""
         parts = {"generation": self.generation, "retrieval": self.retrieval, "total": self.total}
-        samples = {part: {name: took.round(4).tolist() for name, took in by.items()} for part, by in parts.items()}
-        about = {"machine": self.machine, "views": dict(self.views), "k": self.k, "points": self.points.tolist()}
+        samples = {
+            part: {name: took.round(4).tolist() for name, took in by.items()}
+            for part, by in parts.items()
+        }
+        about = {
+            "machine": self.machine,
+            "views": dict(self.views),
+            "k": self.k,
+            "points": self.points.tolist(),
+        }
         return about | {"milliseconds": samples}
 
     def line(self) -> str:
         """The medians of the totals."""
-        medians = ", ".join(f"{method} {np.median(took):.2f} ms" for method, took in self.total.items())
+        medians = ", ".join(
+            f"{method} {np.median(took):.2f} ms" for method, took in self.total.items()
+        )
         return f"{medians}; medians of {len(self.points)} queries, from points to places"
 
     @property
     def total(self) -> Samples:
         """By method: both, query by query."""
-        return {method: self.generation[view] + self.retrieval[method] for method, view in self.views.items()}
+        return {
+            method: self.generation[view] + self.retrieval[method]
+            for method, view in self.views.items()
+        }
 
 
 def contenders(
-    methods: Sequence[Mapping[str, Any]], models: Path, view: Callable[[str], Any], method: Callable[[str], Any]
+    methods: Sequence[Mapping[str, Any]],
+    models: Path,
+    view: Callable[[str], Any],
+    method: Callable[[str], Any],
 ) -> dict[str, Contender]:
-    """Each method of a study with its view, as `view` and `method` make them of their names, and its model in `models`."""
+    """Each method of a study with its view, as `view` and `method` make them of their names, and
+    its model in `models`."""
     views = {name: view(name) for name in dict.fromkeys(one["view"] for one in methods)}
     found = {}
     for one in methods:
         model = read_model(models / f"{one['name']}.safetensors")
-        found[one["name"]] = Contender(one["view"], views[one["view"]], method(one["name"]).localizer(model))
+        found[one["name"]] = Contender(
+            one["view"], views[one["view"]], method(one["name"]).localizer(model)
+        )
     return found
 
 
@@ -123,11 +166,17 @@ def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
         place = {"method": model.method, "variant": model.variant, "seed": model.seed}
         costs = {"model_mb": path.stat().st_size / 1e6}
         if trace := Trace.read(path):
-            costs |= {"train_cpu_s": trace.cpu_s, "train_wall_s": trace.wall_s, "train_peak_memory_mb": trace.peak_memory_mb}
+            costs |= {
+                "train_cpu_s": trace.cpu_s,
+                "train_wall_s": trace.wall_s,
+                "train_peak_memory_mb": trace.peak_memory_mb,
+            }
         yield from several(place, "", costs)
 
 
-def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Iterator[NDArray[np.float64]]:
+def clouds(
+    scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]
+) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
     for one in rows.tolist():
         yield from submap_points(scans, submaps, slice(one, one + 1))
@@ -136,15 +185,23 @@ def clouds(scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]) -> Itera
 def machine(busy: float) -> dict[str, Any]:
     """This one, now.
 
-    `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted to, over the last minute; `busy`
-    the CPU time over the wall time of what was measured: above 1 if threads ran side by side, below if others had the processor.
+    `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted
+    to, over the last minute; `busy` the CPU time over the wall time of what was measured: above 1
+    if threads ran side by side, below if others had the processor.
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
     found = {one.name: one.version for one in distributions() if one.name in PACKAGES}
-    versions = {"Python": platform.python_version(), **{name: found.get(name, "") for name in PACKAGES}}
+    versions = {
+        "Python": platform.python_version(),
+        **{name: found.get(name, "") for name in PACKAGES},
+    }
     about = {"processor": processor(), "cores": os.cpu_count() or 1, "gpu": gpu}
-    return about | {"load": round(os.getloadavg()[0], 2), "busy": round(busy, 2), "versions": versions}
+    return about | {
+        "load": round(os.getloadavg()[0], 2),
+        "busy": round(busy, 2),
+        "versions": versions,
+    }
 
 
 def processor() -> str:
@@ -155,18 +212,27 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def _ask(contenders: Mapping[str, Contender], cloud: NDArray[np.float64], stamp_ns: Any, pose: Any, k: int) -> Laps:
+def _ask(
+    contenders: Mapping[str, Contender],
+    cloud: NDArray[np.float64],
+    stamp_ns: Any,
+    pose: Any,
+    k: int,
+) -> Laps:
     """Draw each view of a cloud once, and ask each method with its view alone."""
     laps: Laps = {}
     images = {}
     for view, draw in {one.view: one.draw for one in contenders.values()}.items():
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, one in contenders.items():
-        _, laps["method", name] = _lap(one.localize, Views(images[one.view][None], stamp_ns, pose), k)
+        _, laps["method", name] = _lap(
+            one.localize, Views(images[one.view][None], stamp_ns, pose), k
+        )
     return laps
 
 
 def _lap(call: Callable[..., Any], *given: Any) -> tuple[Any, tuple[float, float]]:
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    cpu = time.process_time()
     result = call(*given)
     return result, (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))

@@ -1,6 +1,8 @@
-"""Paper 2's protocol: a sequence matched with itself, from headings between those that its reference was drawn at.
+"""Paper 2's protocol: a sequence matched with itself, from headings between those that its
+reference was drawn at.
 
-METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and reference: it asks about viewpoints, not about the year.
+METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and reference: it asks about
+viewpoints, not about the year.
 """
 
 from dataclasses import dataclass, fields
@@ -22,16 +24,18 @@ from pipeline.schemas import VIEWPOINTS
 from pipeline.store import Artifact
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
-"""roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none without both. pr_auc: precision
-over recall, where recall is of the *correct matches*, so that a method with few of them can have a fine curve; none without any.
-accuracy: correct matches among all valid queries. recall: correct matches among all valid queries, at the threshold that accepts
-most of them at a precision of 0.99 or more; with everything accepted it would be the accuracy."""
+"""roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none
+without both. pr_auc: precision over recall, where recall is of the *correct matches*, so that a
+method with few of them can have a fine curve; none without any. accuracy: correct matches among all
+valid queries. recall: correct matches among all valid queries, at the threshold that accepts most
+of them at a precision of 0.99 or more; with everything accepted it would be the accuracy."""
 MEAN = "mean"
 SHOWN = ("roc_auc", "accuracy")
 
 
 class Movable(Method, Protocol):
-    """A method that matches sequences of bird-views, and can take another sequence for its reference."""
+    """A method that matches sequences of bird-views, and can take another sequence for its
+    reference."""
 
     @property
     def length(self) -> int:
@@ -46,7 +50,8 @@ class Movable(Method, Protocol):
 
 @dataclass(frozen=True)
 class Judged:
-    """One method in one sequence: each of q queries from each of h headings (schemas.VIEWPOINTS)."""
+    """One method in one sequence: each of q queries from each of h headings
+    (schemas.VIEWPOINTS)."""
 
     headings_deg: NDArray[np.float64]  # (h,)
     row: NDArray[np.int64]  # (h, q)
@@ -64,7 +69,8 @@ class Judged:
     bytes_per_place: float
 
     def curve(self, heading: int) -> tuple[Curve, Curve]:
-        """Precision and recall of the correct matches (t,), as every distinct score is accepted, the surest first."""
+        """Precision and recall of the correct matches (t,), as every distinct score is accepted,
+        the surest first."""
         precision, recall = precision_recall(self._counts[heading].count(1))
         return precision[0], recall[0]
 
@@ -81,11 +87,18 @@ class Judged:
         return np.array(rows, np.float64)
 
     def numbers(self) -> dict[str, dict[str, float | None]]:
-        """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have them; None where there is none."""
-        means = [there.mean() if len(there := column[np.isfinite(column)]) else np.nan for column in self.values.T]
+        """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have
+        them; None where there is none."""
+        means = [
+            there.mean() if len(there := column[np.isfinite(column)]) else np.nan
+            for column in self.values.T
+        ]
         keys = [*(f"{deg:g}_deg" for deg in self.headings_deg), MEAN]
         return {
-            key: {name: float(value) if np.isfinite(value) else None for name, value in zip(NUMBERS, row, strict=True)}
+            key: {
+                name: float(value) if np.isfinite(value) else None
+                for name, value in zip(NUMBERS, row, strict=True)
+            }
             for key, row in zip(keys, [*self.values, means], strict=True)
         }
 
@@ -103,15 +116,23 @@ class Judged:
         """From a `viewpoints` artifact."""
         given = artifact.attrs
         names = [field.name for field in fields(cls)]
-        parts: dict[str, Any] = {name: given[name] if name in given else artifact.load(name) for name in names}
+        parts: dict[str, Any] = {
+            name: given[name] if name in given else artifact.load(name) for name in names
+        }
         return cls(**parts)
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
         """Of each heading; a correct match stands for a seen query, a wrong one for an unseen."""
         return [
-            ExactCounts(Truth(correct, ~correct, np.where(correct, 0, -1), correct), -score, np.ones((1, len(score))))
-            for correct, score in zip(self.correct[:, self.valid], self.score[:, self.valid], strict=True)
+            ExactCounts(
+                Truth(correct, ~correct, np.where(correct, 0, -1), correct),
+                -score,
+                np.ones((1, len(score))),
+            )
+            for correct, score in zip(
+                self.correct[:, self.valid], self.score[:, self.valid], strict=True
+            )
         ]
 
 
@@ -125,21 +146,29 @@ class Viewpoints:
         check(self, "viewpoints")
 
     def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> Judged:
-        """Ask about each row of `views`, bird-views (n, headings, side, side), from every odd heading.
+        """Ask about each row of `views`, bird-views (n, headings, side, side), from every odd
+        heading.
 
-        The reference is drawn at the even ones; each query lies half way between two of them. Raises InputError for other views.
+        The reference is drawn at the even ones; each query lies half way between two of them.
+        Raises InputError for other views.
         """
-        images, n = np.asarray(views.images[:]), len(views.world_T_anchor)
+        images = np.asarray(views.images[:])
+        n = len(views.world_T_anchor)
         if images.ndim != 4 or len(images) != n or images.shape[1] % 2:
-            raise InputError(f"views of shape {images.shape}: expected bird-views ({n}, an even number of headings, side, side)")
+            raise InputError(
+                f"views of shape {images.shape}: expected bird-views ({n}, an even number of "
+                "headings, side, side)"
+            )
         views = Rows(images, views.stamps_ns, views.world_T_anchor)
         moved = method.moved(model, views, np.arange(n))
-        ask, headings = method.localizer(moved), range(1, images.shape[1], 2)
+        ask = method.localizer(moved)
+        headings = range(1, images.shape[1], 2)
         rankings = [ask(turned(views, heading), k) for heading in headings]
         xy_m = views.world_T_anchor[:, :2, 3].astype(np.float64)
         answer_xy_m = np.stack([ranking.xy_m[:, 0] for ranking in rankings]).astype(np.float64)
         error_m = np.linalg.norm(answer_xy_m - xy_m, axis=2)
-        before, position = method.length // 2, np.arange(n)
+        before = method.length // 2
+        position = np.arange(n)
         return Judged(
             headings_deg=np.array(headings) * 360 / images.shape[1],
             row=np.stack([ranking.places[:, 0] for ranking in rankings]),
@@ -159,7 +188,8 @@ class Viewpoints:
 
 
 def turned(views: Rows, heading: int) -> Rows:
-    """The same places, met by a robot that is turned counter-clockwise by this many headings: image 0 is what lies ahead then."""
+    """The same places, met by a robot that is turned counter-clockwise by this many headings: image
+    0 is what lies ahead then."""
     images = np.roll(views.images[:], -heading, axis=1)
     yaw_rad = 2 * np.pi * heading / images.shape[1]
     vehicle_T_turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, yaw_rad]]))[0]
@@ -174,12 +204,18 @@ def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
 
 
 def means(seeds: list[dict[str, dict[str, float | None]]]) -> dict[str, float]:
-    """Means over headings and seeds of the numbers that a line has room for; those that there are none of are left out."""
-    found = {name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds]) for name in SHOWN}
+    """Means over headings and seeds of the numbers that a line has room for; those that there are
+    none of are left out."""
+    found = {
+        name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds])
+        for name in SHOWN
+    }
     return {name: float(value) for name, value in found.items() if np.isfinite(value)}
 
 
 def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
     """The same in words."""
     known = means(seeds)
-    return ", ".join(f"{name} {known[name]:.3f}" if name in known else f"{name} none" for name in SHOWN)
+    return ", ".join(
+        f"{name} {known[name]:.3f}" if name in known else f"{name} none" for name in SHOWN
+    )

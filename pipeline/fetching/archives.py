@@ -1,7 +1,8 @@
-"""Fetches the official archives of a data set: resumes, checks and unpacks them into the folders that the reader expects.
+"""Fetches the official archives of a data set: resumes, checks and unpacks them into the folders
+that the reader expects.
 
-Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag) and the sha256 of each
-finished file. An archive is removed once it is unpacked.
+Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag)
+and the sha256 of each finished file. An archive is removed once it is unpacked.
 """
 
 import hashlib
@@ -29,7 +30,8 @@ class Archive:
     path: str
     """Path below the base address."""
     holds: str
-    """The file or folder in the sequence's folder that exists once the archive is fetched and, if a .tar.gz, unpacked."""
+    """The file or folder in the sequence's folder that exists once the archive is fetched and, if a
+    .tar.gz, unpacked."""
     swells: Positive = 1.0
     """Estimate of the unpacked bytes per byte."""
     numbers: int = 0
@@ -43,15 +45,26 @@ class Archive:
         check(self, "archives")
         if not re.fullmatch("([0-9a-f]{64})?", self.together):
             raise ConfigError(f"archives.together={self.together}: expected 64 hexadecimal digits")
-        if not self.path or self.path[0] == "/" or ".." in self.path or not re.fullmatch(r"[\w{}.-]+", self.holds):
-            raise ConfigError(f"archives.path={self.path}, holds={self.holds}: expected a path below the base and a name")
+        if (
+            not self.path
+            or self.path[0] == "/"
+            or ".." in self.path
+            or not re.fullmatch(r"[\w{}.-]+", self.holds)
+        ):
+            raise ConfigError(
+                f"archives.path={self.path}, holds={self.holds}: expected a path below the base "
+                "and a name"
+            )
 
     def of(self, sequence: str) -> list["Archive"]:
         """Those of a sequence: one, or all numbered ones."""
 
         def named(number: int) -> "Archive":
             given = (self.path, self.holds)
-            path, holds = (text.replace("{sequence}", sequence).replace("{number}", str(number)) for text in given)
+            path, holds = (
+                text.replace("{sequence}", sequence).replace("{number}", str(number))
+                for text in given
+            )
             return replace(self, path=path, holds=holds, numbers=0, together="")
 
         return [named(number) for number in range(max(self.numbers, 1))]
@@ -72,7 +85,8 @@ class Publisher:
     base: str
     archives: Sequence[Archive]
     sequence: str = r"\w[\w.+-]*"
-    """A regular expression for the names of the sequences; {sequence} in the paths is replaced by such a name."""
+    """A regular expression for the names of the sequences; {sequence} in the paths is replaced by
+    such a name."""
     sequences: Sequence[str] = ()
     """Fetched where none is named."""
     licence: str = ""
@@ -90,23 +104,36 @@ class Publisher:
         try:
             re.compile(self.sequence)
         except re.error as error:
-            raise ConfigError(f"fetch.sequence={self.sequence}: expected a regular expression ({error})") from None
-        if bad := [path for path, digest in self.sha256.items() if not re.fullmatch("[0-9a-f]{64}", str(digest))]:
+            raise ConfigError(
+                f"fetch.sequence={self.sequence}: expected a regular expression ({error})"
+            ) from None
+        if bad := [
+            path
+            for path, digest in self.sha256.items()
+            if not re.fullmatch("[0-9a-f]{64}", str(digest))
+        ]:
             raise ConfigError(f"fetch.sha256.{bad[0]}: expected 64 hexadecimal digits")
 
     @staticmethod
     def of(conf: Mapping[str, Any]) -> "Publisher":
-        """The publisher from the content of a yaml; raises ConfigError for an unknown or missing key."""
+        """The publisher from the content of a yaml; raises ConfigError for an unknown or missing
+        key."""
         try:
-            return Publisher(**{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]})
+            return Publisher(
+                **{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]}
+            )
         except (TypeError, KeyError, AttributeError) as error:
-            raise ConfigError(f"conf/fetch: {error}; expected base, archives (path, holds, swells) and optional keys") from None
+            raise ConfigError(
+                f"conf/fetch: {error}; expected base, archives (path, holds, swells) and optional "
+                "keys"
+            ) from None
 
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
-        """Fetch the missing files of `sequences` below `root`, yielding one line per file; a second call fetches nothing.
+        """Fetch the missing files of `sequences` below `root`, yielding one line per file; a second
+        call fetches nothing.
 
-        Raises ConfigError for an invalid name of a sequence, and LogError for errors of the server (after all tries), the disk or
-        an archive; what has arrived is kept for the next call.
+        Raises ConfigError for an invalid name of a sequence, and LogError for errors of the server
+        (after all tries), the disk or an archive; what has arrived is kept for the next call.
         """
         for sequence in sequences:
             if not re.fullmatch(self.sequence, sequence):
@@ -117,29 +144,47 @@ class Publisher:
             with FileLock(store / ".lock", timeout=0):
                 yield from self._fetch(root, store, list(dict.fromkeys(sequences)), watch)
                 if self.licence:
-                    (root / "LICENCE.txt").write_text(f"{self.licence}\nFrom {self.base}\n", encoding="utf-8")
+                    (root / "LICENCE.txt").write_text(
+                        f"{self.licence}\nFrom {self.base}\n", encoding="utf-8"
+                    )
                     yield self.licence
         except Timeout:
             raise LogError(f"{store}: another fetch is at work there; wait for it") from None
         except OSError as error:
             raise LogError(f"{store}: cannot be written ({error})") from None
 
-    def _fetch(self, root: Path, store: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
+    def _fetch(
+        self, root: Path, store: Path, sequences: Sequence[str], watch: Progress
+    ) -> Iterator[str]:
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
-        groups = [(root / sequence, group, group.of(sequence)) for sequence in sequences for group in self.archives]
-        missing = [[one for one in archives if not (folder / one.holds).exists()] for folder, _, archives in groups]
-        self._check_disk(downloader, store, [archive for lacking in missing for archive in lacking], watch)
+        groups = [
+            (root / sequence, group, group.of(sequence))
+            for sequence in sequences
+            for group in self.archives
+        ]
+        missing = [
+            [one for one in archives if not (folder / one.holds).exists()]
+            for folder, _, archives in groups
+        ]
+        self._check_disk(
+            downloader, store, [archive for lacking in missing for archive in lacking], watch
+        )
         for (folder, group, archives), lacking in zip(groups, missing, strict=True):
-            name = f"{archives[0].name} … {archives[-1].name}" if group.numbers else archives[0].name
+            name = (
+                f"{archives[0].name} … {archives[-1].name}" if group.numbers else archives[0].name
+            )
             if not lacking:
                 yield f"{name}: here already"
                 continue
-            nbytes, files, digest = 0, 0, ""
+            nbytes = 0
+            files = 0
+            digest = ""
             for archive in lacking:
                 path = store / archive.name
                 if not path.is_file():
                     downloader.fetch(urljoin(self.base, archive.path), path, watch)
-                nbytes, digest = nbytes + path.stat().st_size, self._verified(path, archive)
+                nbytes = nbytes + path.stat().st_size
+                digest = self._verified(path, archive)
                 folder.mkdir(exist_ok=True)
                 files += unpack(path, folder, archive.holds) if archive.packed else 1
                 record(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
@@ -147,21 +192,36 @@ class Publisher:
             digest = self._together(store, folder, group, archives) if group.together else digest
             yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
-    def _together(self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]) -> str:
-        """The digest of all numbered files as they lie there; removes them and raises LogError if it is not the publisher's."""
-        digests = {one.name: hashlib.sha256((folder / one.holds).read_bytes()).hexdigest() for one in archives}
-        digest = hashlib.sha256("".join(f"{own}  {name}\n" for name, own in digests.items()).encode()).hexdigest()
+    def _together(
+        self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]
+    ) -> str:
+        """The digest of all numbered files as they lie there; removes them and raises LogError if
+        it is not the publisher's."""
+        digests = {
+            one.name: hashlib.sha256((folder / one.holds).read_bytes()).hexdigest()
+            for one in archives
+        }
+        digest = hashlib.sha256(
+            "".join(f"{own}  {name}\n" for name, own in digests.items()).encode()
+        ).hexdigest()
         if digest != group.together:
             for archive in archives:
                 record(store / archive.name).unlink(missing_ok=True)
                 (folder / archive.holds).unlink()
             name = f"{archives[0].name} … {archives[-1].name}"
-            raise LogError(f"{folder}: {name} have the sha256 {digest}, expected {group.together}; removed, fetch them anew")
+            raise LogError(
+                f"{folder}: {name} have the sha256 {digest}, expected {group.together}; removed, "
+                "fetch them anew"
+            )
         return digest
 
-    def _check_disk(self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress) -> None:
-        """Raise LogError unless the disk has room for these files unpacked, and for the largest archive beside them."""
-        unpacked, packed = 0.0, 0
+    def _check_disk(
+        self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress
+    ) -> None:
+        """Raise LogError unless the disk has room for these files unpacked, and for the largest
+        archive beside them."""
+        unpacked = 0.0
+        packed = 0
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
@@ -173,23 +233,29 @@ class Publisher:
         free = shutil.disk_usage(store).free
         if unpacked + packed > free:
             raise LogError(
-                f"{store}: the {len(archives)} files and what they unpack to need about {(unpacked + packed) / 1e9:.1f} GB, "
-                f"{free / 1e9:.1f} GB are free; make room, or fetch fewer sequences at a time"
+                f"{store}: the {len(archives)} files and what they unpack to need about "
+                f"{(unpacked + packed) / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; make room, or "
+                "fetch fewer sequences at a time"
             )
 
     def _verified(self, path: Path, archive: Archive) -> str:
-        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch; raises LogError if they differ."""
+        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch;
+        raises LogError if they differ."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        recorded = record(path).read_text(encoding="utf-8").split()[:1] if record(path).is_file() else []
-        expected, source = (recorded or [digest])[0], str(record(path))
+        recorded = (
+            record(path).read_text(encoding="utf-8").split()[:1] if record(path).is_file() else []
+        )
+        expected = (recorded or [digest])[0]
+        source = str(record(path))
         if archive.path in self.sha256:
-            expected, source = self.sha256[archive.path], "fetch.sha256"
+            expected = self.sha256[archive.path]
+            source = "fetch.sha256"
         if digest != expected:
             path.unlink()
             raise LogError(
-                f"{path}: its sha256 is {digest}, {source} says {expected}; damaged, or changed by its publisher: it is removed, "
-                "fetch it anew"
+                f"{path}: its sha256 is {digest}, {source} says {expected}; damaged, or changed by "
+                "its publisher: it is removed, fetch it anew"
             )
         return digest
 

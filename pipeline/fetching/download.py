@@ -1,7 +1,8 @@
-"""Downloads one file and resumes it after a broken connection, in the same call or in a later process.
+"""Downloads one file and resumes it after a broken connection, in the same call or in a later
+process.
 
-The rest of a file is requested by Range and If-Range (HTTP ranges, RFC 9110, section 14), so that a file that has changed on the
-server is sent again from its start.
+The rest of a file is requested by Range and If-Range (HTTP ranges, RFC 9110, section 14), so that a
+file that has changed on the server is sent again from its start.
 """
 
 import json
@@ -62,7 +63,9 @@ class Part:
     def begin(self) -> None:
         """Record the version of the file before its first byte is written."""
         self.drop()
-        self._note.write_text(json.dumps({"validator": self.validator, "total": self.total}), encoding="utf-8")
+        self._note.write_text(
+            json.dumps({"validator": self.validator, "total": self.total}), encoding="utf-8"
+        )
 
     def drop(self) -> None:
         self.path.unlink(missing_ok=True)
@@ -91,15 +94,17 @@ class Downloader:
         return self._with_retries(url, lambda: self._length(url), watch)
 
     def fetch(self, url: str, path: Path, watch: Progress) -> None:
-        """Download `url` to `path`, which exists only once it is whole; `watch` counts chunks of up to CHUNK bytes.
+        """Download `url` to `path`, which exists only once it is whole; `watch` counts chunks of up
+        to CHUNK bytes.
 
-        Raises LogError for an answer that no other try would change, for a full disk, and after the last try; what has arrived
-        is kept for the next call.
+        Raises LogError for an answer that no other try would change, for a full disk, and after the
+        last try; what has arrived is kept for the next call.
         """
         self._with_retries(url, lambda: self._resume(url, path, watch), watch)
 
     def _with_retries(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
-        why, unreached = "", 0
+        why = ""
+        unreached = 0
         for attempt in range(self.tries):
             if attempt:
                 wait_s = self.wait_s * 2 ** min(attempt - 1, 5)
@@ -108,16 +113,31 @@ class Downloader:
             try:
                 return work()
             except exceptions.SSLError as error:
-                raise LogError(f"{url}: its certificate is not to be trusted ({_said(error)})") from None
-            except (TryAgainError, exceptions.ConnectionError, exceptions.ChunkedEncodingError, exceptions.Timeout) as error:
+                raise LogError(
+                    f"{url}: its certificate is not to be trusted ({_said(error)})"
+                ) from None
+            except (
+                TryAgainError,
+                exceptions.ConnectionError,
+                exceptions.ChunkedEncodingError,
+                exceptions.Timeout,
+            ) as error:
                 why = _said(error)
-                unreached += isinstance(getattr(next(iter(error.args), None), "reason", None), NewConnectionError)
+                unreached += isinstance(
+                    getattr(next(iter(error.args), None), "reason", None), NewConnectionError
+                )
                 if unreached == UNREACHED:
                     advice = "is there a network, and is the base address right?"
                     raise LogError(f"{url}: cannot be reached ({why}); {advice}") from None
-            except (exceptions.RequestException, ValueError) as error:  # requests raises ValueError for some addresses
+            except (
+                exceptions.RequestException,
+                ValueError,
+            ) as error:  # requests raises ValueError for some addresses
                 raise LogError(f"{url}: {_said(error)}; is the base address right?") from None
-        raise LogError(f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is kept, call again")
+        raise LogError(
+            f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is "
+            "kept, call again"
+        )
 
     def _length(self, url: str) -> int:
         with self._answer("HEAD", url, {}) as answer:
@@ -130,11 +150,17 @@ class Downloader:
         if arrived < part.total or not arrived:
             with self._answer("GET", url, headers) as answer:
                 part, arrived = _continued(answer, part, arrived)
-                label = path.name if not arrived else f"{path.name} from {100 * arrived / part.total:.0f} %"
+                label = (
+                    path.name
+                    if not arrived
+                    else f"{path.name} from {100 * arrived / part.total:.0f} %"
+                )
                 chunks = answer.iter_content(CHUNK)
                 try:
                     with part.path.open("ab") as file:
-                        for chunk in watch.track(chunks, -(-(part.total - arrived) // CHUNK), label):
+                        for chunk in watch.track(
+                            chunks, -(-(part.total - arrived) // CHUNK), label
+                        ):
                             file.write(chunk)
                 except exceptions.RequestException:  # it is an OSError too
                     raise
@@ -147,19 +173,32 @@ class Downloader:
         part.finish(path)
 
     def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
-        """The answer after at most REDIRECTS redirections, only to http(s), and never from https to http."""
+        """The answer after at most REDIRECTS redirections, only to http(s), and never from https to
+        http."""
         at = url
         for _ in range(REDIRECTS + 1):
-            options: dict[str, Any] = {"stream": True, "allow_redirects": False, "timeout": self.timeout_s}
+            options: dict[str, Any] = {
+                "stream": True,
+                "allow_redirects": False,
+                "timeout": self.timeout_s,
+            }
             answer = requests.request(method, at, headers=HEADERS | headers, **options)
             if not answer.is_redirect:
                 return _checked(answer)
             answer.close()
             to = answer.headers["Location"]
-            at, before = urljoin(at, to), at
-            if urlsplit(at).scheme not in (("https",) if before.startswith("https:") else ("http", "https")):
-                raise LogError(f"{url}: sends us on to {to[:200]}, which is not followed; is the base address right?")
-        raise LogError(f"{url}: sends us on more than {REDIRECTS} times; is the base address right?")
+            before = at
+            at = urljoin(at, to)
+            if urlsplit(at).scheme not in (
+                ("https",) if before.startswith("https:") else ("http", "https")
+            ):
+                raise LogError(
+                    f"{url}: sends us on to {to[:200]}, which is not followed; is the base address "
+                    "right?"
+                )
+        raise LogError(
+            f"{url}: sends us on more than {REDIRECTS} times; is the base address right?"
+        )
 
 
 def _checked(answer: requests.Response) -> requests.Response:
@@ -169,27 +208,46 @@ def _checked(answer: requests.Response) -> requests.Response:
     said = f"{answer.status_code} {answer.reason}"
     if answer.status_code in AGAIN:
         raise TryAgainError(said)
-    raise LogError(f"{answer.url}: the server says {said}; is there such a sequence, and is the base address right?")
+    raise LogError(
+        f"{answer.url}: the server says {said}; is there such a sequence, and is the base address "
+        "right?"
+    )
 
 
 def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
-    """The part that the answer continues, and its bytes on disk: 0 for a whole file; a rest must fit what has arrived."""
+    """The part that the answer continues, and its bytes on disk: 0 for a whole file; a rest must
+    fit what has arrived."""
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
         part = Part(part.path, tag if re.fullmatch('"[^"]*"', tag) else "", _length(answer))
         part.begin()
         return part, 0
-    fits = answer.headers.get("Content-Range", "").strip() == f"bytes {arrived}-{part.total - 1}/{part.total}"
-    if not (arrived and answer.status_code == 206 and fits and answer.headers.get("ETag", part.validator) == part.validator):
+    fits = (
+        answer.headers.get("Content-Range", "").strip()
+        == f"bytes {arrived}-{part.total - 1}/{part.total}"
+    )
+    if not (
+        arrived
+        and answer.status_code == 206
+        and fits
+        and answer.headers.get("ETag", part.validator) == part.validator
+    ):
         part.drop()
-        raise TryAgainError(f"{answer.status_code} {answer.reason}: the server gives another part than was asked for")
+        raise TryAgainError(
+            f"{answer.status_code} {answer.reason}: the server gives another part than was asked "
+            "for"
+        )
     return part, arrived
 
 
 def _length(answer: requests.Response) -> int:
-    said, coding = answer.headers.get("Content-Length", ""), answer.headers.get("Content-Encoding", "identity")
+    said = answer.headers.get("Content-Length", "")
+    coding = answer.headers.get("Content-Encoding", "identity")
     if not re.fullmatch("[0-9]{1,15}", said) or coding != "identity":
-        unknown = "the server does not say how long the file is, so a part cannot be distinguished from the whole"
+        unknown = (
+            "the server does not say how long the file is, so a part cannot be distinguished from "
+            "the whole"
+        )
         raise LogError(f"{answer.url}: {unknown}")
     return int(said)
 

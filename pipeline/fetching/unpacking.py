@@ -1,4 +1,5 @@
-"""Unpacks an untrusted .tar.gz: only plain files and folders, only below the given folder, and all of it or nothing."""
+"""Unpacks an untrusted .tar.gz: only plain files and folders, only below the given folder, and all
+of it or nothing."""
 
 import gzip
 import re
@@ -24,10 +25,12 @@ class Stream(gzip.GzipFile):
 
 
 def unpack(path: Path, folder: Path, holds: str) -> int:
-    """Unpack `holds`, and all that lies beside it in the archive, into `folder`; returns the number of files in the archive.
+    """Unpack `holds`, and all that lies beside it in the archive, into `folder`; returns the number
+    of files in the archive.
 
-    The archive is unpacked beside itself and its content moved, `holds` last: once that exists, everything does. Raises LogError
-    for a damaged archive, which is removed, and for one with paths outside, links, devices, or more than the disk has room for.
+    The archive is unpacked beside itself and its content moved, `holds` last: once that exists,
+    everything does. Raises LogError for a damaged archive, which is removed, and for one with paths
+    outside, links, devices, or more than the disk has room for.
     """
     scratch = path.with_name(path.name + ".unpacking")
     shutil.rmtree(scratch, ignore_errors=True)
@@ -37,12 +40,25 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
         found = sorted(scratch.rglob(holds), key=lambda place: len(place.parts))
         if not found:
             raise LogError(f"{path}: holds no {holds}; it is not the archive it should be")
-        for entry in sorted(found[0].parent.iterdir(), key=lambda entry: (entry.name == holds, entry.name)):
+        for entry in sorted(
+            found[0].parent.iterdir(), key=lambda entry: (entry.name == holds, entry.name)
+        ):
             if (folder / entry.name).is_dir():
-                raise LogError(f"{folder / entry.name}: is in the way of what {path.name} holds; move it elsewhere")
+                raise LogError(
+                    f"{folder / entry.name}: is in the way of what {path.name} holds; move it "
+                    "elsewhere"
+                )
             entry.replace(folder / entry.name)
         return files
-    except (EOFError, ValueError, OverflowError, RecursionError, zlib.error, gzip.BadGzipFile, tarfile.TarError) as error:
+    except (
+        EOFError,
+        ValueError,
+        OverflowError,
+        RecursionError,
+        zlib.error,
+        gzip.BadGzipFile,
+        tarfile.TarError,
+    ) as error:
         path.unlink()
         raise LogError(f"{path}: damaged ({error}), and removed; fetch it anew") from None
     except OSError as error:
@@ -52,15 +68,24 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
 
 
 def _extract(path: Path, scratch: Path) -> int:
-    """Extract every member into `scratch`, and verify the checksum of gzip; returns the number of files."""
-    room, taken, entries, files = shutil.disk_usage(scratch).free, 0, 0, 0
+    """Extract every member into `scratch`, and verify the checksum of gzip; returns the number of
+    files."""
+    room = shutil.disk_usage(scratch).free
+    taken = 0
+    entries = 0
+    files = 0
     with Stream(path) as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
         while (member := tar.next()) is not None:
             tar.members = []  # type: ignore[attr-defined]  # or they would accumulate
             _refuse_odd(path, member)
-            taken, entries, files = taken + member.size, entries + 1, files + member.isreg()
+            taken = taken + member.size
+            entries = entries + 1
+            files = files + member.isreg()
             if taken > room or entries > MOST_ENTRIES:
-                raise LogError(f"{path}: unpacks to more than the {room / 1e9:.1f} GB free here or to a million files; refused")
+                raise LogError(
+                    f"{path}: unpacks to more than the {room / 1e9:.1f} GB free here or to a "
+                    "million files; refused"
+                )
             _place(tar, member, scratch / member.name)
         for _ in range(LARGEST_HEADER):  # gzip verifies the checksum at the end of the stream
             if not stream.read(LARGEST_HEADER):
@@ -69,7 +94,8 @@ def _extract(path: Path, scratch: Path) -> int:
 
 
 def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
-    """Write the content of a checked member; tarfile has filters of its own only after Python 3.11.2."""
+    """Write the content of a checked member; tarfile has filters of its own only after Python
+    3.11.2."""
     if member.isdir():
         target.mkdir(parents=True, exist_ok=True)
         return
@@ -84,6 +110,12 @@ def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
 def _refuse_odd(path: Path, member: tarfile.TarInfo) -> None:
     parts = re.split(r"[/\\]", member.name)
     if member.name.startswith(("/", "\\")) or ".." in parts or ":" in parts[0]:
-        raise LogError(f"{path}: would write to {member.name[:100]!r}, outside its folder; refused, nothing was unpacked")
+        raise LogError(
+            f"{path}: would write to {member.name[:100]!r}, outside its folder; refused, nothing "
+            "was unpacked"
+        )
     if not (member.isreg() or member.isdir()) or member.size < 0:
-        raise LogError(f"{path}: {member.name[:100]!r} is a link or a device, not a file; refused, nothing was unpacked")
+        raise LogError(
+            f"{path}: {member.name[:100]!r} is a link or a device, not a file; refused, nothing "
+            "was unpacked"
+        )

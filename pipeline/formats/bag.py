@@ -1,7 +1,8 @@
-"""Writes ROS bags without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or in a ROS 2 folder with sqlite3 or MCAP inside.
+"""Writes ROS bags without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or in a ROS 2 folder
+with sqlite3 or MCAP inside.
 
-Frames follow REP 103: x forward, y left, z up. The bytes of a bag depend only on its messages and on the versions of `rosbags`
-and SQLite, which it names.
+Frames follow REP 103: x forward, y left, z up. The bytes of a bag depend only on its messages and
+on the versions of `rosbags` and SQLite, which it names.
 """
 
 from functools import cache
@@ -19,8 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import LogError
 
-CLOUD, SWEEP = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/LaserScan"
-ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+SWEEP = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseStamped"
 POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pad", "V2")])
@@ -29,14 +32,17 @@ POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pa
 
 @cache
 def typestore(ros: int) -> Typestore:
-    """The definitions of the standard messages of ROS 1 or 2, which are the same in all distributions.
+    """The definitions of the standard messages of ROS 1 or 2, which are the same in all
+    distributions.
 
-    The definitions inside a bag are not used: one odd topic would make the whole bag unreadable, and one flipped bit in a
-    definition would change every message.
+    The definitions inside a bag are not used: one odd topic would make the whole bag unreadable,
+    and one flipped bit in a definition would change every message.
     """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     if TRANSFORMS not in store.fielddefs:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS))
+        store.register(
+            get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TRANSFORMS)
+        )
     return store
 
 
@@ -44,7 +50,8 @@ class BagWriter:
     """Writes one bag, as a context manager; the stamp of a message is also its time of receipt."""
 
     def __init__(self, path: Path, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
-        """`path` is a file NAME.bag for `ros1`, else a folder; raises LogError if it is there already."""
+        """`path` is a file NAME.bag for `ros1`, else a folder; raises LogError if it is there
+        already."""
         if path.exists():
             raise LogError(f"{path}: exists already; a bag is written anew, remove it first")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +68,12 @@ class BagWriter:
         self._writer.open()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._writer.__exit__(kind, error, trace)
 
     def points(
@@ -73,15 +85,31 @@ class BagWriter:
         ring: NDArray[np.integer],
         topic: str = "/points",
     ) -> None:
-        """Write a cloud (n, 3) in metres, with an intensity and a ring (number of the beam) for each point."""
+        """Write a cloud (n, 3) in metres, with an intensity and a ring (number of the beam) for
+        each point."""
         data = np.zeros(len(points_m), POINT)
-        data["xyz"], data["intensity"], data["ring"] = points_m, intensity, ring
-        layout = [(axis, 4 * i, 7) for i, axis in enumerate("xyz")] + [("intensity", 12, 7), ("ring", 16, 4)]
-        fields = [self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1) for n, at, kind in layout]
-        shape = {"height": 1, "width": len(data), "point_step": POINT.itemsize, "row_step": data.nbytes}
+        data["xyz"] = points_m
+        data["intensity"] = intensity
+        data["ring"] = ring
+        layout = [(axis, 4 * i, 7) for i, axis in enumerate("xyz")] + [
+            ("intensity", 12, 7),
+            ("ring", 16, 4),
+        ]
+        fields = [
+            self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1)
+            for n, at, kind in layout
+        ]
+        shape = {
+            "height": 1,
+            "width": len(data),
+            "point_step": POINT.itemsize,
+            "row_step": data.nbytes,
+        }
         flags = {"is_bigendian": False, "is_dense": True}
         points = data.view(np.uint8).reshape(-1)
-        self._write_stamped(topic, CLOUD, stamp_ns, frame, fields=fields, data=points, **shape, **flags)
+        self._write_stamped(
+            topic, CLOUD, stamp_ns, frame, fields=fields, data=points, **shape, **flags
+        )
 
     def laser_scan(
         self,
@@ -96,60 +124,119 @@ class BagWriter:
     ) -> None:
         """Write a sweep of ranges (n,), counter-clockwise from `angle_min_rad`."""
         angle_max_rad = angle_min_rad + angle_step_rad * (len(ranges_m) - 1)
-        angles = {"angle_min": angle_min_rad, "angle_max": angle_max_rad, "angle_increment": angle_step_rad}
-        limits = {"range_min": range_min_m, "range_max": range_max_m, "time_increment": 0.0, "scan_time": 0.0}
-        values = {"ranges": np.asarray(ranges_m, np.float32), "intensities": np.empty(0, np.float32)}
+        angles = {
+            "angle_min": angle_min_rad,
+            "angle_max": angle_max_rad,
+            "angle_increment": angle_step_rad,
+        }
+        limits = {
+            "range_min": range_min_m,
+            "range_max": range_max_m,
+            "time_increment": 0.0,
+            "scan_time": 0.0,
+        }
+        values = {
+            "ranges": np.asarray(ranges_m, np.float32),
+            "intensities": np.empty(0, np.float32),
+        }
         self._write_stamped(topic, SWEEP, stamp_ns, frame, **angles, **limits, **values)
 
     def odometry(
-        self, stamp_ns: int, world_frame: str, body_frame: str, world_T_body: NDArray[np.float64], topic: str = "/odom"
+        self,
+        stamp_ns: int,
+        world_frame: str,
+        body_frame: str,
+        world_T_body: NDArray[np.float64],
+        topic: str = "/odom",
     ) -> None:
         """Write a pose 4×4 of the body; velocities and covariances are zero."""
-        position, orientation = self._xyz(world_T_body[:3, 3], "Point"), self._quaternion(world_T_body)
+        position = self._xyz(world_T_body[:3, 3], "Point")
+        orientation = self._quaternion(world_T_body)
         pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
         pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36))
         zero = self._xyz(np.zeros(3))
         twist = self._new("geometry_msgs/msg/Twist", linear=zero, angular=zero)
-        twist = self._new("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36))
-        self._write_stamped(topic, ODOMETRY, stamp_ns, world_frame, child_frame_id=body_frame, pose=pose, twist=twist)
+        twist = self._new(
+            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)
+        )
+        self._write_stamped(
+            topic,
+            ODOMETRY,
+            stamp_ns,
+            world_frame,
+            child_frame_id=body_frame,
+            pose=pose,
+            twist=twist,
+        )
 
     def pose_with_covariance(
-        self, stamp_ns: int, frame: str, frame_T_body: NDArray[np.float64], covariance: NDArray[np.float64], topic: str
+        self,
+        stamp_ns: int,
+        frame: str,
+        frame_T_body: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        topic: str,
     ) -> None:
-        """Write a pose 4×4 and its covariance (6, 6) of x, y, z and turns about them, along the axes of `frame`."""
-        position, orientation = self._xyz(frame_T_body[:3, 3], "Point"), self._quaternion(frame_T_body)
+        """Write a pose 4×4 and its covariance (6, 6) of x, y, z and turns about them, along the
+        axes of `frame`."""
+        position = self._xyz(frame_T_body[:3, 3], "Point")
+        orientation = self._quaternion(frame_T_body)
         pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36))
+        pose = self._new(
+            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36)
+        )
         self._write_stamped(topic, POSE_COVARIANCE, stamp_ns, frame, pose=pose)
 
-    def static_transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]) -> None:
+    def static_transform(
+        self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]
+    ) -> None:
         """Write a transform 4×4 that holds for the whole bag, on `/tf_static`."""
         self.transform(stamp_ns, parent, child, parent_T_child, "/tf_static")
 
-    def transform(self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64], topic: str = "/tf") -> None:
+    def transform(
+        self,
+        stamp_ns: int,
+        parent: str,
+        child: str,
+        parent_T_child: NDArray[np.float64],
+        topic: str = "/tf",
+    ) -> None:
         """Write a transform 4×4 at a moment."""
-        translation, rotation = self._xyz(parent_T_child[:3, 3]), self._quaternion(parent_T_child)
-        transform = self._new("geometry_msgs/msg/Transform", translation=translation, rotation=rotation)
-        header, stamped = self._header(stamp_ns, parent), "geometry_msgs/msg/TransformStamped"
+        translation = self._xyz(parent_T_child[:3, 3])
+        rotation = self._quaternion(parent_T_child)
+        transform = self._new(
+            "geometry_msgs/msg/Transform", translation=translation, rotation=rotation
+        )
+        header = self._header(stamp_ns, parent)
+        stamped = "geometry_msgs/msg/TransformStamped"
         transforms = [self._new(stamped, header=header, child_frame_id=child, transform=transform)]
         self._write(topic, TRANSFORMS, stamp_ns, transforms=transforms)
 
-    def _write_stamped(self, topic: str, message_type: str, stamp_ns: int, frame: str, **fields: Any) -> None:
+    def _write_stamped(
+        self, topic: str, message_type: str, stamp_ns: int, frame: str, **fields: Any
+    ) -> None:
         """Write a standard message that begins with a header."""
         self._write(topic, message_type, stamp_ns, header=self._header(stamp_ns, frame), **fields)
 
     def _write(self, topic: str, message_type: str, stamp_ns: int, **fields: Any) -> None:
-        message, writer = self._new(message_type, **fields), self._writer
+        message = self._new(message_type, **fields)
+        writer = self._writer
         if topic not in self._topics:
             self._topics[topic] = writer.add_connection(topic, message_type, typestore=self._store)
-        pack = self._store.serialize_ros1 if isinstance(writer, rosbag1.Writer) else self._store.serialize_cdr
+        pack = (
+            self._store.serialize_ros1
+            if isinstance(writer, rosbag1.Writer)
+            else self._store.serialize_cdr
+        )
         writer.write(self._topics[topic], stamp_ns, pack(message, message_type))
 
     def _new(self, message_type: str, **fields: Any) -> Any:
         return self._store.types[message_type](**fields)
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
-        stamp = self._new("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+        stamp = self._new(
+            "builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
+        )
         seq = {"seq": 0} if isinstance(self._writer, rosbag1.Writer) else {}
         return self._new("std_msgs/msg/Header", **seq, stamp=stamp, frame_id=frame)
 

@@ -1,7 +1,8 @@
 """Reads ROS bags without ROS: the topics, the messages in order, and any single message again.
 
-`rosbags` reads all kinds: a ROS 1 .bag (plain, bz2, lz4), a ROS 2 folder (sqlite3 or MCAP; zstd by file or by message), a bare
-.mcap or .db3. Any exception that it raises at a damaged file becomes one LogError that names the file.
+`rosbags` reads all kinds: a ROS 1 .bag (plain, bz2, lz4), a ROS 2 folder (sqlite3 or MCAP; zstd by
+file or by message), a bare .mcap or .db3. Any exception that it raises at a damaged file becomes
+one LogError that names the file.
 """
 
 import re
@@ -50,7 +51,8 @@ class Key:
 
 
 def plain(text: str, length: int) -> str:
-    """Text from a bag without unprintable letters, cut to `length`, so that it fits into one line of an error."""
+    """Text from a bag without unprintable letters, cut to `length`, so that it fits into one line
+    of an error."""
     return "".join(letter if letter.isprintable() else " " for letter in text)[:length].strip()
 
 
@@ -67,12 +69,14 @@ def find(path: Path) -> list[Path]:
 
 
 class BagFile:
-    """An open bag; it closes when nothing refers to it any more, may be shared between threads, and re-opens when unpickled."""
+    """An open bag; it closes when nothing refers to it any more, may be shared between threads, and
+    re-opens when unpickled."""
 
     def __init__(self, path: Path) -> None:
         """Raises LogError for a file that is missing, damaged, or no bag.
 
-        `topics` are by name; `span_ns` is (first receipt, after the last receipt), and start > end in an empty bag.
+        `topics` are by name; `span_ns` is (first receipt, after the last receipt), and start > end
+        in an empty bag.
         """
         self.path = path
         self._lock = Lock()
@@ -80,20 +84,31 @@ class BagFile:
         self._store = typestore(1 if path.suffix == ".bag" and path.is_file() else 2)
         self._reader: rosbag1.Reader | rosbag2.Reader
         with self._refusing():
-            self._reader = rosbag1.Reader(path) if path.suffix == ".bag" and path.is_file() else rosbag2.Reader(path)
+            self._reader = (
+                rosbag1.Reader(path)
+                if path.suffix == ".bag" and path.is_file()
+                else rosbag2.Reader(path)
+            )
             self._reader.open()
             weakref.finalize(self, self._reader.close)
             self.topics: dict[str, Topic] = {}
-            for connection in sorted(self._reader.connections, key=lambda connection: connection.topic):
-                before = self.topics[connection.topic].count if connection.topic in self.topics else 0
-                self.topics[connection.topic] = Topic(_kind(connection), int(connection.msgcount) + before)
+            for connection in sorted(
+                self._reader.connections, key=lambda connection: connection.topic
+            ):
+                before = (
+                    self.topics[connection.topic].count if connection.topic in self.topics else 0
+                )
+                self.topics[connection.topic] = Topic(
+                    _kind(connection), int(connection.msgcount) + before
+                )
             self.span_ns = int(self._reader.start_time), int(self._reader.end_time)
 
     def __reduce__(self) -> tuple[type["BagFile"], tuple[Path]]:
         return BagFile, (self.path,)
 
     def messages(self, topic: str) -> Generator[tuple[Key, bytes], None, None]:
-        """Every message of a topic, as bytes, in order of receipt; raises LogError where the file is damaged."""
+        """Every message of a topic, as bytes, in order of receipt; raises LogError where the file
+        is damaged."""
         seen: Counter[int] = Counter()
         with self._lock, self._refusing():
             for _, received_ns, data in self._reader.messages(self._connections(topic)):
@@ -108,10 +123,15 @@ class BagFile:
     def read(self, key: Key) -> bytes:
         """The bytes of one message; raises LogError if it is no longer there."""
         with self._lock, self._refusing():
-            at = self._reader.messages(self._connections(key.topic), key.received_ns, key.received_ns + 1)
+            at = self._reader.messages(
+                self._connections(key.topic), key.received_ns, key.received_ns + 1
+            )
             found = next(islice(at, key.nth, None), None)
         if found is None:
-            raise LogError(f"{self.path}: a message of {key.topic} is gone; was the file changed since it was opened?")
+            raise LogError(
+                f"{self.path}: a message of {key.topic} is gone; was the file changed since it was "
+                "opened?"
+            )
         return bytes(found[2])
 
     def decode(self, data: bytes, kind: str) -> Any:
@@ -120,7 +140,9 @@ class BagFile:
         try:
             return unpack(data, kind)
         except Exception as error:  # as below
-            raise LogError(f"{self.path}: a broken {kind.replace('/msg/', '/')}: {_reason(error)}") from None
+            raise LogError(
+                f"{self.path}: a broken {kind.replace('/msg/', '/')}: {_reason(error)}"
+            ) from None
 
     @property
     def ros(self) -> int:
@@ -128,7 +150,8 @@ class BagFile:
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
 
     def _connections(self, topic: str) -> list[Connection]:
-        """The connections that wrote a topic; raises LogError for messages that are not of one standard type."""
+        """The connections that wrote a topic; raises LogError for messages that are not of one
+        standard type."""
         if topic in self._writers:
             return self._writers[topic]
         found = [connection for connection in self._reader.connections if connection.topic == topic]
@@ -136,11 +159,16 @@ class BagFile:
             kind = _kind(connection)
             if kind != self.topics[topic].kind:
                 kinds = plain(f"{kind}, {self.topics[topic].kind}", 120)
-                raise LogError(f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}")
+                raise LogError(
+                    f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}"
+                )
             known = self.ros == 1 and kind in self._store.fielddefs
             if known and connection.digest not in ("*", self._store.generate_msgdef(kind)[1]):
                 md5 = plain(connection.digest, 32)
-                raise LogError(f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has the MD5 {md5}")
+                raise LogError(
+                    f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has "
+                    f"the MD5 {md5}"
+                )
         self._writers[topic] = found
         return found
 
@@ -150,7 +178,8 @@ class BagFile:
             yield
         except YearlocError:
             raise
-        except Exception as error:  # rosbags, sqlite, zstd, yaml and struct raise whatever they like at a damaged file
+        # rosbags, sqlite, zstd, yaml and struct raise whatever they like at a damaged file
+        except Exception as error:
             raise LogError(f"{self.path}: {_why(self.path, error)}") from None
 
 
@@ -169,12 +198,22 @@ def _why(path: Path, error: Exception) -> str:
             return "an empty file; record or fetch it anew"
         version = re.match(rb"#ROS[A-Z]+ V(\d+\.\d+)", head)
         if version and version[1] != b"2.0":
-            return f"a ROS 1 bag of version {version[1].decode()}; only 2.0 can be read: convert it with `rosbag fix`"
+            return (
+                f"a ROS 1 bag of version {version[1].decode()}; only 2.0 can be read: convert it "
+                "with `rosbag fix`"
+            )
         if head.startswith(MCAP) and (profile := _profile(head)) != "ros2":
-            advice = "give the ROS 1 .bag that it was made from" if profile == "ros1" else "let `ros2 bag record` write it"
+            advice = (
+                "give the ROS 1 .bag that it was made from"
+                if profile == "ros1"
+                else "let `ros2 bag record` write it"
+            )
             return f"an MCAP of profile {profile!a}; only those of ROS 2 can be read: {advice}"
     reason = _reason(error)
-    return f"cannot be read as a bag: {reason}; if it is cut short or unindexed, `rosbag|ros2 bag reindex` or `mcap recover` it"
+    return (
+        f"cannot be read as a bag: {reason}; if it is cut short or unindexed, `rosbag|ros2 bag "
+        "reindex` or `mcap recover` it"
+    )
 
 
 def _profile(head: bytes) -> str:
@@ -184,4 +223,7 @@ def _profile(head: bytes) -> str:
 
 
 def _reason(error: Exception) -> str:
-    return plain(str(error), 160).rstrip(".") or f"sizes and contents do not fit ({type(error).__name__})"
+    return (
+        plain(str(error), 160).rstrip(".")
+        or f"sizes and contents do not fit ({type(error).__name__})"
+    )

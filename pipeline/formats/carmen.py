@@ -21,7 +21,12 @@ MOST_BEAMS = 10_000
 FOV_RAD = np.pi
 """Of FLASER and RLASER records, which do not say it."""
 Laser = Literal["front", "rear"]
-LASERS: dict[str, Laser] = {"FLASER": "front", "RLASER": "rear", "ROBOTLASER1": "front", "ROBOTLASER2": "rear"}
+LASERS: dict[str, Laser] = {
+    "FLASER": "front",
+    "RLASER": "rear",
+    "ROBOTLASER1": "front",
+    "ROBOTLASER2": "rear",
+}
 
 
 @dataclass(frozen=True)
@@ -55,9 +60,11 @@ class Records:
 
 
 def read(path: Path) -> Records:
-    """All records of a log, plain or gzipped; those that are cut short or hold other words are counted.
+    """All records of a log, plain or gzipped; those that are cut short or hold other words are
+    counted.
 
-    Raises LogError for a file that is missing, damaged or larger than LARGEST_BYTES, or without a sweep.
+    Raises LogError for a file that is missing, damaged or larger than LARGEST_BYTES, or without a
+    sweep.
     """
     records = Records()
     for line in _text(path).splitlines():
@@ -82,18 +89,37 @@ def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
     beams = _count(words[0])
     poses = _numbers(words, 1 + beams, 7)
     angles_rad = np.linspace(-FOV_RAD / 2, FOV_RAD / 2, beams)
-    return Sweep(laser, _ranges(words, 1, beams), angles_rad, np.nan, poses[:3], poses[3:6], float(poses[6]), odometry)
+    return Sweep(
+        laser,
+        _ranges(words, 1, beams),
+        angles_rad,
+        np.nan,
+        poses[:3],
+        poses[3:6],
+        float(poses[6]),
+        odometry,
+    )
 
 
 def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
-    """ROBOTLASER1 and 2: type, first angle, field of view, step, largest range, accuracy, mode, n, n ranges, m, m remissions, the
-    laser's pose, the robot's, five numbers of its motion, stamp, host, stamp."""
+    """ROBOTLASER1 and 2: type, first angle, field of view, step, largest range, accuracy, mode, n,
+    n ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp,
+    host, stamp."""
     start, _, step, limit_m = _numbers(words, 1, 4)
     beams = _count(words[7])
     after = 8 + beams
     poses = _numbers(words, after + 1 + _count(words[after]), 12)
     angles_rad = start + step * np.arange(beams)
-    return Sweep(laser, _ranges(words, 8, beams), angles_rad, float(limit_m), poses[:3], poses[3:6], float(poses[11]), odometry)
+    return Sweep(
+        laser,
+        _ranges(words, 8, beams),
+        angles_rad,
+        float(limit_m),
+        poses[:3],
+        poses[3:6],
+        float(poses[11]),
+        odometry,
+    )
 
 
 def _text(path: Path) -> str:

@@ -1,4 +1,5 @@
-"""Reads and writes a csv of changes in a place since training: buildings built or demolished, trees planted or felled."""
+"""Reads and writes a csv of changes in a place since training: buildings built or demolished, trees
+planted or felled."""
 
 import csv
 from collections.abc import Iterable
@@ -16,7 +17,8 @@ class Change:
     what: str
     """`construction`, `demolition`, `tree`, or any other kind of change."""
     from_day: int
-    """Days after training from which the place looks different; for a construction, when its fence is up."""
+    """Days after training from which the place looks different; for a construction, when its fence
+    is up."""
     day: int
     """Days after training on which the change is complete: the building stands, or is gone."""
     x_m: float
@@ -29,23 +31,33 @@ COLUMNS = tuple(field.name for field in fields(Change))
 
 def visible(changes: Iterable[Change], day: int) -> list[Change]:
     """The changes that are visible on `day` but were not on the training day, in order of time."""
-    return sorted((one for one in changes if 0 < one.from_day <= day), key=lambda one: (one.from_day, one.day, one.x_m, one.y_m))
+    return sorted(
+        (one for one in changes if 0 < one.from_day <= day),
+        key=lambda one: (one.from_day, one.day, one.x_m, one.y_m),
+    )
 
 
 def write_changes(path: Path, changes: Iterable[Change]) -> None:
     """Write a header and one row per change, with metres to the centimetre."""
-    rows = (f"{what},{from_day},{day},{x_m:.2f},{y_m:.2f}\n" for what, from_day, day, x_m, y_m in map(astuple, changes))
+    rows = (
+        f"{what},{from_day},{day},{x_m:.2f},{y_m:.2f}\n"
+        for what, from_day, day, x_m, y_m in map(astuple, changes)
+    )
     path.write_text(",".join(COLUMNS) + "\n" + "".join(rows), encoding="utf-8")
 
 
 def read_changes(path: Path) -> list[Change]:
-    """Read a csv, whose columns may come in any order; raises LogError naming the missing columns or the bad row."""
+    """Read a csv, whose columns may come in any order; raises LogError naming the missing columns
+    or the bad row."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file, skipinitialspace=True)
             lacks = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
             if lacks:
-                raise LogError(f"{path}: its first line names no column {', '.join(lacks)}; expected {','.join(COLUMNS)}")
+                raise LogError(
+                    f"{path}: its first line names no column {', '.join(lacks)}; expected "
+                    f"{','.join(COLUMNS)}"
+                )
             return [_change(path, number, row) for number, row in enumerate(rows, 1)]
     except OSError:
         raise LogError(f"{path}: no such file") from None
@@ -60,5 +72,8 @@ def _change(path: Path, number: int, row: dict[str, str]) -> Change:
     except (TypeError, ValueError):
         change = Change("", 0, 0, nan, nan)
     if not isfinite(change.x_m + change.y_m):
-        raise LogError(f"{path}: row {number} holds no change; expected a word, two whole days and x, y in metres")
+        raise LogError(
+            f"{path}: row {number} holds no change; expected a word, two whole days and x, y in "
+            "metres"
+        )
     return change

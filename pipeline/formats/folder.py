@@ -1,4 +1,5 @@
-"""Scan files (.bin, .npy, .pcd) and TUM pose files of a robot that belongs to no published data set."""
+"""Scan files (.bin, .npy, .pcd) and TUM pose files of a robot that belongs to no published data
+set."""
 
 import io
 import math
@@ -20,10 +21,16 @@ LARGEST_BYTES = 2**28
 """Limit for the file of one scan, packed and unpacked: a larger one is damaged, or is a map."""
 MOST_COLUMNS = 32
 """Of an array of points; one with more is turned, or an image."""
-NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+NPY_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 LAYOUTS = {
     12: "12 numbers a row are KITTI's: reader.poses_format: kitti, with the seconds in times.txt",
-    13: "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns: write its rotation as a quaternion",
+    13: (
+        "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns: write its rotation as "
+        "a quaternion"
+    ),
 }
 """What rows of a pose file are by the count of their numbers."""
 UNITS = {18: "ns", 15: "us", 12: "ms"}
@@ -32,10 +39,12 @@ UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
 def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[np.float64]:
-    """Points (n, 3) from the bytes of a scan file, in the file's frame and unit, non-finite ones included.
+    """Points (n, 3) from the bytes of a scan file, in the file's frame and unit, non-finite ones
+    included.
 
-    The suffix of `path` is the format; `point_bytes` is the width of a record in a .bin, None: found from the bytes. Raises
-    LogError for a file of another format or one cut short, before more than 2²⁸ bytes are allocated.
+    The suffix of `path` is the format; `point_bytes` is the width of a record in a .bin, None:
+    found from the bytes. Raises LogError for a file of another format or one cut short, before more
+    than 2²⁸ bytes are allocated.
     """
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
@@ -48,7 +57,8 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
 
 
 def stamp_ns(word: str, unit: str) -> int | None:
-    """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly; None if it is not a stamp."""
+    """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly;
+    None if it is not a stamp."""
     try:
         stamp = Decimal(word) * UNIT_NS[unit]
     except ArithmeticError:
@@ -57,10 +67,11 @@ def stamp_ns(word: str, unit: str) -> int | None:
 
 
 def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
-    """Stamps (n,) in ns and rows (n, 7) x, y, z (m), qx, qy, qz, qw of the text of a TUM file; NaN where the pose is unknown.
+    """Stamps (n,) in ns and rows (n, 7) x, y, z (m), qx, qy, qz, qw of the text of a TUM file; NaN
+    where the pose is unknown.
 
-    Numbers are separated by blanks or commas, comments start with #. Stamps are read as decimals, since a double would round
-    them by 100 ns. Raises LogError naming the row.
+    Numbers are separated by blanks or commas, comments start with #. Stamps are read as decimals,
+    since a double would round them by 100 ns. Raises LogError naming the row.
     """
     lines = (line.split("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = [words for words in lines if words]
@@ -70,17 +81,22 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
         stamp = stamp_ns(words[0], "s")
         if len(words) != 8 or stamp is None:
             given = f"row {row + 1} is '{' '.join(words)[:60]}'"
-            raise LogError(f"{path}: {given}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}")
+            raise LogError(
+                f"{path}: {given}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}"
+            )
         try:
             numbers[row] = [float(word) for word in words[1:]]
         except ValueError:
-            raise LogError(f"{path}: row {row + 1} is '{' '.join(words)[:60]}'; expected eight numbers") from None
+            raise LogError(
+                f"{path}: row {row + 1} is '{' '.join(words)[:60]}'; expected eight numbers"
+            ) from None
         stamps.append(stamp)
     return stamps, numbers
 
 
 def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    """Raise LogError for an array that holds no points along its last axis, with what to do where it may hold them otherwise."""
+    """Raise LogError for an array that holds no points along its last axis, with what to do where
+    it may hold them otherwise."""
     found = f"found {kind}{shape}"
     if kind.kind not in "fiu" or kind.itemsize > 8 or len(shape) < 2:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}")
@@ -88,13 +104,20 @@ def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> Non
         return
     if 3 <= shape[0] <= MOST_COLUMNS < shape[-1]:
         advice = f"save `numpy.moveaxis(array, 0, -1)`, if the {shape[0]} are x, y, z first"
-        raise LogError(f"{path}: expected points (n, 3 or more), {found}: its columns are its points; {advice}")
-    advice = "a range image has no x, y, z: save the points that it was made of" if shape[-1] > 2 else "x, y and z are needed"
+        raise LogError(
+            f"{path}: expected points (n, 3 or more), {found}: its columns are its points; {advice}"
+        )
+    advice = (
+        "a range image has no x, y, z: save the points that it was made of"
+        if shape[-1] > 2
+        else "x, y and z are needed"
+    )
     raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}; {advice}")
 
 
 def no_tum(words: Sequence[str]) -> str:
-    """What a row of a pose file is that is no row of a TUM trajectory, and what to do; nothing where that is not known."""
+    """What a row of a pose file is that is no row of a TUM trajectory, and what to do; nothing
+    where that is not known."""
     if len(words) in LAYOUTS:
         return f"; {LAYOUTS[len(words)]}"
     unit = unit_of(words[0]) if len(words) == 8 else ""
@@ -113,11 +136,19 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
         read = NPY_HEADERS[np.lib.format.read_magic(file)]
         shape, by_columns, kind = read(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
-        raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
+        raise LogError(
+            f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
+        ) from None
     refuse_array(path, kind, shape)
-    body, wanted = memoryview(data)[file.tell() :], math.prod(shape) * kind.itemsize
+    body = memoryview(data)[file.tell() :]
+    wanted = math.prod(shape) * kind.itemsize
     if len(body) != wanted:
-        raise LogError(f"{path}: {len(body)} bytes of points, {wanted} for its shape {shape}; the file is damaged")
+        raise LogError(
+            f"{path}: {len(body)} bytes of points, {wanted} for its shape {shape}; the file is "
+            "damaged"
+        )
     flat = np.frombuffer(body, kind) if wanted else np.empty(0)
-    rows = flat.reshape(shape, order="F" if by_columns else "C").reshape(-1, shape[-1])  # a range image has rows and columns
+    rows = flat.reshape(shape, order="F" if by_columns else "C").reshape(
+        -1, shape[-1]
+    )  # a range image has rows and columns
     return rows[:, :3].astype(np.float64)

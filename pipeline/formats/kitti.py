@@ -1,4 +1,5 @@
-"""KITTI odometry's file layouts, shared by the reader and the simulated world's writer (METHODS 7.3).
+"""KITTI odometry's file layouts, shared by the reader and the simulated world's writer (METHODS
+7.3).
 
 A scan is in the Velodyne's frame x forward, y left, z up; cam0 is x right, y down, z forward.
 """
@@ -10,12 +11,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
-SCANS, TIMES, CALIB = (f"sequences/{{log}}/{name}" for name in ("velodyne", "times.txt", "calib.txt"))
+SCANS, TIMES, CALIB = (
+    f"sequences/{{log}}/{name}" for name in ("velodyne", "times.txt", "calib.txt")
+)
 POSES = "poses/{log}.txt"
 """The files of a log below the root, as templates."""
-CAM_T_VELO = np.array([[0.0, -1.0, 0.0, -0.012], [0.0, 0.0, -1.0, -0.054], [1.0, 0.0, 0.0, -0.292], [0.0, 0.0, 0.0, 1.0]])
-"""Of the simulated car: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned."""
-FOCAL_PX, CENTRE_PX = 718.856, (607.1928, 185.2157)
+CAM_T_VELO = np.array(
+    [
+        [0.0, -1.0, 0.0, -0.012],
+        [0.0, 0.0, -1.0, -0.054],
+        [1.0, 0.0, 0.0, -0.292],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+"""Of the simulated car: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right,
+and is not turned."""
+FOCAL_PX = 718.856
+CENTRE_PX = (607.1928, 185.2157)
 BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
 """Last column of P0 to P3 in log 00: −focal length × distance of a camera to the right of cam0."""
 
@@ -29,11 +41,15 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite: four numbers each, flat (4 n,)."""
+    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite: four
+    numbers each, flat (4 n,)."""
     points = np.empty((numbers.shape[0] // 4, 3), np.float64)
-    kept, metres = 0, points.reshape(-1)
+    kept = 0
+    metres = points.reshape(-1)
     for i in range(numbers.shape[0] // 4):
-        x, y, z = np.float64(numbers[4 * i]), np.float64(numbers[4 * i + 1]), np.float64(numbers[4 * i + 2])
+        x = np.float64(numbers[4 * i])
+        y = np.float64(numbers[4 * i + 1])
+        z = np.float64(numbers[4 * i + 2])
         metres[3 * kept] = x + 0.0  # no −0, whose angle is another
         metres[3 * kept + 1] = y + 0.0
         metres[3 * kept + 2] = z + lift_m
@@ -49,10 +65,15 @@ def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) ->
 def write_calib(path: Path) -> None:
     """P0 to P3, the projections of the rectified cameras, and Tr = cam0 <- velodyne."""
     rows = {
-        f"P{camera}": np.array([[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]])
+        f"P{camera}": np.array(
+            [[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
+        )
         for camera, baseline in enumerate(BASELINES_PX_M)
     }
-    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in (rows | {"Tr": CAM_T_VELO[:3]}).items()])
+    _write(
+        path,
+        [f"{name}: {_numbers(matrix)}" for name, matrix in (rows | {"Tr": CAM_T_VELO[:3]}).items()],
+    )
 
 
 def write_times(path: Path, times_s: NDArray[np.float64]) -> None:

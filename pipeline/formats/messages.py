@@ -1,4 +1,5 @@
-"""Decodes ROS messages into arrays: stamps and frames, poses and transforms, laser scans (METHODS 7.4); REP 103 frames."""
+"""Decodes ROS messages into arrays: stamps and frames, poses and transforms, laser scans (METHODS
+7.4); REP 103 frames."""
 
 import struct
 from collections.abc import Sequence
@@ -14,18 +15,25 @@ from pipeline.formats.bag_file import plain
 from pipeline.frames import Poses
 
 FARTHEST_M = 1e8
-"""A position further than this from its origin is damage: the centre of the Earth is 6.4e6 m away."""
+"""A position further than this from its origin is damage: the centre of the Earth is 6.4e6 m
+away."""
 
 
 def header(data: bytes, ros: int) -> tuple[int, str]:
-    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises LogError for any other.
+    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises
+    LogError for any other.
 
-    A ROS 1 message begins with a counter, a CDR one with four bytes, of which the second is the byte order; the rest is alike.
+    A ROS 1 message begins with a counter, a CDR one with four bytes, of which the second is the
+    byte order; the rest is alike.
     """
     order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
     try:
-        seconds, nanoseconds, length = struct.unpack_from(order + ("III" if ros == 1 else "iII"), data, 4)
-        frame = struct.unpack_from(f"{min(length, len(data) + 1)}s", data, 16)[0].rstrip(b"\0").decode()
+        seconds, nanoseconds, length = struct.unpack_from(
+            order + ("III" if ros == 1 else "iII"), data, 4
+        )
+        frame = (
+            struct.unpack_from(f"{min(length, len(data) + 1)}s", data, 16)[0].rstrip(b"\0").decode()
+        )
     except (struct.error, UnicodeDecodeError):
         raise LogError("a message without a whole header") from None
     if seconds < 0 or nanoseconds >= 10**9:
@@ -42,12 +50,14 @@ def from_cdr(data: bytes, kind: str) -> Any:
 
 
 def frame_name(name: str) -> str:
-    """A frame_id as tf2 has it: without the leading slash of old ROS 1 bags, and without unprintable letters."""
+    """A frame_id as tf2 has it: without the leading slash of old ROS 1 bags, and without
+    unprintable letters."""
     return plain(name, 120).lstrip("/")
 
 
 def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
-    """Position in metres and quaternion (x, y, z, w) of an Odometry, PoseStamped or PoseWithCovarianceStamped."""
+    """Position in metres and quaternion (x, y, z, w) of an Odometry, PoseStamped or
+    PoseWithCovarianceStamped."""
     pose = message.pose.pose if kind in (ODOMETRY, POSE_COVARIANCE) else message.pose
     return _numbers(pose.position, pose.orientation)
 
@@ -62,10 +72,13 @@ def _numbers(position: Any, turn: Any) -> tuple[float, ...]:
 
 
 def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
-    """Poses (n, 4, 4) from positions and quaternions; NaN where they are not a place on Earth or not a rotation."""
+    """Poses (n, 4, 4) from positions and quaternions; NaN where they are not a place on Earth or
+    not a rotation."""
     rows = np.array(numbers, np.float64).reshape(-1, 7)
     with np.errstate(all="ignore"):
-        good = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01)
+        good = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (
+            np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01
+        )
     found = np.full((len(rows), 4, 4), np.nan)
     found[good] = np.eye(4)
     found[good, :3, 3] = rows[good, :3]
@@ -75,13 +88,17 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
 
 
 def sweep_points(message: Any) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from range_min to range_max.
+    """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from
+    range_min to range_max.
 
-    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it out. Angles run
-    counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted upside down.
-    Raises LogError for angles that no scanner has.
+    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it
+    out. Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a
+    scanner mounted upside down. Raises LogError for angles that no scanner has.
     """
-    start, step, near, far = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    start = message.angle_min
+    step = message.angle_increment
+    near = message.range_min
+    far = message.range_max
     if not np.isfinite([start, step]).all() or max(abs(start), abs(step)) > 1e3:
         raise LogError(f"a LaserScan from {start} rad in steps of {step} rad: no such scanner")
     near = near if np.isfinite(near) else 0.0

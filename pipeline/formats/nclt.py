@@ -1,6 +1,7 @@
 """NCLT's byte layouts, shared by the reader and the simulated world's writer (METHODS 7.1).
 
-Scans are in the body frame x forward, y right, z down, ground near z = 0; poses are north-east-down.
+Scans are in the body frame x forward, y right, z down, ground near z = 0; poses are
+north-east-down.
 """
 
 from pathlib import Path
@@ -17,7 +18,9 @@ PACKET_HEADER_BYTES = 24
 BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 """x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
 
-SCANS, TRUTH, ODOMETRY = "velodyne_sync", "groundtruth_{sequence}.csv", "odometry_mu_100hz.csv"
+SCANS = "velodyne_sync"
+TRUTH = "groundtruth_{sequence}.csv"
+ODOMETRY = "odometry_mu_100hz.csv"
 """Names of the files in the folder of one sequence."""
 TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
@@ -25,7 +28,8 @@ ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOME
 
 
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
-    """Write a pose file as NCLT lays it out: no header; utime (µs), then x, y, z in metres and roll, pitch, heading in radians.
+    """Write a pose file as NCLT lays it out: no header; utime (µs), then x, y, z in metres and
+    roll, pitch, heading in radians.
 
     `utimes` is (n,), `ned_xyzrph` (n, 6).
     """
@@ -35,18 +39,23 @@ def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[n
             file.write(f"{utime}, " + ", ".join(f"{value:.9g}" for value in row) + "\n")
 
 
-def encode(points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: NDArray[np.uint8]) -> bytes:
-    """A velodyne_sync file's bytes from z-up vehicle points (n, 3); the caller keeps them within ±100 m."""
+def encode(
+    points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: NDArray[np.uint8]
+) -> bytes:
+    """A velodyne_sync file's bytes from z-up vehicle points (n, 3); the caller keeps them within
+    ±100 m."""
     record = np.zeros(len(points_m), [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
     ned = points_m.astype(np.float64) * (1.0, -1.0, -1.0)
     record["xyz"] = np.rint((ned - OFFSET_M) / GRAIN_M)
-    record["intensity"], record["laser"] = intensity, laser
+    record["intensity"] = intensity
+    record["laser"] = laser
     return record.tobytes()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, z up and raised by `lift_m`, of hits that are four 16-bit words each, flat (4 n,).
+    """Points (n, 3) in metres, z up and raised by `lift_m`, of hits that are four 16-bit words
+    each, flat (4 n,).
 
     The compiler vectorises the loop over flat arrays: 20 times as fast.
     """

@@ -1,8 +1,9 @@
 """Reads PCD files of the Point Cloud Library, version 0.7: ascii, binary and binary_compressed.
 
-A header of text lines (FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS, in any order, DATA last), then the points: as lines of
-numbers, as little-endian records, or as one LZF block with the first field of all points, then the second field, and so on.
-VIEWPOINT is ignored: the yaml of the data set says where the sensor sits.
+A header of text lines (FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS, in any order, DATA last),
+then the points: as lines of numbers, as little-endian records, or as one LZF block with the first
+field of all points, then the second field, and so on. VIEWPOINT is ignored: the yaml of the data
+set says where the sensor sits.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 
 HEADER_BYTES = 65_536
-"""Limit for the header, which usually has a few hundred bytes; a file without a DATA line before it is not a PCD."""
+"""Limit for the header, which usually has a few hundred bytes; a file without a DATA line before it
+is not a PCD."""
 EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
 AXES = ("x", "y", "z")
@@ -40,13 +42,18 @@ class Header:
 
     def widths(self) -> list[int]:
         """Bytes of each field in a record."""
-        return [np.dtype(kind).itemsize * count for kind, count in zip(self.types, self.counts, strict=True)]
+        return [
+            np.dtype(kind).itemsize * count
+            for kind, count in zip(self.types, self.counts, strict=True)
+        ]
 
 
 def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
-    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN; errors name `path`.
+    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN;
+    errors name `path`.
 
-    Raises LogError for a file that is not PCD 0.7, is cut short, or would unpack to more than `largest` bytes.
+    Raises LogError for a file that is not PCD 0.7, is cut short, or would unpack to more than
+    `largest` bytes.
     """
     header = parse(data, path)
     body = memoryview(data)[header.end :]
@@ -60,9 +67,14 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
     packed, whole = (int(size) for size in np.frombuffer(body[:8], "<u4"))
     _expect(path, header, whole)
     if packed > len(body) - 8 or any(body[8 + packed :]):  # some writers fill a page with zeros
-        raise LogError(f"{path}: its block of {packed} compressed bytes is {len(body) - 8} bytes long; the file is damaged")
+        raise LogError(
+            f"{path}: its block of {packed} compressed bytes is {len(body) - 8} bytes long; the "
+            "file is damaged"
+        )
     if whole > min(EXPANSION * packed, largest):
-        raise LogError(f"{path}: claims that {packed} compressed bytes hold {whole}; the file is damaged")
+        raise LogError(
+            f"{path}: claims that {packed} compressed bytes hold {whole}; the file is damaged"
+        )
     unpacked = np.empty(whole, np.uint8)
     if not _lzf(np.frombuffer(body[8 : 8 + packed], np.uint8), unpacked):
         raise LogError(f"{path}: its compressed block is damaged")
@@ -76,23 +88,32 @@ def parse(data: bytes, path: Path) -> Header:
     while "DATA" not in said:
         stop = data.find(b"\n", end, HEADER_BYTES)
         if stop < 0:
-            raise LogError(f"{path}: no PCD file: its header has no line 'DATA ascii|binary|binary_compressed'")
+            raise LogError(
+                f"{path}: no PCD file: its header has no line 'DATA ascii|binary|binary_compressed'"
+            )
         words = data[end:stop].decode("ascii", "replace").split("#")[0].split()
         end = stop + 1
         if words:
             said[words[0]] = words[1:]
     if said.get("VERSION", ["0.7"])[-1:] not in (["0.7"], [".7"]):
-        raise LogError(f"{path}: PCD version {' '.join(said['VERSION'])}; expected 0.7: save it anew")
+        raise LogError(
+            f"{path}: PCD version {' '.join(said['VERSION'])}; expected 0.7: save it anew"
+        )
     fields = tuple(said.get("FIELDS", []))
-    sizes, kinds = said.get("SIZE", []), said.get("TYPE", [])
+    sizes = said.get("SIZE", [])
+    kinds = said.get("TYPE", [])
     counts = _numbers(path, "COUNT", said.get("COUNT", ["1"] * len(fields)))
     if not len(fields) == len(sizes) == len(kinds) == len(counts):
         found = f"{len(fields)}, {len(sizes)}, {len(kinds)} and {len(counts)}"
-        raise LogError(f"{path}: FIELDS, SIZE, TYPE and COUNT are of {found} fields; the header is damaged")
+        raise LogError(
+            f"{path}: FIELDS, SIZE, TYPE and COUNT are of {found} fields; the header is damaged"
+        )
     types = tuple(_type(path, kind, size) for kind, size in zip(kinds, sizes, strict=True))
     if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
-    if "POINTS" in said or not {"WIDTH", "HEIGHT"} <= said.keys():  # it says again what the two say, which some leave at 0
+    if (
+        "POINTS" in said or not {"WIDTH", "HEIGHT"} <= said.keys()
+    ):  # it says again what the two say, which some leave at 0
         points = _number(path, "POINTS", said)
     else:
         points = _number(path, "WIDTH", said) * _number(path, "HEIGHT", said)
@@ -104,7 +125,10 @@ def parse(data: bytes, path: Path) -> Header:
 
 def _type(path: Path, kind: str, size: str) -> str:
     if kind not in KINDS or size not in (("4", "8") if kind == "F" else ("1", "2", "4", "8")):
-        raise LogError(f"{path}: a field of TYPE {kind} and SIZE {size}; expected F of 4 or 8, I or U of 1, 2, 4 or 8")
+        raise LogError(
+            f"{path}: a field of TYPE {kind} and SIZE {size}; expected F of 4 or 8, I or U of 1, "
+            "2, 4 or 8"
+        )
     return f"<{KINDS[kind]}{size}"
 
 
@@ -122,31 +146,43 @@ def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
 
 
 def _expect(path: Path, header: Header, found: int) -> None:
-    """Raise LogError, before anything is allocated, unless `found` is the number of bytes of the points in the header."""
+    """Raise LogError, before anything is allocated, unless `found` is the number of bytes of the
+    points in the header."""
     wanted = sum(header.widths()) * header.points
     if found != wanted:
-        raise LogError(f"{path}: {found} bytes of points, {wanted} for the {header.points} points of its header; it is damaged")
+        raise LogError(
+            f"{path}: {found} bytes of points, {wanted} for the {header.points} points of its "
+            "header; it is damaged"
+        )
 
 
 def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
     columns = np.cumsum([0, *header.counts])
     lines = [line for line in body.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) != header.points:
-        raise LogError(f"{path}: {len(lines)} lines of points for the {header.points} points of its header; it is damaged")
+        raise LogError(
+            f"{path}: {len(lines)} lines of points for the {header.points} points of its header; "
+            "it is damaged"
+        )
     if not lines:
         return np.empty((0, 3))
     try:
         rows = np.loadtxt(lines, ndmin=2, comments=None)
     except ValueError as error:
-        raise LogError(f"{path}: points are lines of {columns[-1]} numbers; {str(error).splitlines()[0]}") from None
+        raise LogError(
+            f"{path}: points are lines of {columns[-1]} numbers; {str(error).splitlines()[0]}"
+        ) from None
     if rows.shape[1] != columns[-1]:
         raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {columns[-1]} by its header")
     return rows[:, columns[header.axes()]]
 
 
-def _columns(header: Header, data: memoryview | NDArray[np.uint8], interleaved: bool) -> NDArray[np.float64]:
+def _columns(
+    header: Header, data: memoryview | NDArray[np.uint8], interleaved: bool
+) -> NDArray[np.float64]:
     """Points (n, 3) from records (`interleaved`) or from one column after the other."""
-    widths, points = header.widths(), header.points
+    widths = header.widths()
+    points = header.points
     xyz = np.empty((points, 3))
     for axis, field in enumerate(header.axes() if points else []):
         offset = sum(widths[:field])
@@ -159,10 +195,12 @@ def _columns(header: Header, data: memoryview | NDArray[np.uint8], interleaved: 
 def _lzf(packed: NDArray[np.uint8], unpacked: NDArray[np.uint8]) -> bool:
     """Unpack Marc Lehmann's LZF into all of `unpacked`; False where the block is damaged.
 
-    A control byte c < 32 is followed by c + 1 literal bytes. Any other one is a copy of earlier output: its 3 upper bits (and one
-    more byte where they are 7) are the length, its 5 lower bits and the next byte the distance back; copies may overlap.
+    A control byte c < 32 is followed by c + 1 literal bytes. Any other one is a copy of earlier
+    output: its 3 upper bits (and one more byte where they are 7) are the length, its 5 lower bits
+    and the next byte the distance back; copies may overlap.
     """
-    at, to = np.int64(0), np.int64(0)
+    at = np.int64(0)
+    to = np.int64(0)
     while at < packed.shape[0]:
         control = np.int64(packed[at])
         at += 1

@@ -1,4 +1,5 @@
-"""sensor_msgs/PointCloud2 as points (METHODS 7.4): any layout of fields, aligned or not, either byte order, padded rows."""
+"""sensor_msgs/PointCloud2 as points (METHODS 7.4): any layout of fields, aligned or not, either
+byte order, padded rows."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -9,8 +10,21 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 
-DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
-"""The numbers of sensor_msgs/PointField; only newer ROS distributions have 9, 10 and 11 (a truth value in a byte)."""
+DATATYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    8: "f8",
+    9: "i8",
+    10: "u8",
+    11: "u1",
+}
+"""The numbers of sensor_msgs/PointField; only newer ROS distributions have 9, 10 and 11 (a truth
+value in a byte)."""
 FARTHEST = float(np.finfo(np.float32).max)
 """A coordinate that float32 cannot hold counts as infinite."""
 
@@ -37,16 +51,23 @@ class PointCloud2(Protocol):
 
 
 def decode(message: PointCloud2) -> NDArray[np.floating]:
-    """Points (n, 3) of a message, row after row, in its frame and unit; those with a NaN or infinite coordinate are dropped.
+    """Points (n, 3) of a message, row after row, in its frame and unit; those with a NaN or
+    infinite coordinate are dropped.
 
-    The type is float32 if x, y and z are little-endian float32, else float64. Raises LogError, before anything is allocated,
-    for sizes that do not fit.
+    The type is float32 if x, y and z are little-endian float32, else float64. Raises LogError,
+    before anything is allocated, for sizes that do not fit.
     """
     columns = [_column(message, name) for name in "xyz"]
-    shape, strides = (_rows(message), message.width), (_row_bytes(message), message.point_step)
-    x, y, z = (np.ndarray(shape, kind, message.data, offset, strides).reshape(-1) for kind, offset in columns)
+    shape = (_rows(message), message.width)
+    strides = (_row_bytes(message), message.point_step)
+    x, y, z = (
+        np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+        for kind, offset in columns
+    )
     if not all(kind == np.dtype(np.float32) for kind, _ in columns):
-        x, y, z = _float64(x), _float64(y), _float64(z)
+        x = _float64(x)
+        y = _float64(y)
+        z = _float64(z)
     return np.asarray(finite(x, y, z))
 
 
@@ -57,28 +78,44 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
         held = ", ".join(ascii(field.name) for field in message.fields) or "none"
         raise LogError(f"PointCloud2 without a field {name}: its fields are {held:.200}")
     if field.datatype not in DATATYPES:
-        raise LogError(f"PointCloud2's field {name} has the datatype {field.datatype}; sensor_msgs/PointField knows 1 to 11")
-    return np.dtype((">" if message.is_bigendian else "<") + DATATYPES[field.datatype]), field.offset
+        raise LogError(
+            f"PointCloud2's field {name} has the datatype {field.datatype}; sensor_msgs/PointField "
+            "knows 1 to 11"
+        )
+    return np.dtype(
+        (">" if message.is_bigendian else "<") + DATATYPES[field.datatype]
+    ), field.offset
 
 
 def _rows(message: PointCloud2) -> int:
     """Rows of points; some drivers leave the height of a cloud in no order at 0."""
     held = len(message.data)
-    return 1 if message.height == 0 and held and held == message.width * message.point_step else message.height
+    return (
+        1
+        if message.height == 0 and held and held == message.width * message.point_step
+        else message.height
+    )
 
 
 def _row_bytes(message: PointCloud2) -> int:
     """Bytes from row to row; raises LogError for sizes that do not fit.
 
-    Some drivers write the size of all as row_step, or nothing: where the points fill the data without it, it is passed over.
+    Some drivers write the size of all as row_step, or nothing: where the points fill the data
+    without it, it is passed over.
     """
-    height, width, step, row = _rows(message), message.width, message.point_step, message.row_step
+    height = _rows(message)
+    width = message.width
+    step = message.point_step
+    row = message.row_step
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
     for field in message.fields:
         size = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize * max(field.count, 1)
         if field.offset < 0 or field.offset + size > step:
-            raise LogError(f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of points of {step} bytes")
+            raise LogError(
+                f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of "
+                f"points of {step} bytes"
+            )
     packed = width * step
     held = len(message.data)
     if height == 1 and held >= packed:
@@ -89,8 +126,14 @@ def _row_bytes(message: PointCloud2) -> int:
     if held == height * packed:
         return packed
     if row < packed:
-        raise LogError(f"PointCloud2 with rows of {row} bytes for {width} points of {step}; the message is damaged")
-    raise LogError(f"PointCloud2 of {height} × {width} points needs {needed} bytes, has {held}; it is cut short")
+        raise LogError(
+            f"PointCloud2 with rows of {row} bytes for {width} points of {step}; the message is "
+            "damaged"
+        )
+    raise LogError(
+        f"PointCloud2 of {height} × {width} points needs {needed} bytes, has {held}; it is cut "
+        "short"
+    )
 
 
 def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
@@ -102,11 +145,16 @@ def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def finite(x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Points (n, 3) whose three coordinates are finite, at the speed of a copy whatever the columns' stride and alignment."""
+def finite(
+    x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Points (n, 3) whose three coordinates are finite, at the speed of a copy whatever the
+    columns' stride and alignment."""
     points = np.empty((x.shape[0], 3), x.dtype)
     kept = 0
     for i in range(x.shape[0]):
-        points[kept, 0], points[kept, 1], points[kept, 2] = x[i], y[i], z[i]
+        points[kept, 0] = x[i]
+        points[kept, 1] = y[i]
+        points[kept, 2] = z[i]
         kept += np.isfinite(x[i]) & np.isfinite(y[i]) & np.isfinite(z[i])
     return points[:kept]

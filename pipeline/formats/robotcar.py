@@ -1,7 +1,9 @@
-"""Oxford RobotCar's file layouts, shared by the reader and the simulated world's writer (METHODS 7.2).
+"""Oxford RobotCar's file layouts, shared by the reader and the simulated world's writer (METHODS
+7.2).
 
-Frames are the files' own: the vehicle is x forward, y right, z down (the stereo camera is its origin), the world is
-north-east-down (UTM northing, easting, down), a laser scans in its plane z = 0. Angles are radians, utimes microseconds.
+Frames are the files' own: the vehicle is x forward, y right, z down (the stereo camera is its
+origin), the world is north-east-down (UTM northing, easting, down), a laser scans in its plane z =
+0. Angles are radians, utimes microseconds.
 """
 
 from collections.abc import Sequence
@@ -12,7 +14,9 @@ from numpy.typing import NDArray
 
 RECORD_BYTES = 24
 LASERS = ("lms_front", "lms_rear")
-STAMPS, VO, INS = "{laser}.timestamps", "vo/vo.csv", "gps/ins.csv"
+STAMPS = "{laser}.timestamps"
+VO = "vo/vo.csv"
+INS = "gps/ins.csv"
 """The files of a sequence below its folder; the sweeps of a laser lie in a folder of its name."""
 EXTRINSICS = {
     "lms_front": (1.7589, 0.2268, 1.0411, -0.0437, -1.4572, 0.0356),
@@ -21,19 +25,32 @@ EXTRINSICS = {
     "ins": (-1.7132, 0.1181, 1.1948, -0.0125, 0.0400, 0.0050),
     "stereo": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
-"""x, y, z, roll, pitch, yaw of each sensor in the vehicle frame, as published in the SDK of the data set."""
+"""x, y, z, roll, pitch, yaw of each sensor in the vehicle frame, as published in the SDK of the
+data set."""
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VO_STAMPS = ("source_timestamp", "destination_timestamp")
 VO_COLUMNS = (*VO_STAMPS, *POSE)
 INS_POSE = ("northing", "easting", "down", "roll", "pitch", "yaw")
 INS_COLUMNS = (
-    *("timestamp", "ins_status", "latitude", "longitude", "altitude", "northing", "easting", "down", "utm_zone"),
+    *(
+        "timestamp",
+        "ins_status",
+        "latitude",
+        "longitude",
+        "altitude",
+        "northing",
+        "easting",
+        "down",
+        "utm_zone",
+    ),
     *("velocity_north", "velocity_east", "velocity_down", "roll", "pitch", "yaw"),
 )
 INS_GOOD = "INS_SOLUTION_GOOD"
 
 
-def encode_sweep(xy_m: NDArray[np.float64], reflectance: NDArray[np.floating | np.integer]) -> bytes:
+def encode_sweep(
+    xy_m: NDArray[np.float64], reflectance: NDArray[np.floating | np.integer]
+) -> bytes:
     """A sweep file's bytes: `xy_m` (n, 2) in the laser's scan plane and `reflectance` (n,)."""
     return np.column_stack([xy_m, reflectance]).astype("<f8").tobytes()
 
@@ -44,26 +61,41 @@ def decode_sweep(data: bytes) -> NDArray[np.float64]:
 
 
 def write_timestamps(path: Path, utimes: NDArray[np.int64]) -> None:
-    """Write one line per sweep: its utime, and the number of the download chunk that holds it, here always 1."""
+    """Write one line per sweep: its utime, and the number of the download chunk that holds it, here
+    always 1."""
     _write(path, [f"{utime} 1" for utime in utimes.tolist()])
 
 
 def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64]) -> None:
-    """Write visual odometry: `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous one of `utimes` (n,)."""
+    """Write visual odometry: `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous
+    one of `utimes` (n,)."""
     stamps = zip(utimes[1:].tolist(), utimes[:-1].tolist(), strict=True)
     rows = zip(stamps, xyzrpy.tolist(), strict=True)
-    _write(path, [",".join(VO_COLUMNS), *(f"{source},{before},{_numbers(step)}" for (source, before), step in rows)])
+    _write(
+        path,
+        [
+            ",".join(VO_COLUMNS),
+            *(f"{source},{before},{_numbers(step)}" for (source, before), step in rows),
+        ],
+    )
 
 
 def write_ins(
-    path: Path, utimes: NDArray[np.int64], statuses: Sequence[str], ned_xyzrpy: NDArray[np.float64], utm_zone: str = "30U"
+    path: Path,
+    utimes: NDArray[np.int64],
+    statuses: Sequence[str],
+    ned_xyzrpy: NDArray[np.float64],
+    utm_zone: str = "30U",
 ) -> None:
-    """Write inertial navigation: `ned_xyzrpy` (n, 6) is the pose of the INS unit in the world at `utimes` (n,).
+    """Write inertial navigation: `ned_xyzrpy` (n, 6) is the pose of the INS unit in the world at
+    `utimes` (n,).
 
     Latitude, longitude and velocities are written as nan, the altitude as −down.
     """
     lines = [",".join(INS_COLUMNS)]
-    for utime, status, (north, east, down, *angles) in zip(utimes.tolist(), statuses, ned_xyzrpy.tolist(), strict=True):
+    for utime, status, (north, east, down, *angles) in zip(
+        utimes.tolist(), statuses, ned_xyzrpy.tolist(), strict=True
+    ):
         place = _numbers([-down, north, east, down])
         lines.append(f"{utime},{status},nan,nan,{place},{utm_zone},nan,nan,nan,{_numbers(angles)}")
     _write(path, lines)

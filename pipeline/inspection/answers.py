@@ -21,29 +21,48 @@ def labels(artifact: Artifact, found: Inspection) -> None:
     seen = places >= 0
     rows = [
         ("submaps", f"{len(places):,}"),
-        ("places", f"{artifact['cells'].shape[0]:,} of training, {_distinct(places[seen]):,} met here"),
+        (
+            "places",
+            f"{artifact['cells'].shape[0]:,} of training, {_distinct(places[seen]):,} met here",
+        ),
     ]
     if len(places):
         rows += [
-            ("seen", f"{int(seen.sum()):,} submaps ({100 * seen.mean():.1f} %), unseen {int((~seen).sum()):,}"),
-            ("nearest", f"training anchor: median {metres(np.median(nearest))}, farthest {metres(nearest.max())}"),
+            (
+                "seen",
+                f"{int(seen.sum()):,} submaps ({100 * seen.mean():.1f} %), unseen "
+                f"{int((~seen).sum()):,}",
+            ),
+            (
+                "nearest",
+                f"training anchor: median {metres(np.median(nearest))}, farthest "
+                f"{metres(nearest.max())}",
+            ),
         ]
     if seen.any():
         share = f"{100 * (oracle == places)[seen].mean():.1f} %"
-        rows.append(("oracle", f"{share} of the seen have their nearest training anchor in their place"))
+        rows.append(
+            ("oracle", f"{share} of the seen have their nearest training anchor in their place")
+        )
     found.add("", *rows)
-    lost = "no submap lies in a place of training: do both sequences share one world frame, and the grid's box?"
+    lost = (
+        "no submap lies in a place of training: do both sequences share one world frame, and the "
+        "grid's box?"
+    )
     found.warn(len(places) and not seen.any(), lost)
 
 
 def rankings(artifact: Artifact, found: Inspection) -> None:
     """The answers of the method, not compared with the truth."""
-    places, costs, novelty, confidence = (artifact.load(name) for name in ("places", "costs", "novelty", "confidence"))
+    places, costs, novelty, confidence = (
+        artifact.load(name) for name in ("places", "costs", "novelty", "confidence")
+    )
     rows = [("queries", f"{len(places):,}, {places.shape[1]} places each")]
     if not len(places):
         found.add("", *rows)
         return
-    answers, known = _distinct(places[:, 0]), np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
+    answers = _distinct(places[:, 0])
+    known = np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
     found.add(
         "",
         *rows,
@@ -53,13 +72,23 @@ def rankings(artifact: Artifact, found: Inspection) -> None:
     )
     kinds = zip(artifact.attrs["kinds"], artifact.attrs["thresholds"], novelty.T, strict=True)
     rejection = [
-        (kind, f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from {threshold:.4g} on{less}")
+        (
+            kind,
+            f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from "
+            f"{threshold:.4g} on{less}",
+        )
         for (kind, threshold, values), less in zip(kinds, _less_kept(artifact), strict=True)
     ]
     found.add("novelty, the first kind in use", *rejection)
     falls = (np.diff(costs, axis=1) < 0).any()
-    found.warn(falls, "costs do not rise along the ranks: the method ranked wrongly, and its recall means nothing")
-    blank = "every query gets the same first answer: the model learned nothing, or the views are blank"
+    found.warn(
+        falls,
+        "costs do not rise along the ranks: the method ranked wrongly, and its recall means "
+        "nothing",
+    )
+    blank = (
+        "every query gets the same first answer: the model learned nothing, or the views are blank"
+    )
     found.warn(len(places) > 1 and answers == 1, blank)
 
 
@@ -67,23 +96,37 @@ def _less_kept(artifact: Artifact) -> list[str]:
     """What each threshold keeps on held-out blocks, where that is less than wanted."""
     wanted = float(artifact.attrs["wanted_precision"])
     every = kept_precision(artifact)
-    return [f"; keeps {kept:.3f} of the wanted {wanted:g} on held-out blocks" if kept < wanted else "" for kept in every]
+    return [
+        f"; keeps {kept:.3f} of the wanted {wanted:g} on held-out blocks" if kept < wanted else ""
+        for kept in every
+    ]
 
 
 def evaluations(artifact: Artifact, found: Inspection) -> None:
     """The results of the evaluation, by both protocols."""
     evaluation = Evaluation.read(artifact)
-    numbers, attrs = summary(evaluation), artifact.attrs
+    numbers = summary(evaluation)
+    attrs = artifact.attrs
     found.add(
         "",
         ("queries", f"{len(evaluation.answer):,}"),
-        ("trained", f"on {attrs['train']}, tested on {attrs['sequence']}, {evaluation.days} days later"),
+        (
+            "trained",
+            f"on {attrs['train']}, tested on {attrs['sequence']}, {evaluation.days} days later",
+        ),
         ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
     )
     for name in PROTOCOLS:
         found.add(f"by {name}", *_protocol(evaluation.protocol(name), numbers[name]))
-    blind = [name for name in PROTOCOLS if len(evaluation.answer) and not evaluation.protocol(name).seen.any()]
-    found.warn(blind, f"no query was seen in training by {' or '.join(blind)}: recall and AUC mean nothing there")
+    blind = [
+        name
+        for name in PROTOCOLS
+        if len(evaluation.answer) and not evaluation.protocol(name).seen.any()
+    ]
+    found.warn(
+        blind,
+        f"no query was seen in training by {' or '.join(blind)}: recall and AUC mean nothing there",
+    )
 
 
 def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> list[tuple[str, str]]:
@@ -92,17 +135,35 @@ def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> list[tu
         between = f" ({low:.3f}–{high:.3f})" if low <= high else ""
         return "none" if numbers[name] is None else f"{numbers[name]:.3f}{between}"
 
-    median, within = number("median_heading_error_deg"), number("heading_within_10deg")
+    median = number("median_heading_error_deg")
+    within = number("heading_within_10deg")
     heading = ("heading", f"median error {median}°, within 10° {within} of the right")
     outcomes = zip(np.bincount(judgement.outcome, minlength=len(OUTCOMES)), OUTCOMES, strict=True)
     return [
-        ("queries", f"{int(judgement.seen.sum()):,} seen and {int(judgement.unseen.sum()):,} unseen"),
-        ("recall", ", ".join(f"at {n} {number(f'recall_at_{n}')}" for n in (1, 5, 25)) + " of the seen, none rejected"),
+        (
+            "queries",
+            f"{int(judgement.seen.sum()):,} seen and {int(judgement.unseen.sum()):,} unseen",
+        ),
+        (
+            "recall",
+            ", ".join(f"at {n} {number(f'recall_at_{n}')}" for n in (1, 5, 25))
+            + " of the seen, none rejected",
+        ),
         ("oracle", f"{number('oracle')}: the nearest training anchor's answer"),
-        ("AUC", ", ".join(f"top {n} {number(f'auc_top{n}')}" for n in (1, 5, 25)) + f", exact {number('auc_exact_top1')}"),
+        (
+            "AUC",
+            ", ".join(f"top {n} {number(f'auc_top{n}')}" for n in (1, 5, 25))
+            + f", exact {number('auc_exact_top1')}",
+        ),
         *([heading] if numbers["heading_within_10deg"] is not None else []),
-        ("rejection", f"AUROC {number('auroc')}, recall at 99 % precision {number('recall_at_99_precision')}"),
-        ("outcome", ", ".join(f"{count:,} {name}" for count, name in outcomes) + " at the threshold"),
+        (
+            "rejection",
+            f"AUROC {number('auroc')}, recall at 99 % precision {number('recall_at_99_precision')}",
+        ),
+        (
+            "outcome",
+            ", ".join(f"{count:,} {name}" for count, name in outcomes) + " at the threshold",
+        ),
     ]
 
 

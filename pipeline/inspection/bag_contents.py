@@ -27,7 +27,8 @@ class TopicSummary:
     rate_hz: float
     """NaN where it is unknown."""
     frame: str
-    """frame_id of the first message; empty if it is broken, and for types that the reader does not use."""
+    """frame_id of the first message; empty if it is broken, and for types that the reader does not
+    use."""
     child: str
     """child_frame_id of an Odometry."""
 
@@ -61,15 +62,25 @@ class Contents:
     @property
     def span_ns(self) -> tuple[int, int]:
         """Receipt of the first and of the last message."""
-        return min(file.span_ns[0] for file in self.files), max(file.span_ns[1] for file in self.files)
+        return min(file.span_ns[0] for file in self.files), max(
+            file.span_ns[1] for file in self.files
+        )
 
     def of(self, *kinds: str) -> list[TopicSummary]:
         """The topics of these types that hold a message, the most frequent first."""
-        return sorted((topic for topic in self.topics if topic.kind in kinds and topic.count), key=lambda topic: -topic.count)
+        return sorted(
+            (topic for topic in self.topics if topic.kind in kinds and topic.count),
+            key=lambda topic: -topic.count,
+        )
 
     def clouds(self, topic: TopicSummary) -> Iterator[NDArray[np.floating]]:
-        """Points (n, 3) in metres of nine clouds of the first bag, every tenth, in their own frame; broken ones are left out."""
-        file = next(file for file in self.files if topic.name in file.topics and file.topics[topic.name].count)
+        """Points (n, 3) in metres of nine clouds of the first bag, every tenth, in their own frame;
+        broken ones are left out."""
+        file = next(
+            file
+            for file in self.files
+            if topic.name in file.topics and file.topics[topic.name].count
+        )
         for _, data in islice(file.messages(topic.name), 0, 90, 10):
             with suppress(LogError):
                 yield decode(file.decode(data, topic.kind))
@@ -77,8 +88,14 @@ class Contents:
 
 def _summary(files: Sequence[BagFile], name: str) -> TopicSummary:
     holding = [file for file in files if name in file.topics]
-    kind, count = holding[0].topics[name].kind, sum(file.topics[name].count for file in holding)
-    seconds = sum(max(file.span_ns[1] - file.span_ns[0], 0) for file in holding if file.topics[name].count) * 1e-9
+    kind = holding[0].topics[name].kind
+    count = sum(file.topics[name].count for file in holding)
+    seconds = (
+        sum(
+            max(file.span_ns[1] - file.span_ns[0], 0) for file in holding if file.topics[name].count
+        )
+        * 1e-9
+    )
     frame = child = ""
     if kind in (CLOUD, SWEEP, *KINDS):
         file = next((file for file in holding if file.topics[name].count), holding[0])

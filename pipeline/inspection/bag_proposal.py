@@ -1,4 +1,5 @@
-"""Proposes the yaml of a data set of bags: the topics and frames for the reader, each with the reason beside it."""
+"""Proposes the yaml of a data set of bags: the topics and frames for the reader, each with the
+reason beside it."""
 
 import json
 import re
@@ -23,31 +24,47 @@ DRIFTS = re.compile("odom|vo|vio|wheel")
 
 
 def propose(contents: Contents) -> tuple[str, list[str]]:
-    """The text of a file for conf/dataset with points, truth, odometry and extrinsics, and warnings for its user.
+    """The text of a file for conf/dataset with points, truth, odometry and extrinsics, and warnings
+    for its user.
 
     Raises LogError for bags without points.
     """
     truth, odometry = _poses(contents)
     sources = contents.of(CLOUD) or contents.of(SWEEP)
-    points = min(sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None)
+    points = min(
+        sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None
+    )
     if points is None:
         held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-        packed = next((topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS), "")
-        advice = f"; let the lidar's driver make PointCloud2 of {packed} while `ros2 bag record` runs" if packed else ""
-        lacking = f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}{advice}"
+        packed = next(
+            (topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS),
+            "",
+        )
+        advice = (
+            f"; let the lidar's driver make PointCloud2 of {packed} while `ros2 bag record` runs"
+            if packed
+            else ""
+        )
+        lacking = (
+            f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}{advice}"
+        )
         raise LogError(f"{contents.files[0].path}: {lacking}")
     flat = points.kind == SWEEP
     warnings: list[str] = []
     if truth is None:
-        others = ", ".join(f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics)
+        others = ", ".join(
+            f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
+        )
         warnings.append(
-            "no poses: the reader needs an Odometry, PoseStamped, PoseWithCovarianceStamped, or moving transforms in tf; "
-            f"run a SLAM or GNSS solution and record its poses beside these. Topics here: {plain(others, 600)}"
+            "no poses: the reader needs an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
+            "moving transforms in tf; run a SLAM or GNSS solution and record its poses beside "
+            f"these. Topics here: {plain(others, 600)}"
         )
     elif DRIFTS.search(truth.frame):
         warnings.append(
-            f"the only poses are in the frame {truth.frame}, which starts anew with each drive: sequences share no places; "
-            "a study over several drives needs poses in one frame, such as map"
+            f"the only poses are in the frame {truth.frame}, which starts anew with each drive: "
+            "sequences share no places; a study over several drives needs poses in one frame, "
+            "such as map"
         )
     if flat and odometry is None:
         odometry = truth
@@ -55,12 +72,14 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     lift_m, lift = _lift(contents, points, body_T_lidar)
     gap_s = max(0.5, round(3 / truth.rate_hz, 1)) if truth and truth.rate_hz > 0 else 0.5
     shape = "LaserScan: a row is one sweep" if flat else "PointCloud2"
+    name = contents.files[0].path.name
+    frame = points.frame or "?"
     text = f"""\
-# Proposed by `yearloc inspect` from {contents.files[0].path.name}; conf/dataset/bag.yaml explains the keys.
+# Proposed by `yearloc inspect` from {name}; conf/dataset/bag.yaml explains the keys.
 simulated: false
 reader:
   _target_: pipeline.readers.bag.Bag
-  points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {points.frame or "?"}
+  points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {frame}
   truth: {_source_line(truth)}
   odometry: {_source_line(odometry)}
   body_T_lidar: null # {extrinsic}
@@ -91,49 +110,93 @@ def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None
     ]
     sources = contents.of(*KINDS) + trees
     truth = max(sources, key=_trust, default=None)
-    drifting = [source for source in sources if source is not truth and DRIFTS.search(source.frame + " " + source.name)]
+    drifting = [
+        source
+        for source in sources
+        if source is not truth and DRIFTS.search(source.frame + " " + source.name)
+    ]
     return truth, min(drifting, key=_trust, default=None)
 
 
 def _trust(source: TopicSummary) -> int:
-    """A score, larger for poses that are more likely the truth than odometry; a topic is preferred to transforms."""
-    known, drifts = source.frame in WORLDS, bool(DRIFTS.search(source.frame + " " + source.name))
-    return 8 * known + 4 * bool(TRUE.search(source.name)) - 4 * drifts + (not source.name.startswith("tf:"))
+    """A score, larger for poses that are more likely the truth than odometry; a topic is preferred
+    to transforms."""
+    known = source.frame in WORLDS
+    drifts = bool(DRIFTS.search(source.frame + " " + source.name))
+    return (
+        8 * known
+        + 4 * bool(TRUE.search(source.name))
+        - 4 * drifts
+        + (not source.name.startswith("tf:"))
+    )
 
 
 def _extrinsic(
     contents: Contents, points: TopicSummary, truth: TopicSummary | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
-    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it; appends to `warnings`."""
+    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it; appends to
+    `warnings`."""
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
     if truth is None or not truth.child:
         if truth:
-            warnings.append(f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as body_T_lidar")
+            warnings.append(
+                f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as "
+                "body_T_lidar"
+            )
         return None, f"the posed frame is unknown: {ask}"
-    found = np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
+    found = (
+        np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
+    )
     if found is None and points.frame == truth.frame:
-        return None, f"the points lie in {points.frame} already, the world of the poses: name another topic"
+        return (
+            None,
+            f"the points lie in {points.frame} already, the world of the poses: name another topic",
+        )
     if found is None:
-        warnings.append(f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar")
+        warnings.append(
+            f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar"
+        )
         return None, f"no fixed transforms lead from {truth.child} to {points.frame}: {ask}"
     x, y, z = found[:3, 3]
-    return found, f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in {truth.child}"
+    return (
+        found,
+        f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in "
+        f"{truth.child}",
+    )
 
 
-def _lift(contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None) -> tuple[float, str]:
-    """The lift in metres that puts the ground of the first clouds at z = 0, and the comment beside it."""
-    unknown = 0.0, "added to z so that the ground is at 0: the height of the posed frame over the ground"
+def _lift(
+    contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None
+) -> tuple[float, str]:
+    """The lift in metres that puts the ground of the first clouds at z = 0, and the comment beside
+    it."""
+    unknown = (
+        0.0,
+        "added to z so that the ground is at 0: the height of the posed frame over the ground",
+    )
     if points.kind == SWEEP:
-        raised = body_T_lidar is not None and body_T_lidar[2, 3] > 0.1  # lower ones are invisible in a view of heights
-        return 0.0 if raised else 1.0, "a level sweep sees no ground: its height marks occupied bins, so it must not be 0"
+        raised = (
+            body_T_lidar is not None and body_T_lidar[2, 3] > 0.1
+        )  # lower ones are invisible in a view of heights
+        return (
+            0.0 if raised else 1.0,
+            "a level sweep sees no ground: its height marks occupied bins, so it must not be 0",
+        )
     if body_T_lidar is None:
         return unknown
-    clouds = (cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] for cloud in contents.clouds(points))
-    heights_m = [ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1])) for cloud in clouds if len(cloud) >= 1_000]
+    clouds = (
+        cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] for cloud in contents.clouds(points)
+    )
+    heights_m = [
+        ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1])) for cloud in clouds if len(cloud) >= 1_000
+    ]
     if not heights_m:
         return unknown
     ground_m = float(np.median(heights_m))
-    among = f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the first clouds: check it"
+    among = (
+        f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the "
+        "first clouds: check it"
+    )
     comment = typographic(among)
     return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
 
@@ -142,7 +205,11 @@ def _source_line(source: TopicSummary | None) -> str:
     if source is None:
         return "null # this bag holds none"
     parts = [f"in the frame {source.frame or '?'}", f"of {source.child}", _rate(source.rate_hz)]
-    kept = [part for part, known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True) if known]
+    kept = [
+        part
+        for part, known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True)
+        if known
+    ]
     return f"{_word(source.name)} # {', '.join(kept)}"
 
 

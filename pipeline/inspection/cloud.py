@@ -45,11 +45,24 @@ class Diagnosis:
         source = "laser ids" if self.has_laser_ids else "with returns, estimated"
         rows = [
             ("points", f"{self.points:,}"),
-            ("range", "median {}, 99 % {}, farthest {}".format(*(_known(length, "none", metres) for length in self.range_m))),
+            (
+                "range",
+                "median {}, 99 % {}, farthest {}".format(
+                    *(_known(length, "none", metres) for length in self.range_m)
+                ),
+            ),
             ("height", "1 % {:.2f} m, median {:.2f} m, 99 % {:.2f} m".format(*self.z_m)),
             ("azimuth", f"{self.azimuth_deg:.0f}° of 360° covered"),
-            ("beams", "unknown: the points form no rings" if self.beams is None else f"{self.beams} ({source})"),
-            ("ground", _known(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m")),
+            (
+                "beams",
+                "unknown: the points form no rings"
+                if self.beams is None
+                else f"{self.beams} ({source})",
+            ),
+            (
+                "ground",
+                _known(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m"),
+            ),
         ]
         if np.isfinite(self.sensor_m):
             source = "estimated" if self.ground_m >= -RAISED_M else "if it is the origin"
@@ -58,11 +71,16 @@ class Diagnosis:
         found.warnings += self.warnings
 
 
-def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = None, mounted_m: float = np.nan) -> Diagnosis:
-    """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame: x forward, y left, z up, ground at z = 0.
+def diagnose(
+    points_m: NDArray[np.floating],
+    lasers: NDArray[np.uint8] | None = None,
+    mounted_m: float = np.nan,
+) -> Diagnosis:
+    """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame: x forward, y left, z
+    up, ground at z = 0.
 
-    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are estimated. `mounted_m` is
-    the z of the sensor, where it is known.
+    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are
+    estimated. `mounted_m` is the z of the sensor, where it is known.
     """
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
@@ -74,9 +92,13 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
     lost = int((~finite).sum())
     warn(
         lost,
-        f"NaN/inf points: {lost:,} of {len(finite):,} are not finite and poison every maximum and mean; drop them when reading",
+        f"NaN/inf points: {lost:,} of {len(finite):,} are not finite and poison every maximum and "
+        "mean; drop them when reading",
     )
-    few = f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the file cut short?"
+    few = (
+        f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the "
+        "file cut short?"
+    )
     warn(len(points) < MANY, few)
     if not len(points):
         return Diagnosis(0, tuple(warnings))
@@ -95,30 +117,43 @@ def diagnose(points_m: NDArray[np.floating], lasers: NDArray[np.uint8] | None = 
         down = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
         found = find_beams(points, ground, -1.0 if down else 1.0)
         if found is not None:
-            beams, sensor = beams or found[0], abs(found[1] - ground)
+            beams = beams or found[0]
+            sensor = abs(found[1] - ground)
         if ground < -RAISED_M or np.isfinite(mounted_m):
             sensor = np.nan_to_num(mounted_m) - ground  # the points' origin is the sensor
         warn(
             down,
-            f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every highest z is the ground's: "
-            "turn it by (x, −y, −z)",
+            f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every "
+            "highest z is the ground's: turn it by (x, −y, −z)",
         )
         warn(
             abs(ground) > RAISED_M,
-            f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as much; "
-            f"add {_signed(-ground)} m to lift_m (of KITTI lidar_height_m) in the dataset's yaml",
+            f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as "
+            f"much; add {_signed(-ground)} m to lift_m (of KITTI lidar_height_m) in the dataset's "
+            "yaml",
         )
         warn(
             covered < 300,
-            f"not all round: {covered:.0f}° of 360° covered; a turned vehicle sees another part of the place, so no shift of "
-            "the columns brings it back: gather several scans, or query in the training's direction",
+            f"not all round: {covered:.0f}° of 360° covered; a turned vehicle sees another part "
+            "of the place, so no shift of the columns brings it back: gather several scans, or "
+            "query in the training's direction",
         )
         warn(
             covered >= 300 and beams is not None and beams <= 20,
-            f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the rings, or gather "
-            "several scans into one submap",
+            f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the "
+            "rings, or gather several scans into one submap",
         )
-    return Diagnosis(len(points), tuple(warnings), ranges, heights, covered, beams, ground, sensor, lasers is not None)
+    return Diagnosis(
+        len(points),
+        tuple(warnings),
+        ranges,
+        heights,
+        covered,
+        beams,
+        ground,
+        sensor,
+        lasers is not None,
+    )
 
 
 def spread(count: int) -> list[int]:
@@ -126,23 +161,50 @@ def spread(count: int) -> list[int]:
     return sorted({int(row) for row in np.linspace(0, count - 1, 5).round()}) if count else []
 
 
-def survey(found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str) -> None:
-    """Add a table of the diagnoses of a few of `count` scans, each (n, 3) in metres in `frame`, and each kind of warning once.
+def survey(
+    found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
+) -> None:
+    """Add a table of the diagnoses of a few of `count` scans, each (n, 3) in metres in `frame`, and
+    each kind of warning once.
 
-    Under an open sky few beams of a good sensor return, so a warning on the number of beams needs most of the scans.
+    Under an open sky few beams of a good sensor return, so a warning on the number of beams needs
+    most of the scans.
     """
     diagnoses = {row: diagnose(points(row)) for row in spread(count)}
-    head = ("scan", "points", "range 50 %", "99 %", "z 1 %", "50 %", "99 %", "azimuth", "beams", "ground", "sensor above it")
-    found.add(f"clouds, {frame}", head, *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()))
+    head = (
+        "scan",
+        "points",
+        "range 50 %",
+        "99 %",
+        "z 1 %",
+        "50 %",
+        "99 %",
+        "azimuth",
+        "beams",
+        "ground",
+        "sensor above it",
+    )
+    found.add(
+        f"clouds, {frame}",
+        head,
+        *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()),
+    )
     kinds: dict[str, tuple[str, list[int]]] = {}
     ground_m = np.nan_to_num([diagnosis.ground_m for diagnosis in diagnoses.values()])
     typical = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable") if len(ground_m) else ()
     for row, diagnosis in [[*diagnoses.items()][i] for i in typical]:
         for warning in diagnosis.warnings:
-            kind = "beams" if warning.partition(":")[0].endswith("beams") else " ".join(warning.split()[:2])
+            kind = (
+                "beams"
+                if warning.partition(":")[0].endswith("beams")
+                else " ".join(warning.split()[:2])
+            )
             kinds.setdefault(kind, (warning, []))[1].append(row)
     for kind, (warning, rows) in kinds.items():
-        scans = f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the {len(diagnoses)} looked at"
+        scans = (
+            f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the "
+            f"{len(diagnoses)} looked at"
+        )
         found.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
 
 

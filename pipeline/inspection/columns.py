@@ -33,11 +33,14 @@ class Extent:
             return "all NaN"
         if self.low == self.high and not self.nans:
             return _number(self.low)
-        return f"{_number(self.low)} … {_number(self.high)}" + (f", {100 * self.nans / count:.3g} % NaN" if self.nans else "")
+        return f"{_number(self.low)} … {_number(self.high)}" + (
+            f", {100 * self.nans / count:.3g} % NaN" if self.nans else ""
+        )
 
 
 def blocks(array: Any) -> Iterator[NDArray[Any]]:
-    """The rows of a zarr or numpy array, some whole chunks of about four million elements at a time."""
+    """The rows of a zarr or numpy array, some whole chunks of about four million elements at a
+    time."""
     chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
     step = max(1, 2**22 // max(1, int(np.prod(array.shape[1:]))) // chunk) * chunk
     for start in range(0, array.shape[0], step):
@@ -45,29 +48,56 @@ def blocks(array: Any) -> Iterator[NDArray[Any]]:
 
 
 def extent(array: Any) -> Extent:
-    """Lowest and highest of a zarr or numpy array with at least one dimension; NaN for an array without a number."""
-    low, high, nans, infinite = np.inf, -np.inf, 0, 0
+    """Lowest and highest of a zarr or numpy array with at least one dimension; NaN for an array
+    without a number."""
+    low = np.inf
+    high = -np.inf
+    nans = 0
+    infinite = 0
     for block in blocks(array):
         if block.dtype.kind == "f":
             nans += int(np.isnan(block).sum())
             infinite += int(np.isinf(block).sum())
             block = block[~np.isnan(block)]
         if block.size:
-            low, high = min(low, block.min().item()), max(high, block.max().item())
+            low = min(low, block.min().item())
+            high = max(high, block.max().item())
     low, high = (low, high) if low <= high else (np.nan, np.nan)
     return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
 def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ...]:
-    """Name, type, dimensions with their lengths, range, and the description in the data dictionary."""
-    dims = column.dims if column is not None and len(column.dims) == len(found.shape) else ("",) * len(found.shape)
-    sides = " × ".join(f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True))
+    """Name, type, dimensions with their lengths, range, and the description in the data
+    dictionary."""
+    dims = (
+        column.dims
+        if column is not None and len(column.dims) == len(found.shape)
+        else ("",) * len(found.shape)
+    )
+    sides = " × ".join(
+        f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True)
+    )
     span = found.text()
     if name == "stamps_ns" and found.low <= found.high:
-        span = f"{duration((found.high - found.low) * 1e-9)} from {moment(int(found.low)).partition(' (')[0]}"
-    return (name, str(found.dtype), sides or "one number", span, *((column.doc,) if column is not None else ()))
+        span = (
+            f"{duration((found.high - found.low) * 1e-9)} from "
+            f"{moment(int(found.low)).partition(' (')[0]}"
+        )
+    return (
+        name,
+        str(found.dtype),
+        sides or "one number",
+        span,
+        *((column.doc,) if column is not None else ()),
+    )
 
 
 def _number(value: float) -> str:
-    text = f"{value:.5g}" if isinstance(value, float) else f"{value:,}" if abs(value) < 10**12 else str(value)
+    text = (
+        f"{value:.5g}"
+        if isinstance(value, float)
+        else f"{value:,}"
+        if abs(value) < 10**12
+        else str(value)
+    )
     return typographic(text) if "e" not in text else text

@@ -16,28 +16,41 @@ SWEEP_POINTS = 2_000
 def scans(artifact: Artifact, found: Inspection) -> None:
     """The drive, and the diagnoses of a few of its clouds."""
     drive = _drive(artifact, found, "world_T_scan", "scans")
-    placed, posed = (np.isfinite(artifact.load(name)).all(axis=(1, 2)) for name in ("world_T_scan", "odom_T_scan"))
-    offsets, grain_m = artifact.load("offsets"), float(artifact.attrs["grain_m"])
+    placed, posed = (
+        np.isfinite(artifact.load(name)).all(axis=(1, 2))
+        for name in ("world_T_scan", "odom_T_scan")
+    )
+    offsets = artifact.load("offsets")
+    grain_m = float(artifact.attrs["grain_m"])
     sizes = np.diff(offsets)
     if len(sizes):
-        points_a_scan = f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain {1000 * grain_m:.3g} mm"
+        points_a_scan = (
+            f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain "
+            f"{1000 * grain_m:.3g} mm"
+        )
         drive += [
             ("points a scan", points_a_scan),
             ("true place", f"at {100 * placed.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * posed.mean():.3g} % of the scans"),
         ]
-    lost, empty = int((~placed & ~posed).sum()), int((sizes == 0).sum())
+    lost = int((~placed & ~posed).sum())
+    empty = int((sizes == 0).sum())
     found.warn(lost, f"{lost} scans have neither a true pose nor odometry: `dvc repro` them")
     fits = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
     found.warn(not fits, "offsets do not fit the points: `dvc repro` the scans")
     is_sweeps = fits and len(sizes) and np.median(sizes) < SWEEP_POINTS
-    found.add("", *drive, *([("kind", "sweeps of a 2-D LiDAR, to be accumulated")] if is_sweeps else []))
+    found.add(
+        "", *drive, *([("kind", "sweeps of a 2-D LiDAR, to be accumulated")] if is_sweeps else [])
+    )
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
     if fits and not is_sweeps:
-        found.warn(empty, f"{empty} scans hold no point: their views would be blank; look at the log's files")
+        found.warn(
+            empty,
+            f"{empty} scans hold no point: their views would be blank; look at the log's files",
+        )
         survey(found, len(sizes), points, VEHICLE)
 
 
@@ -49,44 +62,75 @@ def submaps(artifact: Artifact, found: Inspection) -> None:
         gathered = used[artifact.load("scans") + 1] - used[artifact.load("first")]
         ground_m = artifact.load("ground_m")
         drive += [
-            ("gathers", f"{gathered.min():,} … {gathered.max():,} scans each, laid out by {artifact.attrs['layout']}"),
-            ("ground", typographic(f"{ground_m.min():.2f} … {ground_m.max():.2f} m in the anchors' frames")),
+            (
+                "gathers",
+                f"{gathered.min():,} … {gathered.max():,} scans each, laid out by "
+                f"{artifact.attrs['layout']}",
+            ),
+            (
+                "ground",
+                typographic(
+                    f"{ground_m.min():.2f} … {ground_m.max():.2f} m in the anchors' frames"
+                ),
+            ),
         ]
     left_out = artifact.attrs["left_out"].items()
-    found.add("", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out))
+    found.add(
+        "", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out)
+    )
 
 
 def views(artifact: Artifact, found: Inspection) -> None:
     """The drive, and the share of empty bins in the images."""
     drive = _drive(artifact, found, "world_T_anchor", "views")
     count = int(np.prod(artifact["images"].shape))
-    empty, blank, highest = 0, 0, -np.inf
+    empty = 0
+    blank = 0
+    highest = -np.inf
     for block in blocks(artifact["images"]) if count else ():
         filled = (block != 0).reshape(len(block), -1)
         empty += int((~filled).sum())
         blank += int((~filled.any(axis=1)).sum())
         highest = max(highest, float(block.max()))
     share = f"{100 * empty / max(count, 1):.1f} %"
-    found.add("", *drive, *([("empty bins", share), ("highest", f"{highest:.2f} m")] if count else []))
-    found.warn(blank, f"{blank} blank views: they look the same in every place; inspect the scans of these views")
+    found.add(
+        "", *drive, *([("empty bins", share), ("highest", f"{highest:.2f} m")] if count else [])
+    )
+    found.warn(
+        blank,
+        f"{blank} blank views: they look the same in every place; inspect the scans of these views",
+    )
     sparse = f"{share} of the bins are empty: too fine a view for these scans; inspect the scans"
     found.warn(empty > 0.995 * count, sparse)
 
 
 def _drive(artifact: Artifact, found: Inspection, poses: str, what: str) -> list[tuple[str, str]]:
     """Rows with date, duration, path and step of a drive; warns of its poses and stamps."""
-    stamps, xyz = artifact.load("stamps_ns"), np.asarray(artifact[poses][:, :3, 3])
+    stamps = artifact.load("stamps_ns")
+    xyz = np.asarray(artifact[poses][:, :3, 3])
     rows = [(what, f"{len(stamps):,}")]
     if not len(stamps):
         return rows
     known = np.isfinite(xyz).all(axis=1)
     steps = np.linalg.norm(np.diff(xyz[known], axis=0), axis=1)
-    rows += [("date", moment(int(stamps[0]))), ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9))]
+    rows += [
+        ("date", moment(int(stamps[0]))),
+        ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9)),
+    ]
     if len(steps):
-        step = f"step median {metres(float(np.median(steps)))}, at most {metres(float(steps.max()))}"
-        rows += [("path", f"{metres(float(steps.sum()))}, {step}"), ("world", f"{box(xyz[known], 'xyz', 0)} (z up)")]
+        step = (
+            f"step median {metres(float(np.median(steps)))}, at most {metres(float(steps.max()))}"
+        )
+        rows += [
+            ("path", f"{metres(float(steps.sum()))}, {step}"),
+            ("world", f"{box(xyz[known], 'xyz', 0)} (z up)"),
+        ]
     lost = int((~known).sum())
-    found.warn(lost and poses == "world_T_anchor", f"{lost} {what} have no pose (NaN): `dvc repro` them")
+    found.warn(
+        lost and poses == "world_T_anchor", f"{lost} {what} have no pose (NaN): `dvc repro` them"
+    )
     back = (np.diff(stamps) <= 0).any()
-    found.warn(back, "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans")
+    found.warn(
+        back, "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans"
+    )
     return rows

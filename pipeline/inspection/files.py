@@ -1,4 +1,5 @@
-"""One raw scan file: an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of points."""
+"""One raw scan file: an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of
+points."""
 
 from pathlib import Path
 
@@ -21,11 +22,16 @@ MOST_POINTS = 2_000_000
 
 
 def format_of(path: Path, as_format: str | None) -> str:
-    """The format of a .bin or a folder of them, nclt, kitti or folder: `as_format`, by the folder's name, or by its bytes."""
+    """The format of a .bin or a folder of them, nclt, kitti or folder: `as_format`, by the folder's
+    name, or by its bytes."""
     if found := as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name):
         return found
     first = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
-    return "nclt" if first.is_file() and records.point_bytes(first.read_bytes()) == records.NCLT_BYTES else "folder"
+    return (
+        "nclt"
+        if first.is_file() and records.point_bytes(first.read_bytes()) == records.NCLT_BYTES
+        else "folder"
+    )
 
 
 def scan_file(path: Path, as_format: str | None, found: Inspection) -> None:
@@ -33,7 +39,9 @@ def scan_file(path: Path, as_format: str | None, found: Inspection) -> None:
     if path.name == "velodyne_hits.bin":
         _packets(path, found)
         return
-    inspect = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}[format_of(path, as_format)]
+    inspect = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}[
+        format_of(path, as_format)
+    ]
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
     inspect(path, found)
@@ -43,23 +51,31 @@ def _nclt_scan(path: Path, found: Inspection) -> None:
     """velodyne_sync/UTIME.bin: the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
     tail = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
-    intensity, lasers = tail & 0xFF, (tail >> 8).astype(np.uint8)
+    intensity = tail & 0xFF
+    lasers = (tail >> 8).astype(np.uint8)
     found.describe(
         "NCLT scan, motion compensated",
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("intensity", f"{intensity.min()} … {intensity.max()}"),
         ("lasers", f"ids {lasers.min()} … {lasers.max()}"),
-        ("frame", "body: x forward, y left, z up (the file's y right, z down, turned by the reader)"),
+        (
+            "frame",
+            "body: x forward, y left, z up (the file's y right, z down, turned by the reader)",
+        ),
     )
-    odd = f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add --format kitti"
+    odd = (
+        f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add "
+        "--format kitti"
+    )
     found.warn(lasers.max() > 31, odd)
     diagnose(points, lasers).add_to(found)
 
 
 def _kitti_scan(path: Path, found: Inspection) -> None:
     """velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
-    height_m, size = Kitti().lidar_height_m, path.stat().st_size
+    height_m = Kitti().lidar_height_m
+    size = path.stat().st_size
     points = read_velodyne(path, height_m)
     lost = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
@@ -67,9 +83,16 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
         "KITTI scan",
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
-        ("frame", f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does"),
+        (
+            "frame",
+            f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does",
+        ),
     )
-    found.warn(lost, f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the file anew")
+    found.warn(
+        lost,
+        f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the "
+        "file anew",
+    )
     outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
     found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
     diagnose(points, mounted_m=height_m).add_to(found)
@@ -78,22 +101,32 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
 def _own_scan(path: Path, found: Inspection) -> None:
     """A .bin of another robot's: records that begin with x, y, z as 32-bit floats."""
     data = path.read_bytes()
-    points, width = records.points(data, path).astype(np.float64), records.point_bytes(data) or 0
+    points = records.points(data, path).astype(np.float64)
+    width = records.point_bytes(data) or 0
     like = f" ({records.NAMES[width]})" if width in records.NAMES else ""
     found.describe(
         "points of 32-bit floats",
         ("size", f"{nbytes(len(data))}, records of {width} bytes{like}, found from the content"),
-        ("read by", f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml"),
+        (
+            "read by",
+            f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml",
+        ),
         ("frame", "taken as x forward, y left, z up, in metres"),
     )
     diagnose(points).add_to(found)
 
 
 def _packets(path: Path, found: Inspection) -> None:
-    """velodyne_hits.bin: all packet headers, and the points of one revolution in the middle, in the body frame."""
+    """velodyne_hits.bin: all packet headers, and the points of one revolution in the middle, in the
+    body frame."""
     packets = read_packets(path)
-    utimes, middle = packets.utimes, len(packets.utimes) // 2
-    chosen = [packet for packet in range(middle, len(utimes)) if utimes[packet] - utimes[middle] < REVOLUTION_US]
+    middle = len(packets.utimes) // 2
+    utimes = packets.utimes
+    chosen = [
+        packet
+        for packet in range(middle, len(utimes))
+        if utimes[packet] - utimes[middle] < REVOLUTION_US
+    ]
     records = np.concatenate([packets.hits(packet) for packet in chosen])
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
@@ -104,39 +137,64 @@ def _packets(path: Path, found: Inspection) -> None:
         ("packets", f"{len(utimes):,}, with {packets.offsets[-1]:,} hits"),
         ("from", moment(int(utimes[0]) * 1000)),
         ("span", duration((utimes[-1] - utimes[0]) * 1e-6)),
-        ("frame", "the sensor's, not motion compensated; the cloud below is in the body frame, by the extrinsics of NCLT"),
+        (
+            "frame",
+            "the sensor's, not motion compensated; the cloud below is in the body frame, by the "
+            "extrinsics of NCLT",
+        ),
     )
     back = int((np.diff(utimes) < 0).sum())
-    found.warn(back, f"{back} packets are stamped before the one ahead of them: sort them before use")
+    found.warn(
+        back, f"{back} packets are stamped before the one ahead of them: sort them before use"
+    )
     diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
     diagnosis.add_to(found, f"cloud, {len(chosen)} packets of one revolution from the middle")
 
 
 def pcd_file(path: Path, found: Inspection) -> None:
-    """A .pcd: its header and its points; raises LogError for a damaged one, or one without a finite point."""
+    """A .pcd: its header and its points; raises LogError for a damaged one, or one without a finite
+    point."""
     data = path.read_bytes()
-    header, points = pcd.parse(data, path), pcd.decode(data, path, LARGEST_BYTES)
+    header = pcd.parse(data, path)
+    points = pcd.decode(data, path, LARGEST_BYTES)
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
     fields = zip(header.fields, header.counts, header.types, strict=True)
-    lost = f", and {len(points) - len(finite):,} that are not finite" if len(finite) < len(points) else ""
+    lost = (
+        f", and {len(points) - len(finite):,} that are not finite"
+        if len(finite) < len(points)
+        else ""
+    )
     found.describe(
         "PCD cloud",
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
-        ("fields", ", ".join(f"{name}{f'×{count}' if count > 1 else ''} {kind[1:]}" for name, count, kind in fields)),
+        (
+            "fields",
+            ", ".join(
+                f"{name}{f'×{count}' if count > 1 else ''} {kind[1:]}"
+                for name, count, kind in fields
+            ),
+        ),
         ("points", f"{len(finite):,}{lost}"),
-        ("frame", "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it lies in the vehicle"),
+        (
+            "frame",
+            "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it "
+            "lies in the vehicle",
+        ),
     )
     diagnose(finite).add_to(found)
 
 
 def array_file(path: Path, found: Inspection) -> None:
-    """A .npy with points (n, 3 or more), of which only x, y, z are inspected; raises LogError for any other array."""
+    """A .npy with points (n, 3 or more), of which only x, y, z are inspected; raises LogError for
+    any other array."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
-        raise LogError(f"{path}: no whole .npy file ({type(error).__name__}); save it anew") from None
+        raise LogError(
+            f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
+        ) from None
     refuse_array(path, array.dtype, array.shape)
     if not array.size:
         raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
@@ -154,4 +212,8 @@ def array_file(path: Path, found: Inspection) -> None:
 
 def moment_of(path: Path) -> str:
     """When a file named UTIME.bin was recorded."""
-    return moment(int(path.stem) * 1000) if path.stem.isdecimal() and len(path.stem) <= 17 else "unknown: the name is no utime"
+    return (
+        moment(int(path.stem) * 1000)
+        if path.stem.isdecimal() and len(path.stem) <= 17
+        else "unknown: the name is no utime"
+    )

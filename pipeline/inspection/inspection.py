@@ -1,4 +1,5 @@
-"""The result of `yearloc inspect` and its text for a terminal: a headline, aligned rows, warnings."""
+"""The result of `yearloc inspect` and its text for a terminal: a headline, aligned rows,
+warnings."""
 
 import textwrap
 from collections.abc import Sequence
@@ -19,8 +20,10 @@ BESIDE = 20
 
 @dataclass(frozen=True)
 class Section:
-    """Rows that belong together; cells of one column are aligned, the last one may be long. A row of one cell, such as a line of
-    a proposed yaml, stands as it is: somebody will paste it."""
+    """Rows that belong together; cells of one column are aligned, the last one may be long.
+
+    A row of one cell, such as a line of a proposed yaml, stands as it is: somebody will paste it.
+    """
 
     title: str
     rows: tuple[tuple[str, ...], ...]
@@ -28,13 +31,18 @@ class Section:
     def lines(self, width: int = WIDTH) -> list[str]:
         """The title and the rows, two spaces in."""
         columns = max((len(row) for row in self.rows), default=0)
-        widths = [max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0) for i in range(columns)]
+        widths = [
+            max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0)
+            for i in range(columns)
+        ]
         lines = [self.title] if self.title else []
         for row in self.rows:
             if len(row) == 1:
                 lines.append(f"  {row[0]}".rstrip())
                 continue
-            head = "  " + "".join(cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False))
+            head = "  " + "".join(
+                cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False)
+            )
             if len(head) > width - BESIDE:
                 lines += _wrapped(" ".join(row[:-1]), "  ", width)
                 head = "    "
@@ -44,7 +52,8 @@ class Section:
 
 @dataclass
 class Inspection:
-    """Kind and content of a file or artifact, and warnings on everything in it that would break a study."""
+    """Kind and content of a file or artifact, and warnings on everything in it that would break a
+    study."""
 
     path: Path
     kind: str = ""
@@ -64,13 +73,17 @@ class Inspection:
         """Add a section."""
         self.sections += (Section(title, rows),)
 
-    def warn_of_small_site(self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)) -> None:
-        """Warn where level positions (n, 3), which lie in these axes, span too little for cells of 10 m and errors of 15 m."""
+    def warn_of_small_site(
+        self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)
+    ) -> None:
+        """Warn where level positions (n, 3), which lie in these axes, span too little for cells of
+        10 m and errors of 15 m."""
         sides_m = np.ptp(xyz_m[:, axes], axis=0) if len(xyz_m) else np.full(2, np.inf)
         self.warn(
             sides_m.max() < SMALL_M,
-            f"small site: the drive spans {metres(sides_m[0])} × {metres(sides_m[1])}, where cells of 10 m and errors up to 15 m "
-            "say little; `yearloc use … scale=indoor` takes cells of 2 m, a range of 20 m and errors up to 2 m",
+            f"small site: the drive spans {metres(sides_m[0])} × {metres(sides_m[1])}, where "
+            "cells of 10 m and errors up to 15 m say little; `yearloc use … scale=indoor` takes "
+            "cells of 2 m, a range of 20 m and errors up to 2 m",
         )
 
     def warn(self, when: object, text: str) -> None:
@@ -85,25 +98,33 @@ class Inspection:
         for section in self.sections:
             lines += ["", *section.lines(width)]
         count = len(self.warnings)
-        lines += ["", "no warnings" if not count else "1 warning" if count == 1 else f"{count} warnings"]
+        lines += [
+            "",
+            "no warnings" if not count else "1 warning" if count == 1 else f"{count} warnings",
+        ]
         for warning in self.warnings:
             lines += _wrapped(warning, "  ! ", width)
         return "\n".join(lines)
 
 
 def _wrapped(text: str, head: str, width: int) -> list[str]:
-    """The text beside `head`, its further lines below its first; words longer than a line stay whole."""
-    wrapper = textwrap.TextWrapper(width, head, " " * len(head), break_on_hyphens=False, break_long_words=False)
+    """The text beside `head`, its further lines below its first; words longer than a line stay
+    whole."""
+    wrapper = textwrap.TextWrapper(
+        width, head, " " * len(head), break_on_hyphens=False, break_long_words=False
+    )
     return wrapper.wrap(text) or [head.rstrip()]
 
 
 def nbytes(count: int) -> str:
     """Bytes as people read them: 12.3 MB."""
-    size, unit = float(count), "B"
+    size = float(count)
+    unit = "B"
     for bigger in ("kB", "MB", "GB", "TB"):
         if size < 999.5:
             break
-        size, unit = size / 1000, bigger
+        size = size / 1000
+        unit = bigger
     return f"{size:.0f} {unit}" if unit == "B" else f"{size:.3g} {unit}"
 
 
@@ -125,14 +146,25 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
         return []
     steps = np.diff(times_s)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    rate = f"{1 / usual:.3g} a second, longest step {duration(float(steps.max()))}" if usual > 0 else "unknown"
-    return [("from", moment(int(times_s[0] * 1e9))), ("span", duration(float(times_s[-1] - times_s[0]))), ("rate", rate)]
+    rate = (
+        f"{1 / usual:.3g} a second, longest step {duration(float(steps.max()))}"
+        if usual > 0
+        else "unknown"
+    )
+    return [
+        ("from", moment(int(times_s[0] * 1e9))),
+        ("span", duration(float(times_s[-1] - times_s[0]))),
+        ("rate", rate),
+    ]
 
 
 def path_length(steps: NDArray[np.floating]) -> str:
     """Length of a path in metres from its steps (n, 3), and their median."""
     steps_m = np.linalg.norm(steps, axis=1)
-    return f"{metres(float(steps_m.sum()))}, median step {metres(float(np.median(steps_m)) if len(steps_m) else 0.0)}"
+    return (
+        f"{metres(float(steps_m.sum()))}, median step "
+        f"{metres(float(np.median(steps_m)) if len(steps_m) else 0.0)}"
+    )
 
 
 def box(xyz_m: NDArray[np.floating], names: Sequence[str], digits: int = 1) -> str:
@@ -140,7 +172,9 @@ def box(xyz_m: NDArray[np.floating], names: Sequence[str], digits: int = 1) -> s
     if not len(xyz_m):
         return "unknown"
     ends = zip(names, xyz_m.min(axis=0), xyz_m.max(axis=0), strict=True)
-    return typographic(", ".join(f"{name} {low:.{digits}f} … {high:.{digits}f} m" for name, low, high in ends))
+    return typographic(
+        ", ".join(f"{name} {low:.{digits}f} … {high:.{digits}f} m" for name, low, high in ends)
+    )
 
 
 def duration(seconds: float) -> str:

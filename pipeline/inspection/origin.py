@@ -1,4 +1,5 @@
-"""The provenance of a file in dvc.lock: the stage that wrote it, and whether the file is still as that stage wrote it."""
+"""The provenance of a file in dvc.lock: the stage that wrote it, and whether the file is still as
+that stage wrote it."""
 
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,12 @@ from pipeline.running.dvc_files import DvcLock
 
 
 def add_provenance(found: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
-    """Add the stage that wrote `path`, or the folder around it: its cmd, parameters and dependencies.
+    """Add the stage that wrote `path`, or the folder around it: its cmd, parameters and
+    dependencies.
 
-    Raw files without an entry in the lock get no section. An artifact with another number of files or bytes than the lock
-    recorded gets a warning, before all others: zarr reads a lost shard as zeros.
+    Raw files without an entry in the lock get no section. An artifact with another number of files
+    or bytes than the lock recorded gets a warning, before all others: zarr reads a lost shard as
+    zeros.
     """
     try:
         below = path.resolve().relative_to(lock.resolve().parent)
@@ -21,22 +24,39 @@ def add_provenance(found: Inspection, path: Path, lock: Path, is_artifact: bool)
     if entry is not None:
         found.add("provenance", *_rows(entry))
     elif is_artifact:
-        by_hand = f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
+        by_hand = (
+            f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
+        )
         found.add("provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}"))
-    out: dict[str, Any] = next((out for out in (entry or {}).get("outs", []) if out.get("path") == below.as_posix()), {})
+    out: dict[str, Any] = next(
+        (out for out in (entry or {}).get("outs", []) if out.get("path") == below.as_posix()), {}
+    )
     if not is_artifact or "size" not in out:
         return
-    files, there = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1, size(path)
+    files = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
+    there = size(path)
     if (files, there) != (int(out.get("nfiles", 1)), int(out["size"])):
         recorded = f"{int(out.get('nfiles', 1))} with {int(out['size']):,}"
-        remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
-        warning = f"not what {lock} recorded: {files} files with {there:,} bytes, recorded {recorded}; {remedy}"
+        remedy = (
+            "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
+        )
+        warning = (
+            f"not what {lock} recorded: {files} files with {there:,} bytes, recorded {recorded}; "
+            f"{remedy}"
+        )
         found.warnings = (warning, *found.warnings)
+
+
+def _settings(values: dict[str, Any]) -> str:
+    """The settings of a file that have a value."""
+    return ", ".join(
+        f"{key}={short(value)}" for key, value in values.items() if _is_set(key, value)
+    )
 
 
 def _rows(entry: dict[str, Any]) -> list[tuple[str, str]]:
     params = [
-        f"{file}: {', '.join(f'{key}={short(value)}' for key, value in values.items() if _is_set(key, value)) or 'nothing set'}"
+        f"{file}: {_settings(values) or 'nothing set'}"
         for file, values in (entry.get("params") or {}).items()
     ]
     deps = {str(dep.get("path")): dep for dep in entry.get("deps") or []}
@@ -44,14 +64,20 @@ def _rows(entry: dict[str, Any]) -> list[tuple[str, str]]:
     data = [f"{name} ({_digest(dep)})" for name, dep in deps.items() if name not in code]
     rows = [("stage", str(entry["stage"])), ("cmd", " ".join(str(entry.get("cmd", "")).split()))]
     rows += [
-        (title if i == 0 else "", line) for title, lines in (("params", params), ("deps", data)) for i, line in enumerate(lines)
+        (title if i == 0 else "", line)
+        for title, lines in (("params", params), ("deps", data))
+        for i, line in enumerate(lines)
     ]
     return rows + ([("code", ", ".join(code))] if code else [])
 
 
 def size(path: Path) -> int:
     """Bytes of a file, or of all files in a folder."""
-    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) if path.is_dir() else path.stat().st_size
+    return (
+        sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+        if path.is_dir()
+        else path.stat().st_size
+    )
 
 
 def short(value: object) -> str:
@@ -59,12 +85,17 @@ def short(value: object) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(short(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {short(item)}" for key, item in value.items()) + "}" if value else "none"
+        return (
+            "{" + ", ".join(f"{key}: {short(item)}" for key, item in value.items()) + "}"
+            if value
+            else "none"
+        )
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _is_set(key: str, value: object) -> bool:
-    """Whether a key of a conf file holds a value: a null is set on the command line, `defaults` names other files."""
+    """Whether a key of a conf file holds a value: a null is set on the command line, `defaults`
+    names other files."""
     return value is not None and key != "defaults"
 
 

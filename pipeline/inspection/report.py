@@ -1,4 +1,5 @@
-"""`yearloc inspect`: kind, ranges, counts, frames and provenance of a file, folder or artifact, and warnings on its content."""
+"""`yearloc inspect`: kind, ranges, counts, frames and provenance of a file, folder or artifact, and
+warnings on its content."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,18 +16,23 @@ from pipeline.readers import keyframes
 from pipeline.readers.folder import Folder
 
 KNOWN = (
-    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, calib; TUM poses), .npy, .pcd, "
-    ".bag, .mcap, .db3, .log and .clf (CARMEN), or a folder of these"
+    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, "
+    "calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder of "
+    "these"
 )
 FOREIGN = {
-    ".pcap": "packets of a lidar: play them through its driver, and record the points topic with `ros2 bag record`",
+    ".pcap": (
+        "packets of a lidar: play them through its driver, and record the points topic with `ros2 "
+        "bag record`"
+    ),
     ".osf": "Ouster's recording: save it as a bag with Ouster's own tools, and inspect that",
     ".las": "a surveyor's map, not scans: yearloc learns from scans and where each was taken",
     ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
 }
 FOREIGN[".laz"] = FOREIGN[".las"]
 FOREIGN |= dict.fromkeys(
-    (".zst", ".zstd"), "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`"
+    (".zst", ".zstd"),
+    "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`",
 )
 FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
 """What files that are no scans of ours hold, and what to do."""
@@ -44,12 +50,19 @@ FILES: dict[str, Callable[[Path, Inspection], None]] = {
 TEXTS = (".txt", ".tum", ".csv")
 
 
-def inspect(path: Path, as_format: str | None = None, lock: Path = Path("dvc.lock"), own: Folder | None = None) -> Inspection:
-    """Inspect `path`; `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it.
+def inspect(
+    path: Path,
+    as_format: str | None = None,
+    lock: Path = Path("dvc.lock"),
+    own: Folder | None = None,
+) -> Inspection:
+    """Inspect `path`; `as_format` (nclt or kitti) is the format of a .bin whose folder's name does
+    not say it.
 
     `own` reads folders of another robot's scans and poses; None: with its usual settings.
 
-    Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of an unknown kind.
+    Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of
+    an unknown kind.
     """
     if as_format not in (None, "nclt", "kitti"):
         raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")

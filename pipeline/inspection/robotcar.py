@@ -1,4 +1,5 @@
-"""Oxford RobotCar: a sweep, the folder of one laser, a sequence as its reader opens it, and the tables of poses."""
+"""Oxford RobotCar: a sweep, the folder of one laser, a sequence as its reader opens it, and the
+tables of poses."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -31,30 +32,54 @@ def sweep(path: Path, found: Inspection) -> None:
     data = log.read_bytes(path, robotcar.RECORD_BYTES, "returns")
     if not data:
         raise LogError(f"{path}: empty; expected the returns of one sweep: fetch the file anew")
-    rows, points = robotcar.decode_sweep(data), read_sweep(path, PLANE)
+    rows = robotcar.decode_sweep(data)
+    points = read_sweep(path, PLANE)
     range_m = np.hypot(points[:, 0], points[:, 1])
-    bright, far = rows[np.isfinite(rows[:, 2]), 2], int((range_m > REACH_M).sum())
+    bright = rows[np.isfinite(rows[:, 2]), 2]
+    far = int((range_m > REACH_M).sum())
     found.describe(
         f"RobotCar sweep of {path.parent.name}",
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
-        ("range", "{} … {}, median {}".format(*map(metres, np.quantile(range_m, (0, 1, 0.5)))) if len(points) else "none"),
+        (
+            "range",
+            "{} … {}, median {}".format(*map(metres, np.quantile(range_m, (0, 1, 0.5))))
+            if len(points)
+            else "none",
+        ),
         ("azimuth", f"{coverage(points):.0f}° of 360° covered"),
         ("reflectance", f"{bright.min():g} … {bright.max():g}" if len(bright) else "none"),
-        ("frame", "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the extrinsics, z up"),
+        (
+            "frame",
+            "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the "
+            "extrinsics, z up",
+        ),
     )
     found.warn(not len(points), "no beam has a return: was the laser covered?")
-    found.warn(len(rows) > BEAMS, f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?")
+    found.warn(
+        len(rows) > BEAMS,
+        f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?",
+    )
     found.warn(far, f"{far} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees")
 
 
 def sweeps(path: Path, found: Inspection) -> None:
-    """lms_front/ or lms_rear/: the sweeps of one laser, and the list of stamps beside the folder."""
-    sizes = {file: file.stat().st_size for file in path.glob("*.bin") if file.stem.isdecimal() and len(file.stem) <= 17}
-    whole = sorted((file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0), key=_utime)
+    """lms_front/ or lms_rear/: the sweeps of one laser, and the list of stamps beside the
+    folder."""
+    sizes = {
+        file: file.stat().st_size
+        for file in path.glob("*.bin")
+        if file.stem.isdecimal() and len(file.stem) <= 17
+    }
+    whole = sorted(
+        (file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0),
+        key=_utime,
+    )
     if not whole:
-        raise LogError(f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew")
+        raise LogError(
+            f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew"
+        )
     cut = len(sizes) - len(whole)
     found.warn(cut, f"{cut} sweeps are empty or cut short: the reader skips them; fetch them anew")
     utimes = np.array([_utime(file) for file in whole])
@@ -67,15 +92,20 @@ def sweeps(path: Path, found: Inspection) -> None:
         *folders.rate(found, utimes * 1e-6),
         ("stamps", _stamps(found, path, utimes)),
     )
-    _add_table(found, len(whole), lambda row: read_sweep(whole[row], PLANE), "in the laser's scan plane")
+    _add_table(
+        found, len(whole), lambda row: read_sweep(whole[row], PLANE), "in the laser's scan plane"
+    )
 
 
 def sequence(path: Path, found: Inspection) -> None:
-    """The folder of a sequence, opened by its reader; a LogError of the reader becomes a warning."""
+    """The folder of a sequence, opened by its reader; a LogError of the reader becomes a
+    warning."""
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
     path = path.resolve()
     title = f"as its reader opens it, with {' and '.join(lasers)}"
-    opened = folders.describe_opened(found, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps")
+    opened = folders.describe_opened(
+        found, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps"
+    )
     if opened is not None:
         frame = "vehicle frame: x forward, y left, z up from the camera"
         _add_table(found, len(opened.stamps_ns), opened.points, frame)
@@ -90,7 +120,8 @@ def vo(path: Path, found: Inspection) -> None:
     """vo/vo.csv: the motion of the vehicle from one image to the next, chained by the reader."""
     gap_s = RobotCar().max_vo_gap_s
     odometry = read_vo(path, gap_s)
-    stamps_s, poses = odometry.trajectory.stamps_ns * 1e-9, odometry.trajectory.world_T_body
+    stamps_s = odometry.trajectory.stamps_ns * 1e-9
+    poses = odometry.trajectory.world_T_body
     known: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
     steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     moved_m = steps_m[np.isfinite(steps_m)]
@@ -100,65 +131,102 @@ def vo(path: Path, found: Inspection) -> None:
         "RobotCar visual odometry",
         ("knots", f"{int(known.sum()):,}, in {breaks + 1} chains"),
         *clock(stamps_s[known]),
-        ("path", f"{metres(float(moved_m.sum()))}, longest step {metres(float(moved_m.max(initial=0.0)))}"),
-        ("frame", "the vehicle (stereo camera): x forward, y right, z down, radians; the reader turns it z up"),
+        (
+            "path",
+            f"{metres(float(moved_m.sum()))}, longest step "
+            f"{metres(float(moved_m.max(initial=0.0)))}",
+        ),
+        (
+            "frame",
+            "the vehicle (stereo camera): x forward, y right, z down, radians; the reader turns "
+            "it z up",
+        ),
     )
     found.warn(
         breaks,
-        f"breaks: {breaks} rows start elsewhere than where the row before them ended; no accumulated submap reaches across one",
+        f"breaks: {breaks} rows start elsewhere than where the row before them ended; no "
+        "accumulated submap reaches across one",
     )
     found.warn(
         (wide_s > gap_s).any(),
-        f"{int((wide_s > gap_s).sum())} steps over {gap_s} s, the longest {duration(float(wide_s.max(initial=0)))}: sweeps there "
-        "have no odometry; sparser odometry needs max_vo_gap_s in the dataset's yaml",
+        f"{int((wide_s > gap_s).sum())} steps over {gap_s} s, the longest "
+        f"{duration(float(wide_s.max(initial=0)))}: sweeps there have no odometry; sparser "
+        "odometry needs max_vo_gap_s in the dataset's yaml",
     )
 
 
 def ins(path: Path, found: Inspection) -> None:
-    """gps/ins.csv: the INS unit's poses, of which the reader takes those of status INS_SOLUTION_GOOD."""
+    """gps/ins.csv: the INS unit's poses, of which the reader takes those of status
+    INS_SOLUTION_GOOD."""
     gap_s = RobotCar().max_ins_gap_s
     track = read_ins(path, np.eye(4), gap_s)
     table = columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
-    statuses, zones = Counter(table["ins_status"]), sorted(set(table["utm_zone"]))
+    statuses = Counter(table["ins_status"])
+    zones = sorted(set(table["utm_zone"]))
     good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
-    stamps_s, xyz = track.stamps_ns * 1e-9, numbers(path, table, robotcar.INS_POSE)[good, :3]
-    steps_m, gaps_s = np.linalg.norm(np.diff(xyz, axis=0), axis=1), np.diff(stamps_s[good])
+    stamps_s = track.stamps_ns * 1e-9
+    xyz = numbers(path, table, robotcar.INS_POSE)[good, :3]
+    steps_m = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
+    gaps_s = np.diff(stamps_s[good])
     found.describe(
         "RobotCar inertial navigation",
         ("rows", f"{len(good):,}, of which {100 * good.mean():.1f} % are {robotcar.INS_GOOD}"),
-        ("statuses", ", ".join(f"{status[:40]} {count:,}" for status, count in statuses.most_common(5))),
+        (
+            "statuses",
+            ", ".join(f"{status[:40]} {count:,}" for status, count in statuses.most_common(5)),
+        ),
         *clock(stamps_s),
         ("path", metres(float(steps_m[gaps_s <= gap_s].sum()))),
         ("box", box(xyz, ("northing", "easting", "down"))),
         ("UTM zone", ", ".join(zones)[:60]),
-        ("frame", "the INS unit in north-east-down, radians; the reader converts it to the z-up vehicle by the extrinsics"),
+        (
+            "frame",
+            "the INS unit in north-east-down, radians; the reader converts it to the z-up "
+            "vehicle by the extrinsics",
+        ),
     )
     found.warn(not good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
     found.warn(
         (gaps_s > gap_s).any(),
         f"outages: {int((gaps_s > gap_s).sum())} over {gap_s} s without a good row, the longest "
-        f"{duration(float(gaps_s.max(initial=0)))}: sweeps there have no place, but go into the submaps around",
+        f"{duration(float(gaps_s.max(initial=0)))}: sweeps there have no place, but go into the "
+        "submaps around",
     )
 
 
-def _add_table(found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str) -> None:
+def _add_table(
+    found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
+) -> None:
     """Add a table of a few of `count` sweeps."""
     table: list[tuple[str, ...]] = [("sweep", "returns", "x", "y", "z")]
     for row in spread(count):
         cloud = points(row)
-        table.append((str(row), f"{len(cloud):,}", *(box(cloud[:, [axis]], [""]).strip() for axis in range(3) if len(cloud))))
+        table.append(
+            (
+                str(row),
+                f"{len(cloud):,}",
+                *(box(cloud[:, [axis]], [""]).strip() for axis in range(3) if len(cloud)),
+            )
+        )
     found.add(f"sweeps, {frame}", *table)
 
 
 def _stamps(found: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
-    """The number of stamps in the list of a laser; warns of files without a stamp and the reverse."""
+    """The number of stamps in the list of a laser; warns of files without a stamp and the
+    reverse."""
     path = folder.with_suffix(".timestamps")
     if not path.is_file():
-        found.warn(True, f"no {path.name} beside the folder: the reader takes every file that is there")
+        found.warn(
+            True, f"no {path.name} beside the folder: the reader takes every file that is there"
+        )
         return "by the names of the files"
     stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
-    lone, lost = int((~np.isin(utimes, stamps)).sum()), int((~np.isin(stamps, utimes)).sum())
-    unpaired = f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader skips them"
+    lone = int((~np.isin(utimes, stamps)).sum())
+    lost = int((~np.isin(stamps, utimes)).sum())
+    unpaired = (
+        f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader "
+        "skips them"
+    )
     found.warn(lone or lost, unpaired)
     return f"{len(stamps):,} in {path.name}"
 

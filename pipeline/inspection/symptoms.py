@@ -10,32 +10,35 @@ def repeated(points: NDArray[np.float64]) -> list[str]:
     """Warnings on points at the origin and on duplicate points."""
     zeros = int((points == 0).all(axis=1).sum())
     others = points[(points != 0).any(axis=1)]
-    twice = len(others) - len(np.unique(others.view([("xyz", "V24")]) if others.flags.c_contiguous else others, axis=0))
+    twice = len(others) - len(
+        np.unique(others.view([("xyz", "V24")]) if others.flags.c_contiguous else others, axis=0)
+    )
     found = []
     if zeros > 0.01 * len(points):
         found.append(
-            f"points at the origin: {zeros:,} of {len(points):,} are (0, 0, 0), beams without a return; they fill the first bin: "
-            "drop them when reading"
+            f"points at the origin: {zeros:,} of {len(points):,} are (0, 0, 0), beams without a "
+            "return; they fill the first bin: drop them when reading"
         )
     if twice > 0.01 * len(points):
         found.append(
-            f"duplicate points: {twice:,} of {len(points):,} stand where another does and count twice in a bin; "
-            "was a scan written twice, or padded?"
+            f"duplicate points: {twice:,} of {len(points):,} stand where another does and count "
+            "twice in a bin; was a scan written twice, or padded?"
         )
     return found
 
 
 def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> str | None:
-    """A warning if the unit cannot be metres, else None; `range_m` (n,) are distances from the origin in the xy plane."""
+    """A warning if the unit cannot be metres, else None; `range_m` (n,) are distances from the
+    origin in the xy plane."""
     if np.abs(points).max() <= 1.0 + 1e-6:
         return (
-            "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and heights: "
-            "use the cloud from before the normalisation"
+            "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and "
+            "heights: use the cloud from before the normalisation"
         )
     if np.median(range_m) > 500:
         return (
-            f"not in metres: half of the points are beyond {np.median(range_m):,.0f} m, farther than a LiDAR sees; "
-            "are they in millimetres, or in world coordinates?"
+            f"not in metres: half of the points are beyond {np.median(range_m):,.0f} m, farther "
+            "than a LiDAR sees; are they in millimetres, or in world coordinates?"
         )
     return None
 
@@ -46,6 +49,6 @@ def flat(points: NDArray[np.float64]) -> str | None:
     if thick_m > LEVEL_M:
         return None
     return (
-        f"all points in one plane: {100 * thick_m:.1f} cm thick; there are no heights to draw a view from: a 2D scan? "
-        "Gather its sweeps along the path first"
+        f"all points in one plane: {100 * thick_m:.1f} cm thick; there are no heights to draw a "
+        "view from: a 2D scan? Gather its sweeps along the path first"
     )

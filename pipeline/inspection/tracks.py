@@ -1,4 +1,5 @@
-"""Text files of numbers: the poses of NCLT, the poses, times and calibration of KITTI, TUM trajectories."""
+"""Text files of numbers: the poses of NCLT, the poses, times and calibration of KITTI, TUM
+trajectories."""
 
 from pathlib import Path
 
@@ -20,16 +21,23 @@ SCAN_NS = 100_000_000
 
 
 def nclt_poses(path: Path, found: Inspection) -> None:
-    """groundtruth_*.csv and odometry*.csv: utime, x, y, z, roll, pitch, heading; north-east-down."""
+    """groundtruth_*.csv and odometry*.csv: utime, x, y, z, roll, pitch, heading;
+    north-east-down."""
     if "cov" in path.stem:
-        raise LogError(f"{path}: covariances, which nothing here reads; inspect the odometry beside it")
+        raise LogError(
+            f"{path}: covariances, which nothing here reads; inspect the odometry beside it"
+        )
     rows = log.table(path, 7, ",")
     if not np.isfinite(rows[:, 0]).all():
-        raise LogError(f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp")
+        raise LogError(
+            f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp"
+        )
     relative = path.stem.endswith("odometry_mu")
     known = np.isfinite(rows).all(axis=1)
-    times_s, xyz = rows[:, 0] * 1e-6, rows[known, 1:4]
-    gap_s, gaps = Nclt().max_gap_s, np.diff(times_s[known])
+    times_s = rows[:, 0] * 1e-6
+    xyz = rows[known, 1:4]
+    gap_s = Nclt().max_gap_s
+    gaps = np.diff(times_s[known])
     what = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
     found.describe(
         f"NCLT {what}, {'motion between images' if relative else 'poses of the body'}",
@@ -44,10 +52,14 @@ def nclt_poses(path: Path, found: Inspection) -> None:
         found.warnings += vehicle.doubts("the poses", read_poses(path))
     found.warn(
         (gaps > gap_s).any(),
-        f"{int((gaps > gap_s).sum())} gaps over {gap_s} s, the longest {duration(float(gaps.max(initial=0)))}: scans there have "
-        "no pose and are skipped; a log with sparser rows needs max_gap_s in its dataset's yaml",
+        f"{int((gaps > gap_s).sum())} gaps over {gap_s} s, the longest "
+        f"{duration(float(gaps.max(initial=0)))}: scans there have no pose and are skipped; a log "
+        "with sparser rows needs max_gap_s in its dataset's yaml",
     )
-    unsolved = "every row holds a NaN: there is no pose to read; was the file written before the drive was solved?"
+    unsolved = (
+        "every row holds a NaN: there is no pose to read; was the file written before the drive "
+        "was solved?"
+    )
     found.warn(not known.any(), unsolved)
 
 
@@ -56,24 +68,38 @@ def kitti_poses(path: Path, found: Inspection) -> None:
     rows = log.table(path, 12)
     finite = np.isfinite(rows).all(axis=1)
     poses = kitti.matrix(rows[finite])
-    xyz, lacking, skew = poses[:, :3, 3], int((~finite).sum()), _skew(poses)
+    xyz = poses[:, :3, 3]
+    lacking = int((~finite).sum())
+    skew = _skew(poses)
     found.describe(
         "KITTI ground truth, poses of camera 0",
         ("poses", f"{len(rows):,}"),
         ("path", path_length(np.diff(xyz, axis=0))),
         ("box", box(xyz, ("right", "down", "forward"))),
-        ("frame", "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the reader turns it z up"),
+        (
+            "frame",
+            "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the "
+            "reader turns it z up",
+        ),
     )
     found.warn_of_small_site(xyz, (0, 2))
     stamps_ns = SCAN_NS * np.flatnonzero(finite)
-    found.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S))
+    found.warnings += vehicle.doubts(
+        "the poses", Trajectory(stamps_ns, BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S)
+    )
     found.warn(lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off")
-    off = f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the file anew"
+    off = (
+        f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the "
+        "file anew"
+    )
     found.warn(skew > 1e-3, off)
     times = path.parents[1] / kitti.TIMES.format(log=path.stem) if len(path.parents) > 1 else path
     if path.parent.name == "poses" and times.is_file():
         count = len(log.table(times, 1))
-        wrong = f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is cut short"
+        wrong = (
+            f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is "
+            "cut short"
+        )
         found.warn(count != len(rows), wrong)
 
 
@@ -85,7 +111,8 @@ def first_row(path: Path) -> list[str]:
 
 
 def numbers(path: Path, found: Inspection) -> None:
-    """A text of poses or times, told by the count of its columns, else by its name; raises ConfigError for any other."""
+    """A text of poses or times, told by the count of its columns, else by its name; raises
+    ConfigError for any other."""
     words = first_row(path)
     try:
         [float(word) for word in words]
@@ -98,7 +125,9 @@ def numbers(path: Path, found: Inspection) -> None:
         "times.txt": kitti_times,
         "[0-9][0-9].txt": kitti_poses,
     }
-    look = by_columns.get(len(words)) or next((look for name, look in by_name.items() if path.match(name)), None)
+    look = by_columns.get(len(words)) or next(
+        (look for name, look in by_name.items() if path.match(name)), None
+    )
     if look is None:
         expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
         raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
@@ -109,10 +138,14 @@ def tum_poses(path: Path, found: Inspection) -> None:
     """A TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
     stamps_ns, poses = read_tum(path)
     known = np.isfinite(poses).all(axis=(1, 2))
-    xyz, lacking = poses[known, :3, 3], int((~known).sum())
+    xyz = poses[known, :3, 3]
+    lacking = int((~known).sum())
     found.describe(
         "TUM trajectory",
-        ("rows", f"{len(stamps_ns):,}" + (f", of which {lacking:,} hold a NaN: gaps" if lacking else "")),
+        (
+            "rows",
+            f"{len(stamps_ns):,}" + (f", of which {lacking:,} hold a NaN: gaps" if lacking else ""),
+        ),
         *clock(stamps_ns * 1e-9),
         ("path", path_length(np.diff(xyz, axis=0))),
         ("box", box(xyz, "xyz")),
@@ -133,22 +166,40 @@ def kitti_times(path: Path, found: Inspection) -> None:
 def kitti_calib(path: Path, found: Inspection) -> None:
     """calib.txt: camera projections P0–P3 and Tr = cam0 <- velodyne."""
     try:
-        lines = [line.partition(":") for line in path.read_text(encoding="utf-8").splitlines() if ":" in line]
-        entries = {name: np.array([float(number) for number in numbers.split()]) for name, _, numbers in lines}
+        lines = [
+            line.partition(":")
+            for line in path.read_text(encoding="utf-8").splitlines()
+            if ":" in line
+        ]
+        entries = {
+            name: np.array([float(number) for number in numbers.split()])
+            for name, _, numbers in lines
+        }
     except (UnicodeDecodeError, ValueError):
-        raise LogError(f"{path}: expected rows 'NAME: 12 numbers', as in KITTI's calib.txt") from None
+        raise LogError(
+            f"{path}: expected rows 'NAME: 12 numbers', as in KITTI's calib.txt"
+        ) from None
     if "Tr" not in entries or entries["Tr"].shape != (12,):
-        raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's")
+        raise LogError(
+            f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
+        )
     cam_T_velo = kitti.matrix(entries["Tr"][None])
     forward = -cam_T_velo[0, :3, :3].T @ cam_T_velo[0, :3, 3]
     found.describe(
         "KITTI calibration",
         ("entries", ", ".join(entries)),
         ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*forward)),
-        ("frame", "Tr maps Velodyne coordinates (x forward, y left, z up) into camera 0's (x right, y down, z forward)"),
+        (
+            "frame",
+            "Tr maps Velodyne coordinates (x forward, y left, z up) into camera 0's (x right, y "
+            "down, z forward)",
+        ),
     )
     skew = _skew(cam_T_velo)
-    sheared = f"Tr's rotation is off by {skew:.2g} from orthonormal: every pose would be sheared; fetch the file anew"
+    sheared = (
+        f"Tr's rotation is off by {skew:.2g} from orthonormal: every pose would be sheared; fetch "
+        "the file anew"
+    )
     found.warn(skew > 1e-3, sheared)
 
 
@@ -166,4 +217,6 @@ def _back(times_s: NDArray[np.float64]) -> list[int]:
 def _warn_of_order(found: Inspection, times_s: NDArray[np.float64]) -> None:
     back = _back(times_s)
     rows = f"row {back[0]} and {len(back) - 1} more" if back else ""
-    found.warn(back, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows")
+    found.warn(
+        back, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows"
+    )

@@ -1,4 +1,5 @@
-"""Adoption: scans of a later day whose poses are known by survey, or found by the site itself and believed (METHODS 11.2)."""
+"""Adoption: scans of a later day whose poses are known by survey, or found by the site itself and
+believed (METHODS 11.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ from pipeline.posing.registration import Points
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
 STEP_M = 0.8
-"""Way from one adopted scan to the next, at least: a little less than from one submap to the next."""
+"""Way from one adopted scan to the next, at least: a little less than from one submap to the
+next."""
 
 
 class NothingAdoptedError(LogError):
@@ -44,31 +46,46 @@ class Adoption:
 
     def views(self, site: Site) -> Rows:
         """The scans as the site's method looks at them."""
-        return Rows(np.stack([site.view(points_m) for points_m in self.points]), self.stamps_ns, self.world_T_scan)
+        return Rows(
+            np.stack([site.view(points_m) for points_m in self.points]),
+            self.stamps_ns,
+            self.world_T_scan,
+        )
 
 
 def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> Adoption:
-    """The scans of one drive whose fixes keep a promise; without a promise every scan that has any pose.
+    """The scans of one drive whose fixes keep a promise; without a promise every scan that has any
+    pose.
 
-    The drive is followed there and back. Scans between two fixes are adopted where odometry leads from one to the other. Raises
-    NothingAdoptedError where there is none, as where the site cannot make that promise.
+    The drive is followed there and back. Scans between two fixes are adopted where odometry leads
+    from one to the other. Raises NothingAdoptedError where there is none, as where the site cannot
+    make that promise.
     """
     if promise is not None and promise not in site.promises:
-        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}")
+        raise NothingAdoptedError(
+            f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}"
+        )
     both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
-    believed = [[fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)]
+    believed = [
+        [fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)
+    ]
     best = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed]
-    poses = np.array([NO_POSE if fix is None else fix.world_T_sensor for fix in best]).reshape(-1, 4, 4)
+    poses = np.array([NO_POSE if fix is None else fix.world_T_sensor for fix in best]).reshape(
+        -1, 4, 4
+    )
     chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best])
     bridge(poses, chance, np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4))
     return taken(scans, poses, chance, False, "no fix is believed")
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
-    """The scans of a drive at surveyed poses, by stamps, or at the log's own; raises NothingAdoptedError where none is known."""
+    """The scans of a drive at surveyed poses, by stamps, or at the log's own; raises
+    NothingAdoptedError where none is known."""
     known = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
     if poses is not None:
-        known = poses.at(np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64))[0]
+        known = poses.at(
+            np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64)
+        )[0]
     return taken(scans, known, np.ones(len(scans)), True, "the survey has a pose of none")
 
 
@@ -89,7 +106,8 @@ def accepts(fix: Fix, promise: float | None) -> bool:
 
 
 def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> None:
-    """Fill poses (n, 4, 4) between two that are known where odometry (n, 4, 4) leads from one to the other within 2 m and 5°.
+    """Fill poses (n, 4, 4) between two that are known where odometry (n, 4, 4) leads from one to
+    the other within 2 m and 5°.
 
     What it is off is spread over the way; the chance is that of the less sure end.
     """
@@ -97,21 +115,31 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
     for first, last in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
         onwards = poses[first] @ np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
         away_m, turn_deg = apart(onwards[-1:], poses[last][None])
-        if last - first < 2 or not (np.isfinite(onwards).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG):
+        if last - first < 2 or not (
+            np.isfinite(onwards).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG
+        ):
             continue
         way_m = np.cumsum(np.linalg.norm(np.diff(onwards[:, :3, 3], axis=0), axis=1))
-        share, between = way_m[:-1] / max(way_m[-1], 1e-9), slice(first + 1, last)
+        share = way_m[:-1] / max(way_m[-1], 1e-9)
+        between = slice(first + 1, last)
         correction = poses[last] @ np.linalg.inv(onwards[-1])
-        turned = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share).as_matrix()
+        turned = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(
+            share
+        ).as_matrix()
         corrected = (correction @ onwards[1:-1])[:, :3, 3]
         poses[between] = np.eye(4)
         poses[between, :3, :3] = turned @ onwards[1:-1, :3, :3]
-        poses[between, :3, 3] = onwards[1:-1, :3, 3] + share[:, None] * (corrected - onwards[1:-1, :3, 3])
+        poses[between, :3, 3] = onwards[1:-1, :3, 3] + share[:, None] * (
+            corrected - onwards[1:-1, :3, 3]
+        )
         chance[between] = min(chance[first], chance[last])
 
 
-def taken(scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str) -> Adoption:
-    """Those with a pose, STEP_M or more from the one before; raises NothingAdoptedError with the reason where there is none."""
+def taken(
+    scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str
+) -> Adoption:
+    """Those with a pose, STEP_M or more from the one before; raises NothingAdoptedError with the
+    reason where there is none."""
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
         if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:

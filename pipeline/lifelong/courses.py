@@ -32,16 +32,28 @@ class Course:
     """Folder of what the method looks at."""
 
     def steps(
-        self, order: Order, strategy: Any, method: Method, packing: Packing, scratch: Path, progress: Progress
+        self,
+        order: Order,
+        strategy: Any,
+        method: Method,
+        packing: Packing,
+        scratch: Path,
+        progress: Progress,
     ) -> Iterator[Step]:
-        """The localiser after each day, in an order; for updates a site is packed into a folder first."""
+        """The localiser after each day, in an order; for updates a site is packed into a folder
+        first."""
         if order == "updates":
             return self.updates(strategy, packing, scratch, progress)
         return self.surveys(strategy, method, order, progress)
 
-    def surveys(self, strategy: Any, method: Method, order: Order, progress: Progress) -> Iterator[Step]:
-        """A step a day whose poses are known, the first trained already; or a step for each part of the training day."""
-        first, *later = (Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned))
+    def surveys(
+        self, strategy: Any, method: Method, order: Order, progress: Progress
+    ) -> Iterator[Step]:
+        """A step a day whose poses are known, the first trained already; or a step for each part of
+        the training day."""
+        first, *later = (
+            Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned)
+        )
         labels = self.artifacts / "labels" / self.study / self.grid / f"{self.train}.zarr"
         places = Places.read(store.read(labels, schemas.LABELS))
         if order == "streets":
@@ -51,8 +63,12 @@ class Course:
         trained = self.artifacts / "train" / self.study / self.grid / f"{self.model}.safetensors"
         return surveyed(method, strategy, days, places, store.read_model(trained), progress)
 
-    def updates(self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress) -> Iterator[Step]:
+    def updates(
+        self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress
+    ) -> Iterator[Step]:
         """A step a day that the site of the model learns by itself."""
         site = scratch / "first.site"
         progress.tell(packing.pack(f"{self.study}/{self.grid}/{self.model}", site, progress))
-        return updated(site, strategy, drives.read(self.artifacts, self.study, self.learned), progress)
+        return updated(
+            site, strategy, drives.read(self.artifacts, self.study, self.learned), progress
+        )

@@ -1,4 +1,5 @@
-"""Drives of a study as scans that come one after the other, with their odometry and, to count errors by, their true poses."""
+"""Drives of a study as scans that come one after the other, with their odometry and, to count
+errors by, their true poses."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,9 +23,19 @@ def _scans(artifacts: Path, study: str, sequence: str) -> list[Scan]:
     scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
     odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
-    rows = enumerate(zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True))
-    return [Scan(f"{sequence} {row}", int(stamp), _points(scans, submaps, row), *poses) for row, (stamp, *poses) in rows]
+    rows = enumerate(
+        zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True)
+    )
+    return [
+        Scan(f"{sequence} {row}", int(stamp), _points(scans, submaps, row), *poses)
+        for row, (stamp, *poses) in rows
+    ]
 
 
 def _points(scans: Artifact, submaps: Artifact, row: int) -> Callable[[], NDArray[np.float64]]:
-    return partial(lambda row: np.asarray(next(iter(submap_points(scans, submaps, slice(row, row + 1)))), np.float64), row)
+    return partial(
+        lambda row: np.asarray(
+            next(iter(submap_points(scans, submaps, slice(row, row + 1)))), np.float64
+        ),
+        row,
+    )

@@ -1,4 +1,5 @@
-"""What a localiser answered of the asked days after each step of learning: the artifact of the stage `lifelong`."""
+"""What a localiser answered of the asked days after each step of learning: the artifact of the
+stage `lifelong`."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,18 +26,27 @@ class Record:
     """The first stamp of each asked day."""
 
     @classmethod
-    def of(cls, steps: Iterator[Step], asked: Mapping[str, Rows], told: Callable[[str], None]) -> Self:
+    def of(
+        cls, steps: Iterator[Step], asked: Mapping[str, Rows], told: Callable[[str], None]
+    ) -> Self:
         """Every day asked after every step."""
         xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in asked.values()])
         day = np.repeat(np.arange(len(asked)), [len(views.stamps_ns) for views in asked.values()])
-        answers, errors, done = [], [], list[Step]()
+        answers = []
+        errors = []
+        done = list[Step]()
         for step in steps:
             rankings = [step.localizer(views, K) for views in asked.values()]
             answers.append(np.concatenate([one.places[:, 0] for one in rankings]))
-            errors.append(np.linalg.norm(np.concatenate([one.xy_m[:, 0] for one in rankings]) - xy_m, axis=1))
+            errors.append(
+                np.linalg.norm(np.concatenate([one.xy_m[:, 0] for one in rankings]) - xy_m, axis=1)
+            )
             done.append(step)
             true = step.places.at(xy_m)
-            told(f"{step.name}: {np.mean((answers[-1] == true)[true >= 0]):.3f} right of {(true >= 0).sum()} seen")
+            told(
+                f"{step.name}: {np.mean((answers[-1] == true)[true >= 0]):.3f} right of "
+                f"{(true >= 0).sum()} seen"
+            )
         true = done[-1].places.at(xy_m)
         known = np.array([step.places.at(xy_m) >= 0 for step in done])
         columns = {
@@ -69,4 +79,7 @@ class Record:
         known = self.columns["known_from"] >= 0
         first, last = (float(self.columns["right"][step, known].mean()) for step in (0, -1))
         places = f"{len(self.steps)} steps to {len(self.steps[-1].places.cells)} places"
-        return f"{places}: of {known.sum()} queries that can be known {first:.3f} right at first, {last:.3f} at last"
+        return (
+            f"{places}: of {known.sum()} queries that can be known {first:.3f} right at first, "
+            f"{last:.3f} at last"
+        )

@@ -13,7 +13,9 @@ from pipeline.running.settings import SomeShare, check
 class Frozen:
     """Nothing: the model stays as it was."""
 
-    def learn(self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+    def learn(
+        self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+    ) -> Model:
         """The model itself."""
         return model
 
@@ -22,7 +24,9 @@ class Frozen:
 class Joint:
     """A new model of all days: what growth is measured by."""
 
-    def learn(self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+    def learn(
+        self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+    ) -> Model:
         """Learned from the beginning."""
         return method.learn(*TrainingSet.joined([known, new]), progress)
 
@@ -34,7 +38,9 @@ class Grown:
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Of the method, changed for growth."""
 
-    def learn(self, method: Any, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+    def learn(
+        self, method: Any, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+    ) -> Model:
         """The model of all days."""
         grown: Model = replace(method, **self.settings).grow(model, known, new, progress)
         return grown

@@ -1,7 +1,9 @@
-"""The known leaves of a cube that moves, in bricks of 8³ leaves that are allocated when they are touched.
+"""The known leaves of a cube that moves, in bricks of 8³ leaves that are allocated when they are
+touched.
 
-The cube lies on a torus: where a leaf is stored follows from its whole-numbered coordinates in odometry, modulo the side. So
-nothing moves in memory when the cube does: a leaf that enters it is stored where one that left was.
+The cube lies on a torus: where a leaf is stored follows from its whole-numbered coordinates in
+odometry, modulo the side. So nothing moves in memory when the cube does: a leaf that enters it is
+stored where one that left was.
 """
 
 from typing import NamedTuple
@@ -11,17 +13,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 BITS = 3
-BRICK, LEAVES = 1 << BITS, 1 << 3 * BITS
+BRICK = 1 << BITS
+LEAVES = 1 << 3 * BITS
 """Leaves along an edge of a brick, and in one. Bricks of 16³ were no faster on KITTI's scans."""
 NONE = np.int32(-1)
-SPARE, IDLE = 1.5, 4.0
+SPARE = 1.5
+IDLE = 4.0
 """Capacity of new pools over what is needed, and where it has become too large."""
 
 
 class Bricks(NamedTuple):
-    """Pools of bricks, the first `used[0]` of them in use; the leaves of all others are unknown and unmarked.
+    """Pools of bricks, the first `used[0]` of them in use; the leaves of all others are unknown and
+    unmarked.
 
-    A leaf's key is the number of its brick's place on the torus, then its own in the brick, both x-major.
+    A leaf's key is the number of its brick's place on the torus, then its own in the brick, both
+    x-major.
     """
 
     levels: int
@@ -47,19 +53,29 @@ def empty(side: int) -> Bricks:
     """No bricks yet, on a torus for a cube of `side` leaves, a power of two."""
     levels = max(side.bit_length() - 1, BITS)
     table = np.full(8 ** (levels - BITS), NONE)
-    return Bricks(levels, table, np.empty(0, np.int32), np.empty(0, np.float32), np.empty(0, np.uint8), np.zeros(1, np.int64))
+    return Bricks(
+        levels,
+        table,
+        np.empty(0, np.int32),
+        np.empty(0, np.float32),
+        np.empty(0, np.uint8),
+        np.zeros(1, np.int64),
+    )
 
 
 def with_room(bricks: Bricks, more: int) -> Bricks:
-    """The same bricks with room for `more`: in new pools if these are too small, or far too large."""
+    """The same bricks with room for `more`: in new pools if these are too small, or far too
+    large."""
     used = int(bricks.used[0])
     if used + more <= len(bricks.places) <= IDLE * (used + more):
         return bricks
     capacity = int(SPARE * (used + more))
-    places, log_odds = np.zeros(capacity, np.int32), np.zeros(capacity * LEAVES, np.float32)
+    places = np.zeros(capacity, np.int32)
+    log_odds = np.zeros(capacity * LEAVES, np.float32)
     marks = np.zeros(capacity * LEAVES, np.uint8)
     places[:used] = bricks.places[:used]
-    log_odds[: used * LEAVES], marks[: used * LEAVES] = bricks.log_odds[: used * LEAVES], bricks.marks[: used * LEAVES]
+    log_odds[: used * LEAVES] = bricks.log_odds[: used * LEAVES]
+    marks[: used * LEAVES] = bricks.marks[: used * LEAVES]
     return bricks._replace(places=places, log_odds=log_odds, marks=marks)
 
 
@@ -71,7 +87,8 @@ def bricks_of_a_ray(bricks: Bricks) -> int:
 
 def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.float32]:
     """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest` (3,)."""
-    used, axis = int(bricks.used[0]), 1 << (bricks.levels - BITS)
+    used = int(bricks.used[0])
+    axis = 1 << (bricks.levels - BITS)
     torus = np.zeros((axis,) * 3 + (BRICK,) * 3, np.float32)
     torus.reshape(-1, LEAVES)[bricks.places[:used]] = bricks.log_odds.reshape(-1, LEAVES)[:used]
     leaves = torus.transpose(0, 3, 1, 4, 2, 5).reshape((axis * BRICK,) * 3)
@@ -80,38 +97,55 @@ def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.fl
 
 @njit(inline="always", error_model="numpy")
 def part_of_key(cell, axis, levels):  # type: ignore[no-untyped-def]
-    """The bits of a leaf's key that its coordinate `cell` on an axis sets; a leaf's key has three such parts."""
+    """The bits of a leaf's key that its coordinate `cell` on an axis sets; a leaf's key has three
+    such parts."""
     place = (cell >> BITS) & ((1 << (levels - BITS)) - 1)
-    return (place << (3 * BITS + (2 - axis) * (levels - BITS))) | ((cell & (BRICK - 1)) << ((2 - axis) * BITS))
+    return (place << (3 * BITS + (2 - axis) * (levels - BITS))) | (
+        (cell & (BRICK - 1)) << ((2 - axis) * BITS)
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def corner(bricks, brick):  # type: ignore[no-untyped-def]
     """Coordinates on the torus of a brick's lowest leaf."""
-    bits, place = bricks.levels - BITS, np.int64(bricks.places[brick])
+    bits = bricks.levels - BITS
+    place = np.int64(bricks.places[brick])
     last = (1 << bits) - 1
     return (place >> 2 * bits) << BITS, ((place >> bits) & last) << BITS, (place & last) << BITS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def allocate(bricks, place):  # type: ignore[no-untyped-def]
-    """Where the leaves of a new brick begin, at a place that has none. There must be room for it."""
+    """Where the leaves of a new brick begin, at a place that has none.
+
+    There must be room for it.
+    """
     brick = bricks.used[0]
-    bricks.used[0], bricks.places[brick], bricks.table[place] = brick + 1, place, brick * LEAVES
+    bricks.used[0] = brick + 1
+    bricks.places[brick] = place
+    bricks.table[place] = brick * LEAVES
     return bricks.table[place]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def free(bricks: Bricks, brick: int) -> None:
-    """Give back a brick whose leaves are unknown; the last one in use moves to where it was. No leaf of either is marked."""
-    table, places, log_odds, used = bricks.table, bricks.places, bricks.log_odds, bricks.used
+    """Give back a brick whose leaves are unknown; the last one in use moves to where it was.
+
+    No leaf of either is marked.
+    """
+    table = bricks.table
+    places = bricks.places
+    log_odds = bricks.log_odds
+    used = bricks.used
     used[0] -= 1
     last = used[0]
     table[places[brick]] = NONE
     if brick != last:
-        table[places[last]], places[brick] = brick * LEAVES, places[last]
+        table[places[last]] = brick * LEAVES
+        places[brick] = places[last]
         for leaf in range(LEAVES):
-            log_odds[brick * LEAVES + leaf], log_odds[last * LEAVES + leaf] = log_odds[last * LEAVES + leaf], 0
+            log_odds[brick * LEAVES + leaf] = log_odds[last * LEAVES + leaf]
+            log_odds[last * LEAVES + leaf] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -119,8 +153,14 @@ def forget(bricks: Bricks, gone: NDArray[np.bool_]) -> None:
     """Make the leaves unknown of which a coordinate on the torus is `gone` (3, torus)."""
     for brick in range(bricks.used[0]):
         x, y, z = corner(bricks, brick)
-        if gone[0, x : x + BRICK].any() or gone[1, y : y + BRICK].any() or gone[2, z : z + BRICK].any():
+        if (
+            gone[0, x : x + BRICK].any()
+            or gone[1, y : y + BRICK].any()
+            or gone[2, z : z + BRICK].any()
+        ):
             for leaf in range(LEAVES):
-                i, j, k = leaf >> 2 * BITS, (leaf >> BITS) & (BRICK - 1), leaf & (BRICK - 1)
+                i = leaf >> 2 * BITS
+                j = (leaf >> BITS) & (BRICK - 1)
+                k = leaf & (BRICK - 1)
                 if gone[0, x + i] or gone[1, y + j] or gone[2, z + k]:
                     bricks.log_odds[brick * LEAVES + leaf] = 0

@@ -1,4 +1,5 @@
-"""Gathering the points of submaps: every scan is read and laid out once, however many submaps it is part of."""
+"""Gathering the points of submaps: every scan is read and laid out once, however many submaps it is
+part of."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -19,7 +20,8 @@ Layout = Literal["odom_T_scan", "world_T_scan"]
 
 @dataclass(frozen=True)
 class Gathering:
-    """The points of submaps, one submap after the other; in memory are those of one window and of one block of scans."""
+    """The points of submaps, one submap after the other; in memory are those of one window and of
+    one block of scans."""
 
     scans: Artifact
     layout: Layout
@@ -51,9 +53,13 @@ class Gathering:
             yield _moved(np.linalg.inv(start_T_scan[last]), inside) - (0.0, 0.0, ground_m)
 
 
-def scan_points(scans: Artifact, start: int, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres; BLOCK scans are read together."""
-    offsets, grain_m = scans.load("offsets"), float(scans.attrs["grain_m"])
+def scan_points(
+    scans: Artifact, start: int, stop: int
+) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres; BLOCK scans
+    are read together."""
+    offsets = scans.load("offsets")
+    grain_m = float(scans.attrs["grain_m"])
     for first in range(start, stop, BLOCK):
         end = min(first + BLOCK, stop)
         points = scans["points"][offsets[first] : offsets[end]] * grain_m
@@ -62,13 +68,19 @@ def scan_points(scans: Artifact, start: int, stop: int) -> Iterator[tuple[int, N
 
 
 def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[NDArray[np.float64]]:
-    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame, z up from the ground.
+    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame, z up
+    from the ground.
 
-    Submaps of one scan each are read in one slice and never leave the scan's own frame, so no rounding is added.
+    Submaps of one scan each are read in one slice and never leave the scan's own frame, so no
+    rounding is added.
     """
-    first, last, ground_m = (np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m"))
+    first, last, ground_m = (
+        np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m")
+    )
     if (first != last).any():
-        yield from Gathering(scans, submaps.attrs["layout"], first, last, ground_m, submaps.load("used"))
+        yield from Gathering(
+            scans, submaps.attrs["layout"], first, last, ground_m, submaps.load("used")
+        )
         return
     offsets = np.asarray(scans["offsets"][last[0] : last[-1] + 2])
     points = np.asarray(scans["points"][offsets[0] : offsets[-1]])
@@ -83,6 +95,10 @@ def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[n
     moved = np.empty((len(points), 3), np.float64)
     for i in range(len(points)):
         for row in range(3):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            moved[i, row] = a_T_b[row, 0] * x + a_T_b[row, 1] * y + a_T_b[row, 2] * z + a_T_b[row, 3]
+            x = points[i, 0]
+            y = points[i, 1]
+            z = points[i, 2]
+            moved[i, row] = (
+                a_T_b[row, 0] * x + a_T_b[row, 1] * y + a_T_b[row, 2] * z + a_T_b[row, 3]
+            )
     return moved

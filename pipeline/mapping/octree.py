@@ -1,8 +1,9 @@
 """The dynamic octree: an occupancy map that moves with the robot and decays with its motion.
 
-Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous Robots 2013); METHODS 4. The
-leaves of the root cube are kept in bricks, allocated when a ray touches them and freed when all is unknown again. OctoMap's inner
-nodes, the highest of their children, are not kept: nothing reads them.
+Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous
+Robots 2013); METHODS 4. The leaves of the root cube are kept in bricks, allocated when a ray
+touches them and freed when all is unknown again. OctoMap's inner nodes, the highest of their
+children, are not kept: nothing reads them.
 """
 
 import math
@@ -37,28 +38,40 @@ class Octree:
     highest: float = 0.971
     """Probabilities are clamped to these, so that a leaf can change its mind."""
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
-    """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or, independent of the scan rate,
-    exp(−|u| sigma_m / per_metre_m); or none."""
+    """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or,
+    independent of the scan rate, exp(−|u| sigma_m / per_metre_m); or none."""
     sigma_m: Positive = 2.0
     sigma_rad: Positive = 0.5
     per_metre_m: Positive = 8.0
     """At a scan a metre both ways of decay agree."""
     rays: Literal["end_voxel", "all"] = "end_voxel"
-    """One ray to the middle of each cell that holds points, as OctoMap discretises, or one to every point."""
+    """One ray to the middle of each cell that holds points, as OctoMap discretises, or one to every
+    point."""
     max_range_m: NotNegative = 0.0
-    """From the sensor; beyond it a ray clears what it crosses and hits nothing. 0: half the root cube's diagonal."""
+    """From the sensor; beyond it a ray clears what it crosses and hits nothing. 0: half the root
+    cube's diagonal."""
     sensor_height_m: float = 1.73
     """Rays start this far above the vehicle frame's origin."""
 
     def __post_init__(self) -> None:
         check(self, "view.octree")
         if not 2 <= self.depth <= 9:
-            raise ConfigError(f"view.octree.depth={self.depth}: expected a whole number from 2 to 9")
+            raise ConfigError(
+                f"view.octree.depth={self.depth}: expected a whole number from 2 to 9"
+            )
         if not 0 < self.lowest <= self.miss < 0.5 < self.hit <= self.highest < 1:
-            numbers = f"lowest={self.lowest}, miss={self.miss}, hit={self.hit} and highest={self.highest}"
-            raise ConfigError(f"view.octree: {numbers} must increase from 0 to 1, the first two below 0.5, the others above")
+            numbers = (
+                f"lowest={self.lowest}, miss={self.miss}, hit={self.hit} and highest={self.highest}"
+            )
+            raise ConfigError(
+                f"view.octree: {numbers} must increase from 0 to 1, the first two below 0.5, the "
+                "others above"
+            )
         if not 0 <= self.sensor_height_m <= self.edge_m / 4:
-            raise ConfigError(f"view.octree.sensor_height_m={self.sensor_height_m}: expected 0 to a quarter of edge_m")
+            raise ConfigError(
+                f"view.octree.sensor_height_m={self.sensor_height_m}: expected 0 to a quarter of "
+                "edge_m"
+            )
 
     @property
     def side(self) -> int:
@@ -80,7 +93,11 @@ class Octree:
         deviations = math.hypot(moved_m / self.sigma_m, turned_rad / self.sigma_rad)
         if self.motion == "gaussian":
             return math.exp(-0.5 * deviations**2)
-        return math.exp(-deviations * self.sigma_m / self.per_metre_m) if self.motion == "per_metre" else 1.0
+        return (
+            math.exp(-deviations * self.sigma_m / self.per_metre_m)
+            if self.motion == "per_metre"
+            else 1.0
+        )
 
     def grow(self) -> "OctreeMap":
         """An empty map."""
@@ -88,7 +105,8 @@ class Octree:
 
 
 class OctreeMap:
-    """One sequence's map, its axes those of the odometry; cells lie at whole multiples of `leaf_m` there."""
+    """One sequence's map, its axes those of the odometry; cells lie at whole multiples of `leaf_m`
+    there."""
 
     bricks: Bricks
     """The known leaves."""
@@ -96,10 +114,15 @@ class OctreeMap:
     """The lowest leaf (3,) of the root cube, counted from odometry's origin."""
 
     def __init__(self, octree: Octree) -> None:
-        self.octree, self.lowest = octree, np.zeros(3, np.int64)
-        self.bricks, self._seen = empty(octree.side), np.empty(0, np.int64)
+        self.octree = octree
+        self.lowest = np.zeros(3, np.int64)
+        self.bricks = empty(octree.side)
+        self._seen = np.empty(0, np.int64)
         self._odom_T_vehicle: NDArray[np.float64] | None = None
-        L = [np.float32(log_odds(p)) for p in (octree.hit, octree.miss, octree.lowest, octree.highest)]
+        L = [
+            np.float32(log_odds(p))
+            for p in (octree.hit, octree.miss, octree.lowest, octree.highest)
+        ]
         self._numbers = L[0], L[1], L[2], L[3]
 
     @property
@@ -120,16 +143,20 @@ class OctreeMap:
     def insert(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> None:
         """Take in a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
 
-        All log-odds decay by the motion since the last scan, the root cube follows by whole leaves, then each leaf that rays of
-        the scan cross misses once and each that holds a point hits once. Raises InputError for a wrong shape, or a pose or point
-        that is not finite; the map is then as before.
+        All log-odds decay by the motion since the last scan, the root cube follows by whole leaves,
+        then each leaf that rays of the scan cross misses once and each that holds a point hits
+        once. Raises InputError for a wrong shape, or a pose or point that is not finite; the map is
+        then as before.
         """
         points = np.ascontiguousarray(points_m, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points of shape {points.shape}: expected (n, 3)")
         pose = np.array(odom_T_vehicle, np.float64)
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
-            raise InputError("a scan's pose is not (4, 4) finite numbers: the octree needs odometry at every scan")
+            raise InputError(
+                "a scan's pose is not (4, 4) finite numbers: the octree needs odometry at every "
+                "scan"
+            )
         lowest = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
         try:
             self._cast(points, pose, lowest)
@@ -139,37 +166,58 @@ class OctreeMap:
         if (gone := self._gone(lowest)).any():
             forget(self.bricks, gone)
         kept = self._kept(pose)
-        kernels.sweep(self.bricks, np.float32(kept), np.float32(LEAST if kept < 1 else 0), *self._numbers)
-        self.lowest, self._odom_T_vehicle = lowest, pose
+        kernels.sweep(
+            self.bricks, np.float32(kept), np.float32(LEAST if kept < 1 else 0), *self._numbers
+        )
+        self.lowest = lowest
+        self._odom_T_vehicle = pose
 
-    def _cast(self, points: NDArray[np.float64], odom_T_vehicle: NDArray[np.float64], lowest: NDArray[np.int64]) -> None:
+    def _cast(
+        self,
+        points: NDArray[np.float64],
+        odom_T_vehicle: NDArray[np.float64],
+        lowest: NDArray[np.int64],
+    ) -> None:
         """Mark what the rays of a scan (n, 3) cross and hit in the root cube at `lowest` (3,)."""
         octree = self.octree
         leaves_T_vehicle = odom_T_vehicle / self.leaf_m
         leaves_T_vehicle[:3, 3] -= lowest
-        origin = leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
+        origin = (
+            leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
+        )
         rays = octree.side, octree.reach_m / self.leaf_m, octree.rays == "all"
-        slots, most, done = kernels.room(len(points)), bricks_of_a_ray(self.bricks), 0
+        slots = kernels.room(len(points))
+        most = bricks_of_a_ray(self.bricks)
+        done = 0
         self._seen = self._seen if len(self._seen) >= slots else np.empty(slots, np.int64)
         seen = self._seen[:slots]
         seen[:] = kernels.VACANT
         while done < len(points):
             self.bricks = with_room(self.bricks, most)
-            done = int(kernels.cast(points, done, leaves_T_vehicle, origin, lowest, *rays, self.bricks, most, seen))
+            done = int(
+                kernels.cast(
+                    points, done, leaves_T_vehicle, origin, lowest, *rays, self.bricks, most, seen
+                )
+            )
             if done < 0:
-                raise InputError("a point is NaN, infinite or hundreds of kilometres away: drop such points first")
+                raise InputError(
+                    "a point is NaN, infinite or hundreds of kilometres away: drop such points "
+                    "first"
+                )
 
     def _kept(self, odom_T_vehicle: NDArray[np.float64]) -> float:
         """The share of all log-odds that is left on the way from the last scan."""
         if self._odom_T_vehicle is None:
             return 1.0
-        before, now = self._odom_T_vehicle, odom_T_vehicle
+        before = self._odom_T_vehicle
+        now = odom_T_vehicle
         turn = before[:3, :3].T @ now[:3, :3]
         moved_m = float(np.linalg.norm(now[:3, 3] - before[:3, 3]))
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
     def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which coordinates (3, torus) of leaves on the torus the root cube leaves when it moves to `lowest` (3,)."""
+        """Which coordinates (3, torus) of leaves on the torus the root cube leaves when it moves to
+        `lowest` (3,)."""
         torus = 1 << self.bricks.levels
         before = self.lowest[:, None] + (np.arange(torus) - self.lowest[:, None]) % torus
         return (before < lowest[:, None]) | (before >= lowest[:, None] + self.octree.side)

@@ -1,8 +1,10 @@
-"""The hot loops of the dynamic octree: rays that mark what a scan crossed and hit, and one sweep that updates the leaves.
+"""The hot loops of the dynamic octree: rays that mark what a scan crossed and hit, and one sweep
+that updates the leaves.
 
-Rays walk the bricks as in Amanatides and Woo (1987), with selects in place of branches. Lengths are in leaves, from the window's
-lowest corner. On each axis a leaf's key holds its coordinate as a binary number with gaps, which a subtraction crosses and an AND
-clears: a step along an axis costs no more than in a dense array, and wraps around the torus.
+Rays walk the bricks as in Amanatides and Woo (1987), with selects in place of branches. Lengths are
+in leaves, from the window's lowest corner. On each axis a leaf's key holds its coordinate as a
+binary number with gaps, which a subtraction crosses and an AND clears: a step along an axis costs
+no more than in a dense array, and wraps around the torus.
 """
 
 import math
@@ -13,14 +15,21 @@ from numpy.typing import NDArray
 
 from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
 
-FREE, HIT = np.uint8(1), np.uint8(2)
+FREE = np.uint8(1)
+HIT = np.uint8(2)
 """Bits of a leaf's mark: crossed by a ray, holds a point."""
-WHOLE, ENDLESS, NEVER = 2.0**40, 2.0**60, np.int64(1) << 62
-"""Positions along a ray are integers, three times as fast as floats: its end, and numbers beyond every border."""
-ZERO, NOTHING, VACANT = np.int64(0), np.float32(0), np.int64(-1)
+WHOLE = 2.0**40
+ENDLESS = 2.0**60
+NEVER = np.int64(1) << 62
+"""Positions along a ray are integers, three times as fast as floats: its end, and numbers beyond
+every border."""
+ZERO = np.int64(0)
+NOTHING = np.float32(0)
+VACANT = np.int64(-1)
 REACH = np.int64(1) << 20
 """Leaves on an axis, either way, that the hash key of a cell has bits for."""
-IN_BRICK, BRICK_BITS = np.int64(LEAVES - 1), np.int64(LEAVES.bit_length() - 1)
+IN_BRICK = np.int64(LEAVES - 1)
+BRICK_BITS = np.int64(LEAVES.bit_length() - 1)
 
 
 def room(points: int) -> int:
@@ -42,30 +51,47 @@ def cast(
     most: int,
     seen: NDArray[np.int64],
 ) -> int:
-    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; the first `done` points are already.
+    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; the first `done`
+    points are already.
 
-    A ray longer than `reach` is cut there and hits nothing. Unless `every_ray`, there is one for each cell that holds points, to
-    its middle. The window's lowest leaf is `lowest` (3,) in odometry. `seen` is a hash table of the cells that hold points and no
-    hit, VACANT before the first call. Returns how many points are done: n; fewer where there is not room for `most` bricks more,
-    which one ray may need; or −1 where one is not finite or out of REACH.
+    A ray longer than `reach` is cut there and hits nothing. Unless `every_ray`, there is one for
+    each cell that holds points, to its middle. The window's lowest leaf is `lowest` (3,) in
+    odometry. `seen` is a hash table of the cells that hold points and no hit, VACANT before the
+    first call. Returns how many points are done: n; fewer where there is not room for `most` bricks
+    more, which one ray may need; or −1 where one is not finite or out of REACH.
     """
-    table, marks, levels, slots = bricks.table, bricks.marks, bricks.levels, seen.shape[0]
-    ox, oy, oz = origin[0], origin[1], origin[2]
-    cx, cy, cz = math.floor(ox), math.floor(oy), math.floor(oz)
+    table = bricks.table
+    marks = bricks.marks
+    levels = bricks.levels
+    slots = seen.shape[0]
+    ox = origin[0]
+    oy = origin[1]
+    oz = origin[2]
+    cx = math.floor(ox)
+    cy = math.floor(oy)
+    cz = math.floor(oz)
     first_x, first_y, first_z = _parts(cx, cy, cz, lowest, levels)
-    all_x, all_y, all_z = part_of_key(-1, 0, levels), part_of_key(-1, 1, levels), part_of_key(-1, 2, levels)
-    one_x, one_y, one_z = part_of_key(1, 0, levels), part_of_key(1, 1, levels), part_of_key(1, 2, levels)
+    all_x = part_of_key(-1, 0, levels)
+    all_y = part_of_key(-1, 1, levels)
+    all_z = part_of_key(-1, 2, levels)
+    one_x = part_of_key(1, 0, levels)
+    one_y = part_of_key(1, 1, levels)
+    one_z = part_of_key(1, 2, levels)
     T = leaves_T_points
     for i in range(done, points.shape[0]):
         if bricks.used[0] + most > bricks.places.shape[0]:
             return i
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        px = points[i, 0]
+        py = points[i, 1]
+        pz = points[i, 2]
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
         z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
         if not (abs(x) < REACH and abs(y) < REACH and abs(z) < REACH):
             return -1
-        ix, iy, iz = math.floor(x), math.floor(y), math.floor(z)
+        ix = math.floor(x)
+        iy = math.floor(y)
+        iz = math.floor(z)
         inside = min(ix, iy, iz) >= 0 and max(ix, iy, iz) < side
         end_x, end_y, end_z = _parts(ix, iy, iz, lowest, levels)
         key = end_x | end_y | end_z
@@ -73,8 +99,12 @@ def cast(
         if not every_ray:
             if inside and begin >= 0 and marks[np.uint64(begin | (key & IN_BRICK))] & HIT:
                 continue
-            x, y, z = ix + 0.5, iy + 0.5, iz + 0.5
-        dx, dy, dz = x - ox, y - oy, z - oz
+            x = ix + 0.5
+            y = iy + 0.5
+            z = iz + 0.5
+        dx = x - ox
+        dy = y - oy
+        dz = z - oz
         length = math.sqrt(dx * dx + dy * dy + dz * dz)
         if inside and length <= reach:
             if begin < 0:
@@ -82,7 +112,9 @@ def cast(
             marks[np.uint64(begin | (key & IN_BRICK))] |= HIT
         elif not every_ray:
             cell = ((ix + REACH) << 42) | ((iy + REACH) << 21) | (iz + REACH)
-            slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & np.uint64(slots - 1)
+            slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & np.uint64(
+                slots - 1
+            )
             while seen[slot] != VACANT and seen[slot] != cell:
                 slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
             if seen[slot] == cell:
@@ -90,19 +122,36 @@ def cast(
             seen[slot] = cell
         if length > reach:
             share = reach / length
-            dx, dy, dz = dx * share, dy * share, dz * share
-            ix, iy, iz = math.floor(ox + dx), math.floor(oy + dy), math.floor(oz + dz)
-        step_x, step_y, step_z = all_x if dx > 0 else one_x, all_y if dy > 0 else one_y, all_z if dz > 0 else one_z
-        every_x, every_y, every_z = _spacing(dx), _spacing(dy), _spacing(dz)
-        next_x, next_y, next_z = _border(ox, cx, dx, every_x), _border(oy, cy, dy, every_y), _border(oz, cz, dz, every_z)
+            dx = dx * share
+            dy = dy * share
+            dz = dz * share
+            ix = math.floor(ox + dx)
+            iy = math.floor(oy + dy)
+            iz = math.floor(oz + dz)
+        step_x = all_x if dx > 0 else one_x
+        step_y = all_y if dy > 0 else one_y
+        step_z = all_z if dz > 0 else one_z
+        every_x = _spacing(dx)
+        every_y = _spacing(dy)
+        every_z = _spacing(dz)
+        next_x = _border(ox, cx, dx, every_x)
+        next_y = _border(oy, cy, dy, every_y)
+        next_z = _border(oz, cz, dz, every_z)
         steps = abs(ix - cx) + abs(iy - cy) + abs(iz - cz)
         if min(ix, iy, iz) < 1 or max(ix, iy, iz) > side - 2:
-            exit_x, exit_y = _exit(cx, ix, dx, next_x, every_x, side), _exit(cy, iy, dy, next_y, every_y, side)
+            exit_x = _exit(cx, ix, dx, next_x, every_x, side)
+            exit_y = _exit(cy, iy, dy, next_y, every_y, side)
             exit_z = _exit(cz, iz, dz, next_z, every_z, side)
             stop = min(exit_x, exit_y, exit_z)
-            along_zy = _steps(next_z, every_z, stop + 1) + _steps(next_y, every_y, stop + (exit_z > stop))
-            steps = min(steps, along_zy + _steps(next_x, every_x, stop + (min(exit_y, exit_z) > stop)))
-        x, y, z = first_x, first_y, first_z
+            along_zy = _steps(next_z, every_z, stop + 1) + _steps(
+                next_y, every_y, stop + (exit_z > stop)
+            )
+            steps = min(
+                steps, along_zy + _steps(next_x, every_x, stop + (min(exit_y, exit_z) > stop))
+            )
+        x = first_x
+        y = first_y
+        z = first_z
         for _ in range(steps):
             key = x | y | z
             begin = table[np.uint64(key >> BRICK_BITS)]
@@ -124,7 +173,11 @@ def cast(
 @njit(inline="always", error_model="numpy")
 def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
     """The three parts of the key of a leaf of the window."""
-    return part_of_key(x + lowest[0], 0, levels), part_of_key(y + lowest[1], 1, levels), part_of_key(z + lowest[2], 2, levels)
+    return (
+        part_of_key(x + lowest[0], 0, levels),
+        part_of_key(y + lowest[1], 1, levels),
+        part_of_key(z + lowest[2], 2, levels),
+    )
 
 
 @njit(inline="always", error_model="numpy")
@@ -141,7 +194,8 @@ def _border(start, cell, along, every):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", error_model="numpy")
 def _exit(cell, end, along, first, every, side):  # type: ignore[no-untyped-def]
-    """Share of a ray to the window's own border, or NEVER; the ray goes from `cell` to `end`, the first border is at `first`."""
+    """Share of a ray to the window's own border, or NEVER; the ray goes from `cell` to `end`, the
+    first border is at `first`."""
     if along > 0:
         return first + (side - 1 - cell) * every if end >= side - 1 else NEVER
     return first + cell * every if end <= 0 else NEVER
@@ -163,19 +217,24 @@ def sweep(
     lowest: np.float32,
     highest: np.float32,
 ) -> None:
-    """Decay, update and clamp all leaves in place, clear their marks and free what is unknown (METHODS 4.4).
+    """Decay, update and clamp all leaves in place, clear their marks and free what is unknown
+    (METHODS 4.4).
 
     A leaf takes its value times `kept`; 0 where less than `least` is left; plus `hit` or `miss`.
     """
     for brick in range(bricks.used[0] - 1, -1, -1):
-        first, known = brick * LEAVES, np.int32(0)
-        log_odds, marks = bricks.log_odds[first : first + LEAVES], bricks.marks[first : first + LEAVES]
+        first = brick * LEAVES
+        known = np.int32(0)
+        log_odds = bricks.log_odds[first : first + LEAVES]
+        marks = bricks.marks[first : first + LEAVES]
         for leaf in range(LEAVES):
-            value, mark = log_odds[leaf] * kept, np.int32(marks[leaf])
+            value = log_odds[leaf] * kept
+            mark = np.int32(marks[leaf])
             value = value if abs(value) >= least else NOTHING
             value += hit if mark >= np.int32(HIT) else (miss if mark else NOTHING)
             value = min(max(value, lowest), highest)
             known |= np.int32(value != NOTHING)
-            log_odds[leaf], marks[leaf] = value, np.uint8(0)
+            log_odds[leaf] = value
+            marks[leaf] = np.uint8(0)
         if not known:
             free(bricks, brick)

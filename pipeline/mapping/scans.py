@@ -34,21 +34,32 @@ class Intake:
     """One log on its way into a scans artifact: `blocks` in order, then `poses`."""
 
     def __init__(self, log: Log, grain_m: float, every_m: float) -> None:
-        """`grain_m` is the unit of the 16-bit coordinates; `every_m` thins the scans along the path, 0 keeps all."""
+        """`grain_m` is the unit of the 16-bit coordinates; `every_m` thins the scans along the
+        path, 0 keeps all."""
         if not grain_m > 0:
             raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
-        self._log, self._grain_m = log, grain_m
-        self._rows = sample_path(log.world_T_scan[:, :3, 3], every_m) if every_m > 0 else np.arange(len(log.stamps_ns))
+        self._log = log
+        self._grain_m = grain_m
+        self._rows = (
+            sample_path(log.world_T_scan[:, :3, 3], every_m)
+            if every_m > 0
+            else np.arange(len(log.stamps_ns))
+        )
         self._kept: list[int] = []
         self._skipped = Counter(log.skipped)
         self._clipped = 0
         self._points = 0
 
-    def blocks(self, compute: Compute, progress: Progress) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
-        """Points (n, 3) of a block of scans in units of the grain, and the offsets where its scans end (the first: from 0)."""
+    def blocks(
+        self, compute: Compute, progress: Progress
+    ) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
+        """Points (n, 3) of a block of scans in units of the grain, and the offsets where its scans
+        end (the first: from 0)."""
         total = -(-len(self._rows) // BLOCK)
         first = [0]
-        for block in progress.track(compute.rows(self._read, len(self._rows), BLOCK), total, "read"):
+        for block in progress.track(
+            compute.rows(self._read, len(self._rows), BLOCK), total, "read"
+        ):
             self._kept += block.rows
             self._skipped += Counter({"unreadable scan": block.unreadable})
             self._clipped += block.clipped
@@ -57,7 +68,10 @@ class Intake:
             yield block.points, np.concatenate([np.array(first, np.int64), ends])
             first = []
         if not self._kept:
-            raise LogError("no scan of this sequence can be read with a known pose; `yearloc inspect` of its folder says why")
+            raise LogError(
+                "no scan of this sequence can be read with a known pose; `yearloc inspect` of its "
+                "folder says why"
+            )
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
         """The other columns, of the scans that were readable.
@@ -66,9 +80,12 @@ class Intake:
         """
         kept = np.array(self._kept, np.int64)
         odom_T_scan = self._log.odom_T_scan[kept]
-        unknown = np.concatenate([[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))])
+        unknown = np.concatenate(
+            [[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))]
+        )
         odom_T_scan[unknown[kept] > unknown[np.concatenate([[0], kept[:-1] + 1])]] = np.nan
-        stamps_ns, world_T_scan = self._log.stamps_ns[kept], self._log.world_T_scan[kept]
+        stamps_ns = self._log.stamps_ns[kept]
+        world_T_scan = self._log.world_T_scan[kept]
         return {"stamps_ns": stamps_ns, "world_T_scan": world_T_scan, "odom_T_scan": odom_T_scan}
 
     def skipped(self) -> dict[str, int]:
@@ -87,8 +104,11 @@ class Intake:
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
-        """Some scans, as they are kept: workers send 16-bit numbers, a quarter of what they read."""
-        points, rows, clipped = [np.empty((0, 3), np.int16)], [], 0
+        """Some scans, as they are kept: workers send 16-bit numbers, a quarter of what they
+        read."""
+        points = [np.empty((0, 3), np.int16)]
+        rows = []
+        clipped = 0
         for row in self._rows[start:stop].tolist():
             try:
                 units = np.rint(self._log.points(row) / self._grain_m)
@@ -100,4 +120,10 @@ class Intake:
                 units = units[inside]
             rows.append(row)
             points.append(units.astype(np.int16))
-        return Block(np.concatenate(points), [len(scan) for scan in points[1:]], rows, stop - start - len(rows), clipped)
+        return Block(
+            np.concatenate(points),
+            [len(scan) for scan in points[1:]],
+            rows,
+            stop - start - len(rows),
+            clipped,
+        )

@@ -16,7 +16,10 @@ from pipeline.store import Artifact
 
 @dataclass(frozen=True)
 class Submaps:
-    """The submaps of one sequence, in order of time. A submap gathers the scans `first` to `scans`, both included."""
+    """The submaps of one sequence, in order of time.
+
+    A submap gathers the scans `first` to `scans`, both included.
+    """
 
     layout: Layout
     """The poses that lay the scans of a submap out around its anchor."""
@@ -45,16 +48,23 @@ class SingleScan:
         """The submaps of a scans artifact."""
         world_T_scan = scans.load("world_T_scan")
         rows = self.anchors(world_T_scan)
-        return Submaps("world_T_scan", rows, rows, np.zeros(len(rows)), np.ones(len(world_T_scan), bool))
+        return Submaps(
+            "world_T_scan", rows, rows, np.zeros(len(rows)), np.ones(len(world_T_scan), bool)
+        )
 
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
-        return sample_path(world_T_scan[:, :3, 3], self.step_m) if self.step_m > 0 else np.arange(len(world_T_scan))
+        return (
+            sample_path(world_T_scan[:, :3, 3], self.step_m)
+            if self.step_m > 0
+            else np.arange(len(world_T_scan))
+        )
 
 
 @dataclass(frozen=True)
 class Accumulated:
-    """All scans, or sweeps of a 2-D LiDAR, of the last `window_m` of path, in the newest one's frame (METHODS 2.9)."""
+    """All scans, or sweeps of a 2-D LiDAR, of the last `window_m` of path, in the newest one's
+    frame (METHODS 2.9)."""
 
     step_m: float = 1.0
     """Path between two submaps."""
@@ -62,20 +72,27 @@ class Accumulated:
     layout: Layout = "odom_T_scan"
     """The poses that lay out the scans and measure the path: the log's odometry, or its truth."""
     still_m: Positive = 0.01
-    """A scan less than this of path after the last one used is left out: minutes at a red light show nothing new."""
+    """A scan less than this of path after the last one used is left out: minutes at a red light
+    show nothing new."""
     ground_percentile: float = 5.0
-    """The ground is this percentile of the heights within `ground_radius_m` of the anchor; −1: the reader has put it at 0."""
+    """The ground is this percentile of the heights within `ground_radius_m` of the anchor; −1: the
+    reader has put it at 0."""
     ground_radius_m: Positive = 10.0
 
     def __post_init__(self) -> None:
         check(self, "submap")
         if not self.step_m >= self.still_m:
-            raise ConfigError(f"submap.step_m={self.step_m}: expected at least still_m={self.still_m}")
+            raise ConfigError(
+                f"submap.step_m={self.step_m}: expected at least still_m={self.still_m}"
+            )
         if self.ground_percentile != -1 and not 0 <= self.ground_percentile <= 100:
-            raise ConfigError(f"submap.ground_percentile={self.ground_percentile}: expected 0 to 100, or -1")
+            raise ConfigError(
+                f"submap.ground_percentile={self.ground_percentile}: expected 0 to 100, or -1"
+            )
 
     def cut(self, scans: Artifact, progress: Progress) -> Submaps:
-        """The submaps of a scans artifact; an anchor without a place, a whole window or any ground makes none, and is counted."""
+        """The submaps of a scans artifact; an anchor without a place, a whole window or any ground
+        makes none, and is counted."""
         start_T_scan = scans.load(self.layout)
         first, rows, left_out = self.windows(start_T_scan, scans.load("world_T_scan"))
         used = np.zeros(len(start_T_scan), bool)
@@ -84,15 +101,24 @@ class Accumulated:
         ground_m = np.zeros(len(rows))
         if self.ground_percentile >= 0 and len(rows):
             gathered = Gathering(scans, self.layout, first, rows, ground_m, used)
-            ground_m = np.array([self._ground_m(points) for points in progress.track(gathered, len(rows), "find the ground")])
+            ground_m = np.array(
+                [
+                    self._ground_m(points)
+                    for points in progress.track(gathered, len(rows), "find the ground")
+                ]
+            )
             left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
         found = np.isfinite(ground_m)
         return Submaps(self.layout, first[found], rows[found], ground_m[found], used, +left_out)
 
-    def windows(self, start_T_scan: Poses, world_T_scan: Poses) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
-        """First and last scan (submap,) of each window, and the anchors that have none: reason to count.
+    def windows(
+        self, start_T_scan: Poses, world_T_scan: Poses
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
+        """First and last scan (submap,) of each window, and the anchors that have none: reason to
+        count.
 
-        A row of `start_T_scan` (scan, 4, 4) that holds a NaN is a break: no window reaches across it.
+        A row of `start_T_scan` (scan, 4, 4) that holds a NaN is a break: no window reaches across
+        it.
         """
         xyz_m = start_T_scan[:, :3, 3]
         rows = sample_path(xyz_m, self.step_m)
@@ -104,24 +130,34 @@ class Accumulated:
         from_m = path_m[rows] - self.window_m
         whole = path_m[unbroken] <= from_m + 1e-9
         placed = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
-        left_out = Counter({"window not yet whole": int((~whole).sum()), "no true pose": int((whole & ~placed).sum())})
+        left_out = Counter(
+            {
+                "window not yet whole": int((~whole).sum()),
+                "no true pose": int((whole & ~placed).sum()),
+            }
+        )
         first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), unbroken)
         return first[whole & placed], rows[whole & placed], left_out
 
     def _ground_m(self, points_m: NDArray[np.float64]) -> float:
         near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.ground_radius_m
-        return float(np.percentile(points_m[near, 2], self.ground_percentile)) if near.any() else np.nan
+        return (
+            float(np.percentile(points_m[near, 2], self.ground_percentile))
+            if near.any()
+            else np.nan
+        )
 
 
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:
     """Rows (m,) of positions (n, 3) sampled along the path (METHODS 2.2).
 
-    The 3D steps between consecutive rows add up; at `step_m` or more a sample is taken and the sum starts at zero. Rows with
-    a NaN are skipped, and a step across them does not count.
+    The 3D steps between consecutive rows add up; at `step_m` or more a sample is taken and the sum
+    starts at zero. Rows with a NaN are skipped, and a step across them does not count.
     """
     steps = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
     known: NDArray[np.bool_] = np.all(np.isfinite(xyz_m), axis=1)
-    rows, travelled = [], 0.0
+    rows = []
+    travelled = 0.0
     for row, step in enumerate(np.where(np.isfinite(steps), steps, 0.0).tolist(), start=1):
         travelled += step
         if travelled >= step_m and known[row]:

@@ -1,6 +1,8 @@
-"""A run of queries laid along the training rows at the speed that fits best: SeqSLAM's search for a whole sequence (METHODS 6).
+"""A run of queries laid along the training rows at the speed that fits best: SeqSLAM's search for a
+whole sequence (METHODS 6).
 
-The same for every number of queries and rows: at either end of the queries, and where there are too few of either.
+The same for every number of queries and rows: at either end of the queries, and where there are too
+few of either.
 """
 
 import math
@@ -28,30 +30,36 @@ class Alignment:
     fastest: float = 1.2
     speed_step: float = 0.1  # speeds are training rows a query
     both_ways: bool = False  # match the training sequence driven backwards too; the authors do not
-    contrast_rows: Whole = 30  # a difference counts against those of so many training rows around its own
+    contrast_rows: Whole = (
+        30  # a difference counts against those of so many training rows around its own
+    )
     subtract_minimum: bool = True
-    """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that out, and costs below 0 turn its
-    score round."""
+    """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that
+    out, and costs below 0 turn its score round."""
 
     def __post_init__(self) -> None:
         check(self, "method")
         if self.speed_step * GRAIN < 1:
             raise ConfigError(f"method.speed_step={self.speed_step}: expected {1 / GRAIN} or more")
         if self.fastest < self.slowest:
-            raise ConfigError(f"method.fastest={self.fastest}: expected at least slowest={self.slowest}")
+            raise ConfigError(
+                f"method.fastest={self.fastest}: expected at least slowest={self.slowest}"
+            )
         if self.contrast_rows < 2:
             raise ConfigError(f"method.contrast_rows={self.contrast_rows}: expected 2 or more")
 
 
 class Aligned:
-    """A sequence of m queries held against all n rows by their differences (n, m), and what its costs say.
+    """A sequence of m queries held against all n rows by their differences (n, m), and what its
+    costs say.
 
     Raises InputError where those are not finite.
     """
 
     def __init__(self, how: Alignment, differences: NDArray[np.float32]) -> None:
         n, m = differences.shape
-        self.how, self.shape = how, (n, m)
+        self.how = how
+        self.shape = (n, m)
         self.length = max(min(how.length, m - 1, int((n - 1) / max(how.slowest, 1))), 0)
         self.enhanced = contrast(differences, how.contrast_rows)
         self.scale = np.float32((how.length + 1) / (self.length + 1))
@@ -63,21 +71,27 @@ class Aligned:
         self.base = np.float32(lowest * (how.length + 1) if how.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:
-        """Some queries (q,), and the summed differences (q, n) of the best run past each row; +inf where none is."""
+        """Some queries (q,), and the summed differences (q, n) of the best run past each row; +inf
+        where none is."""
         m = self.shape[1]
         forward = runs(self.length, self.how.slowest, self.how.fastest, self.how.speed_step)
         half = self.length // 2
         for first in range(0, max(m, 1), QUERIES):
             queries = np.arange(first, min(first + QUERIES, m))
             windows = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
-            late = queries - half - windows  # how far a query at an end lies behind the middle of its window
+            late = (
+                queries - half - windows
+            )  # how far a query at an end lies behind the middle of its window
             sums = self._past(forward, windows, late)
             if self.how.both_ways:
                 sums = np.minimum(sums, self._past(-forward, windows, -late))
             yield queries, sums * self.scale
 
-    def _past(self, offsets: NDArray[np.int64], windows: NDArray[np.int64], late: NDArray[np.int64]) -> Costs:
-        """Of windows (q,), by the row that the query `late` (q,) rows behind their middles drove past."""
+    def _past(
+        self, offsets: NDArray[np.int64], windows: NDArray[np.int64], late: NDArray[np.int64]
+    ) -> Costs:
+        """Of windows (q,), by the row that the query `late` (q,) rows behind their middles drove
+        past."""
         if not len(windows):
             return np.empty((0, len(self.enhanced)), np.float32)
         middle = search(self.enhanced, offsets, int(windows[0]), int(windows[-1]) + 1)
@@ -91,8 +105,9 @@ class Aligned:
     def novelty(self, sums: Costs, best: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
         """Each kind (q,), of sums (q, n) with their best row (q,).
 
-        The cost is that before the least difference is taken off: taking it off would leave the order of one call's queries as it
-        is, but make the costs of two calls, and so a threshold, incomparable.
+        The cost is that before the least difference is taken off: taking it off would leave the
+        order of one call's queries as it is, but make the costs of two calls, and so a threshold,
+        incomparable.
         """
         cost = np.take_along_axis(sums, best[:, None], axis=1)[:, 0].astype(np.float64)
         other = runner_up(sums, best, self.how.length) - float(self.base)
@@ -101,4 +116,7 @@ class Aligned:
         if not self.how.subtract_minimum:
             with np.errstate(divide="ignore"):
                 cost = -np.minimum(1 / cost, 1)
-        return {"cost": np.clip(cost, -LARGEST, LARGEST), "ratio": np.clip(ratio, -LARGEST, LARGEST)}
+        return {
+            "cost": np.clip(cost, -LARGEST, LARGEST),
+            "ratio": np.clip(ratio, -LARGEST, LARGEST),
+        }

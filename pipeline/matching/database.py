@@ -1,4 +1,5 @@
-"""The places and poses of training submaps, and rankings of queries by their nearest descriptors."""
+"""The places and poses of training submaps, and rankings of queries by their nearest
+descriptors."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -20,9 +21,13 @@ from pipeline.running.settings import NotNegative, Positive, check
 
 PREFIX = "database/"
 QUERIES = 256  # queries per block when each is compared with the whole database
-KIND = "distance"  # the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)
-Search = Callable[[NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]]
-"""Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it (h, n)."""
+# the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)
+KIND = "distance"
+Search = Callable[
+    [NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]
+]
+"""Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it
+(h, n)."""
 
 
 class MadeAnew(ABC):
@@ -41,11 +46,14 @@ class MadeAnew(ABC):
 class DescriptorMethod(MadeAnew):
     """Settings of every method that answers with the nearest of a database."""
 
-    distinct_places: bool = False  # rank places, each once where its nearest training row lies, instead of training rows
+    # rank places, each once where its nearest training row lies, instead of training rows
+    distinct_places: bool = False
     held_out_every_m: Positive = 40.0
     held_out_length_m: Positive = 4.0
-    """One block of this length in every `held_out_every_m` of the training path is held out to choose thresholds."""
-    neighbour_m: NotNegative = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    """One block of this length in every `held_out_every_m` of the training path is held out to
+    choose thresholds."""
+    # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    neighbour_m: NotNegative = 20.0
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -64,31 +72,50 @@ class Database:
         """Of the training sequence; raises InputError unless each of its views has a place."""
         if len(places) != len(views.world_T_anchor) or not len(places) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
-        return cls(places.astype(np.int64), views.world_T_anchor[:, :2, 3], np.rad2deg(yaw(views.world_T_anchor)))
+        return cls(
+            places.astype(np.int64),
+            views.world_T_anchor[:, :2, 3],
+            np.rad2deg(yaw(views.world_T_anchor)),
+        )
 
     @classmethod
     def of(cls, model: Model) -> Self:
         """The database in a model."""
-        return cls(**{name.removeprefix(PREFIX): model[name] for name in model if name.startswith(PREFIX)})
+        return cls(
+            **{name.removeprefix(PREFIX): model[name] for name in model if name.startswith(PREFIX)}
+        )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Its arrays, as they are stored in a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """Results of held-out blocks of the path against the rest of it, with and without the blocks' surroundings.
+        """Results of held-out blocks of the path against the rest of it, with and without the
+        blocks' surroundings.
 
         The model's database holds the blocks too: only a threshold is chosen on them.
         """
-        held = holdout.blocks(views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m)
-        held = held if held.any() else ~held  # a path too short for blocks: each of its views against the others
+        held = holdout.blocks(
+            views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m
+        )
+        held = (
+            held if held.any() else ~held
+        )  # a path too short for blocks: each of its views against the others
         queries = np.flatnonzero(held)
-        others = queries[:, None] != np.arange(len(held)) if held.all() else np.broadcast_to(~held, (len(queries), len(held)))
+        others = (
+            queries[:, None] != np.arange(len(held))
+            if held.all()
+            else np.broadcast_to(~held, (len(queries), len(held)))
+        )
         away = others & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
         seen, found = search(queries, others)
         unseen, _ = search(queries, np.where(away.any(axis=1, keepdims=True), away, others))
-        block = holdout.numbered(views.world_T_anchor, held, method.held_out_every_m, method.held_out_length_m)
-        return Evidence(self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen}, block)
+        block = holdout.numbered(
+            views.world_T_anchor, held, method.held_out_every_m, method.held_out_length_m
+        )
+        return Evidence(
+            self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen}, block
+        )
 
     def answer(
         self,
@@ -98,17 +125,28 @@ class Database:
         distinct_places: bool,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg` (q, m) is each query's
-        yaw against each of them.
+        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg`
+        (q, m) is each query's yaw against each of them.
 
-        With `distinct_places` a place is answered once, where its nearest training row lies; else neighbouring rows of one place
-        follow each other. What is missing of k places, or at no finite distance, is place −1 at an infinite cost.
+        With `distinct_places` a place is answered once, where its nearest training row lies; else
+        neighbouring rows of one place follow each other. What is missing of k places, or at no
+        finite distance, is place −1 at an infinite cost.
         """
-        columns = first_of_each(self.places[rows], k) if distinct_places else np.arange(min(k, rows.shape[1]))
+        columns = (
+            first_of_each(self.places[rows], k)
+            if distinct_places
+            else np.arange(min(k, rows.shape[1]))
+        )
         columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
-        costs, picked = (np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows))
+        costs, picked = (
+            np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows)
+        )
         there = (columns >= 0) & np.isfinite(costs)
-        turned = np.nan if turned_deg is None else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
+        turned = (
+            np.nan
+            if turned_deg is None
+            else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
+        )
         heading_deg = np.where(there, wrapped_deg(self.yaw_deg[picked] + turned), np.nan)
         return Ranking(
             np.where(there, self.places[picked], -1),
@@ -120,19 +158,35 @@ class Database:
             (KIND,),
         )
 
-    def nearest(self, descriptors: NDArray[np.float32], queries: NDArray[np.float32], k: int, distinct_places: bool) -> Ranking:
-        """The ranking of queries (q, d) by Euclidean distance to the database's descriptors (n, d)."""
+    def nearest(
+        self,
+        descriptors: NDArray[np.float32],
+        queries: NDArray[np.float32],
+        k: int,
+        distinct_places: bool,
+    ) -> Ranking:
+        """The ranking of queries (q, d) by Euclidean distance to the database's descriptors (n,
+        d)."""
         if not distinct_places:
             return self.answer(*nearest(descriptors, queries, k), k, distinct_places=False)
         parts = (queries[i : i + QUERIES] for i in range(0, max(len(queries), 1), QUERIES))
-        return joined([self.answer(*nearest(descriptors, part, len(descriptors)), k, distinct_places=True) for part in parts])
+        return joined(
+            [
+                self.answer(*nearest(descriptors, part, len(descriptors)), k, distinct_places=True)
+                for part in parts
+            ]
+        )
 
 
 def euclidean(descriptors: NDArray[np.float32]) -> Search:
     """The search among training's own descriptors (n, d)."""
 
-    def search(queries: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        distances = np.where(allowed, scipy.spatial.distance.cdist(descriptors[queries], descriptors), np.inf)
+    def search(
+        queries: NDArray[np.int64], allowed: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        distances = np.where(
+            allowed, scipy.spatial.distance.cdist(descriptors[queries], descriptors), np.inf
+        )
         rows = distances.argmin(axis=1)
         return distances[np.arange(len(queries)), rows], rows
 

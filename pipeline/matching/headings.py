@@ -1,4 +1,5 @@
-"""The distance of a query's code to the nearest of the codes that a place has at several headings (METHODS 5.4)."""
+"""The distance of a query's code to the nearest of the codes that a place has at several headings
+(METHODS 5.4)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,25 +9,43 @@ from pipeline.errors import InputError
 PLACES = 128  # compared at once
 
 
-def nearest_heading(codes: NDArray[np.floating], queries: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Euclidean distances (n, m) of queries (m, d) to the nearest of each place's codes (n, heading, d), and which it is.
+def nearest_heading(
+    codes: NDArray[np.floating], queries: NDArray[np.floating]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Euclidean distances (n, m) of queries (m, d) to the nearest of each place's codes (n,
+    heading, d), and which it is.
 
-    Of equally near headings the first. Raises InputError for codes of another width, or of more headings than 256.
+    Of equally near headings the first. Raises InputError for codes of another width, or of more
+    headings than 256.
     """
-    if codes.ndim != 3 or queries.ndim != 2 or codes.shape[2] != queries.shape[1] or not 1 <= codes.shape[1] <= 256:
-        raise InputError(f"queries of shape {queries.shape}: expected (m, d) for codes (n, heading, d) of shape {codes.shape}")
+    if (
+        codes.ndim != 3
+        or queries.ndim != 2
+        or codes.shape[2] != queries.shape[1]
+        or not 1 <= codes.shape[1] <= 256
+    ):
+        raise InputError(
+            f"queries of shape {queries.shape}: expected (m, d) for codes (n, heading, d) of shape "
+            f"{codes.shape}"
+        )
     places, headings, width = codes.shape
     vectors = queries.astype(np.float32)
-    centre = vectors.sum(axis=0) / np.float32(max(len(vectors), 1))  # shorter vectors lose fewer digits in their squares
+    centre = vectors.sum(axis=0) / np.float32(
+        max(len(vectors), 1)
+    )  # shorter vectors lose fewer digits in their squares
     vectors -= centre
     lengths = np.vecdot(vectors, vectors)
-    distances, bins = np.empty((places, len(vectors)), np.float32), np.zeros((places, len(vectors)), np.uint8)
+    distances = np.empty((places, len(vectors)), np.float32)
+    bins = np.zeros((places, len(vectors)), np.uint8)
     for first in range(0, places, PLACES):
         few = codes[first : first + PLACES].astype(np.float32)
         few -= centre
-        squares = -2 * (few.reshape(-1, width) @ vectors.T).reshape(len(few), headings, len(vectors))
+        squares = -2 * (few.reshape(-1, width) @ vectors.T).reshape(
+            len(few), headings, len(vectors)
+        )
         squares += np.vecdot(few, few)[..., None]
-        nearest, which = squares[:, 0].copy(), bins[first : first + PLACES]
+        nearest = squares[:, 0].copy()
+        which = bins[first : first + PLACES]
         for heading in range(1, headings):
             nearer = squares[:, heading] < nearest
             np.copyto(nearest, squares[:, heading], where=nearer)

@@ -1,4 +1,5 @@
-"""Held-out blocks of the training sequence: what epochs and thresholds are chosen on, never a test sequence."""
+"""Held-out blocks of the training sequence: what epochs and thresholds are chosen on, never a test
+sequence."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +8,14 @@ from pipeline.frames import Poses
 
 
 def blocks(
-    world_T_anchor: Poses, places: NDArray[np.int64], every_m: float, length_m: float, later_m: float = 0.0
+    world_T_anchor: Poses,
+    places: NDArray[np.int64],
+    every_m: float,
+    length_m: float,
+    later_m: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """Which submaps (n,) to hold out: a block of `length_m` in every `every_m` of path, all so much later.
+    """Which submaps (n,) to hold out: a block of `length_m` in every `every_m` of path, all so much
+    later.
 
     A submap stays in training if its place would otherwise lose its last one.
     """
@@ -18,11 +24,13 @@ def blocks(
     return held & (trained[places] > 0)
 
 
-def numbered(world_T_anchor: Poses, held: NDArray[np.bool_], every_m: float, length_m: float) -> NDArray[np.int64]:
+def numbered(
+    world_T_anchor: Poses, held: NDArray[np.bool_], every_m: float, length_m: float
+) -> NDArray[np.int64]:
     """The block (h,) of each submap that is held out (n,), from 0 along the path.
 
-    A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is more:
-    so do stretches of a path all of which is held out.
+    A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is
+    more: so do stretches of a path all of which is held out.
     """
     path_m = _path_m(world_T_anchor)[held]
     numbers = np.empty(len(path_m), np.int64)

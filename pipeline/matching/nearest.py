@@ -1,4 +1,5 @@
-"""The nearest of a database's descriptors by Euclidean distance: one search for every method, faiss's exact one."""
+"""The nearest of a database's descriptors by Euclidean distance: one search for every method,
+faiss's exact one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,16 +7,23 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 
-def nearest(database: NDArray[np.float32], queries: NDArray[np.float32], k: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Distances and rows (q, k) of the k nearest of a database (n, d), nearest first, to each of queries (q, d).
+def nearest(
+    database: NDArray[np.float32], queries: NDArray[np.float32], k: int
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Distances and rows (q, k) of the k nearest of a database (n, d), nearest first, to each of
+    queries (q, d).
 
-    All n where there are no more. Of equally near rows the first comes first, however many queries there are: faiss
-    finds squared distances through inner products, so those of what it found are computed anew.
+    All n where there are no more. Of equally near rows the first comes first, however many queries
+    there are: faiss finds squared distances through inner products, so those of what it found are
+    computed anew.
     """
     from faiss import knn
 
     if database.ndim != 2 or queries.ndim != 2 or database.shape[1] != queries.shape[1]:
-        raise InputError(f"queries of shape {queries.shape}: expected (q, d) like the database's {database.shape}")
+        raise InputError(
+            f"queries of shape {queries.shape}: expected (q, d) like the database's "
+            f"{database.shape}"
+        )
     k = min(k, len(database))
     if not k or not len(queries):
         return np.empty((len(queries), k), np.float32), np.empty((len(queries), k), np.int64)
@@ -29,7 +37,8 @@ def nearest(database: NDArray[np.float32], queries: NDArray[np.float32], k: int)
 
 
 def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:
-    """Columns (q, k) of the first member of the first k distinct groups in each row of groups (q, m); −1 beyond the last."""
+    """Columns (q, k) of the first member of the first k distinct groups in each row of groups (q,
+    m); −1 beyond the last."""
     order = np.argsort(groups, axis=1, kind="stable")
     ordered = np.take_along_axis(groups, order, axis=1)
     new = np.ones(groups.shape, bool)

@@ -5,10 +5,14 @@ from numpy.typing import NDArray
 from scipy.special import entr, logsumexp, softmax
 
 
-def novelties(logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the likest training view.
+def novelties(
+    logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the
+    likest training view.
 
-    The paper's comes first; the second is it at the held-out blocks' temperature; energy is Liu et al.'s, NeurIPS 2020.
+    The paper's comes first; the second is it at the held-out blocks' temperature; energy is Liu et
+    al.'s, NeurIPS 2020.
     """
     return {
         "entropy": normalised_entropy(softmax(logits, axis=1)),
@@ -19,6 +23,9 @@ def novelties(logits: NDArray[np.float64], softness: float, likeness: NDArray[np
 
 
 def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Entropy (n,) of probabilities (n, places) over log₂ places: 0 for one sure place, 1 for none (METHODS 2.6)."""
-    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(max(probability.shape[1], 2))
+    """Entropy (n,) of probabilities (n, places) over log₂ places: 0 for one sure place, 1 for none
+    (METHODS 2.6)."""
+    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(
+        max(probability.shape[1], 2)
+    )
     return normalised

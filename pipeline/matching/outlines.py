@@ -1,4 +1,5 @@
-"""The first places of a ranking, compared by their outline: the nearest thing that stands up in each direction (METHODS 8.1).
+"""The first places of a ranking, compared by their outline: the nearest thing that stands up in
+each direction (METHODS 8.1).
 
 What stood there and is gone speaks against a place; what hides it says nothing, for it may be new.
 """
@@ -18,9 +19,11 @@ COMPARED = 25
 """Places of each query."""
 TURNED_DEG = 24.0
 """How far a training view is turned, either way, from the heading that the network gave."""
-GONE, WORTH = 0.5, 0.05
-"""What a sector that sees through counts against one that agrees, and what an agreeing sector adds to a place's score, in nats:
-among values that are level on altered held-out blocks of two simulated campuses (docs/measured.md says what else was weighed)."""
+GONE = 0.5
+WORTH = 0.05
+"""What a sector that sees through counts against one that agrees, and what an agreeing sector adds
+to a place's score, in nats: among values that are level on altered held-out blocks of two simulated
+campuses (docs/measured.md says what else was weighed)."""
 PREFIX = "outlines/"
 NOTHING = 2**15 - 1
 
@@ -48,15 +51,20 @@ class Outlines(NamedTuple):
 
 
 def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Rings (n, sectors) of the nearest bin that stands in each sector of heights (n, rings, sectors), or NOTHING."""
+    """Rings (n, sectors) of the nearest bin that stands in each sector of heights (n, rings,
+    sectors), or NOTHING."""
     stands = heights_m > STANDS_M
     return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
 
 
 def reranked(
-    scores: NDArray[np.float64], heading_deg: NDArray[np.floating], seen: NDArray[np.int16], learned: Outlines
+    scores: NDArray[np.float64],
+    heading_deg: NDArray[np.floating],
+    seen: NDArray[np.int16],
+    learned: Outlines,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Scores and headings (n, places) once the first places of each query are compared by their outlines `seen` (n, sectors).
+    """Scores and headings (n, places) once the first places of each query are compared by their
+    outlines `seen` (n, sectors).
 
     A place's worth is that of its best training view at its best turn, which gives the heading.
     """
@@ -67,8 +75,11 @@ def reranked(
     turned = round(TURNED_DEG / column_deg)
     sectors = np.concatenate([seen, seen], axis=1)
     worth, column = _compare(sectors, learned.rings, learned.columns, starts, first, found, turned)
-    scores, headings = scores.copy(), np.array(heading_deg, np.float64)
-    np.put_along_axis(scores, first, np.take_along_axis(scores, first, axis=1) + WORTH * worth, axis=1)
+    scores = scores.copy()
+    headings = np.array(heading_deg, np.float64)
+    np.put_along_axis(
+        scores, first, np.take_along_axis(scores, first, axis=1) + WORTH * worth, axis=1
+    )
     np.put_along_axis(headings, first, wrapped_deg(column * column_deg), axis=1)
     return scores, headings
 
@@ -83,12 +94,15 @@ def _compare(
     found: NDArray[np.float64],
     turned: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The worth (n, k) of places in sectors, and the query's heading (n, k) in columns where it is reached.
+    """The worth (n, k) of places in sectors, and the query's heading (n, k) in columns where it is
+    reached.
 
-    `seen` (n, 2 · sectors) repeats each query's outline; `found` (n, k) are the headings to look around, in columns.
+    `seen` (n, 2 · sectors) repeats each query's outline; `found` (n, k) are the headings to look
+    around, in columns.
     """
     sectors = rings.shape[1]
-    worth, headings = np.full(places.shape, -np.inf), found.copy()
+    worth = np.full(places.shape, -np.inf)
+    headings = found.copy()
     for query in range(places.shape[0]):
         for rank in range(places.shape[1]):
             place = places[query, rank]
@@ -96,13 +110,16 @@ def _compare(
                 middle = round(found[query, rank] - columns[view])
                 for turn in range(middle - turned, middle + turned + 1):
                     shift = (-turn) % sectors
-                    agree, gone = 0.0, 0.0
+                    agree = 0.0
+                    gone = 0.0
                     for sector in range(sectors):
-                        there, here = rings[view, sector], seen[query, sector + shift]
+                        there = rings[view, sector]
+                        here = seen[query, sector + shift]
                         off = np.int32(here) - np.int32(there)
                         stands = (there < NOTHING) | (here < NOTHING)
                         agree += stands & (abs(off) <= 1)
                         gone += stands & (off > 1)
                     if agree - GONE * gone > worth[query, rank]:
-                        worth[query, rank], headings[query, rank] = agree - GONE * gone, columns[view] + turn
+                        worth[query, rank] = agree - GONE * gone
+                        headings[query, rank] = columns[view] + turn
     return worth, headings

@@ -1,4 +1,5 @@
-"""Places: the grid cells that the training sequence visited, and which of them a pose is in (METHODS 2.2)."""
+"""Places: the grid cells that the training sequence visited, and which of them a pose is in
+(METHODS 2.2)."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -23,17 +24,22 @@ class Places:
     def read(cls, labels: Artifact) -> Self:
         """Those of a labels artifact."""
         attrs = labels.attrs
-        return cls(Grid(attrs["cell_m"], tuple(attrs["x_m"]), tuple(attrs["y_m"])), labels.load("cells"))
+        return cls(
+            Grid(attrs["cell_m"], tuple(attrs["x_m"]), tuple(attrs["y_m"])), labels.load("cells")
+        )
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
-        own, order = self.grid.cell(xy_m), np.argsort(self.cells)
+        own = self.grid.cell(xy_m)
+        order = np.argsort(self.cells)
         place = order[np.searchsorted(self.cells, own, sorter=order).clip(0, len(order) - 1)]
         return np.where(self.cells[place] == own, place, UNSEEN).astype(np.int64)
 
     def grown(self, xy_m: NDArray[np.float64]) -> Self:
-        """With a place more for each further cell that holds one of the positions (n, 2); the grid is extended where need be."""
-        grid, known = self.grid.extended(xy_m), self.grid.centre(self.cells)
+        """With a place more for each further cell that holds one of the positions (n, 2); the grid
+        is extended where need be."""
+        known = self.grid.centre(self.cells)
+        grid = self.grid.extended(xy_m)
         cells = grid.cell(known)
         new = np.setdiff1d(grid.cell(xy_m), cells)
         return type(self)(grid, np.concatenate([cells, new]))
@@ -45,14 +51,18 @@ class Labels:
 
     places: NDArray[np.int64]  # (submap,) −1 where training never went
     cells: NDArray[np.int64]  # (place,) the grid cell of each place, ascending
-    oracle: NDArray[np.int64]  # (submap,) place of the geometrically nearest training anchor: the best that can be answered
+    oracle: NDArray[
+        np.int64
+    ]  # (submap,) place of the geometrically nearest training anchor: the best that can be answered
     nearest_m: NDArray[np.float64]  # (submap,) distance to that anchor in the xy plane
     nearest_turn_deg: NDArray[np.float64]  # (submap,) heading against that anchor's, in (−180, 180]
 
 
 def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
-    """Labels of submaps at `world_T_anchor` (n, 4, 4) from the training sequence's anchors (m, 4, 4)."""
-    xy, training_xy = world_T_anchor[:, :2, 3], world_T_training[:, :2, 3]
+    """Labels of submaps at `world_T_anchor` (n, 4, 4) from the training sequence's anchors (m, 4,
+    4)."""
+    xy = world_T_anchor[:, :2, 3]
+    training_xy = world_T_training[:, :2, 3]
     training_cells = grid.cell(training_xy)
     cells, training_places = np.unique(training_cells, return_inverse=True)
     distance_m, nearest = scipy.spatial.KDTree(training_xy).query(xy)

@@ -15,14 +15,17 @@ from pipeline.frames import Poses, Stamps
 from pipeline.running.progress import Progress
 
 Model = Mapping[str, NDArray[Any]]
-"""What a method learned: named arrays, among them the evidence of its held-out blocks (matching.rejection)."""
+"""What a method learned: named arrays, among them the evidence of its held-out blocks
+(matching.rejection)."""
 
 
 @dataclass(frozen=True)
 class Rows:
     """A window on a view artifact, a row a submap."""
 
-    images: Any  # (submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what else; slicing reads
+    # (submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what
+    # else; slicing reads
+    images: Any
     stamps_ns: Stamps
     world_T_anchor: Poses
 
@@ -45,11 +48,17 @@ class Rows:
 
     def some(self, rows: slice) -> Self:
         """Some of the rows; their images are read."""
-        return replace(self, images=self.images[rows], stamps_ns=self.stamps_ns[rows], world_T_anchor=self.world_T_anchor[rows])
+        return replace(
+            self,
+            images=self.images[rows],
+            stamps_ns=self.stamps_ns[rows],
+            world_T_anchor=self.world_T_anchor[rows],
+        )
 
     @classmethod
     def queries(cls, driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
-        """Those of a sequence as driven, then its cases in those view artifacts of altered queries that are there."""
+        """Those of a sequence as driven, then its cases in those view artifacts of altered queries
+        that are there."""
         cases = cls.cases(driven)
         for path in altered:
             cases |= cls.cases(path) if path.is_dir() else {}
@@ -60,7 +69,9 @@ class Rows:
         """Those of several sequences, one after the other; of one, that one."""
         if len(parts) == 1:
             return parts[0]
-        columns = zip(*((part.images[:], part.stamps_ns, part.world_T_anchor) for part in parts), strict=True)
+        columns = zip(
+            *((part.images[:], part.stamps_ns, part.world_T_anchor) for part in parts), strict=True
+        )
         return cls(*map(np.concatenate, columns))
 
 
@@ -77,7 +88,8 @@ class TrainingSet(NamedTuple):
     @classmethod
     def joined(cls, sets: Sequence[Self]) -> Self:
         """All of them as one; raises InputError unless every place from 0 on has a view."""
-        views, places = Rows.joined([one.views for one in sets]), np.concatenate([one.places for one in sets])
+        views = Rows.joined([one.views for one in sets])
+        places = np.concatenate([one.places for one in sets])
         if not len(places) or len(places) != len(views.world_T_anchor) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
         if missing := np.flatnonzero(np.bincount(places) == 0).tolist():
@@ -87,18 +99,28 @@ class TrainingSet(NamedTuple):
 
 @dataclass(frozen=True)
 class Ranking:
-    """A method's answer to Q queries: k places each, cheapest first, and how new each query looks."""
+    """A method's answer to Q queries: k places each, cheapest first, and how new each query
+    looks."""
 
     places: NDArray[np.int64]  # (query, k)
     costs: NDArray[np.float32]  # (query, k)
-    xy_m: NDArray[np.float64]  # (query, k, 2) where each answer lies: the matched training row, or the place's mean one
-    novelty: NDArray[np.float32]  # (query, kind) larger: more likely unseen; the first kind is the one in use
-    confidence: NDArray[np.float32]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
-    heading_deg: NDArray[np.float32]  # (query, k) its yaw in the world, in (−180, 180], if that answer is right; NaN where untold
+    xy_m: NDArray[
+        np.float64
+    ]  # (query, k, 2) where each answer lies: the matched training row, or the place's mean one
+    novelty: NDArray[
+        np.float32
+    ]  # (query, kind) larger: more likely unseen; the first kind is the one in use
+    confidence: NDArray[
+        np.float32
+    ]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
+    heading_deg: NDArray[
+        np.float32
+    ]  # (query, k) its yaw in the world, in (−180, 180], if that answer is right; NaN where untold
     kinds: tuple[str, ...]  # name of each kind of novelty
 
     def checked(self, n: int) -> Self:
-        """Itself; raises InputError for arrays that are not of `n` queries or of other shapes, or a novelty that is NaN."""
+        """Itself; raises InputError for arrays that are not of `n` queries or of other shapes, or a
+        novelty that is NaN."""
         k = self.places.shape[-1]
         shapes = {
             "places": (n, k),
@@ -110,16 +132,26 @@ class Ranking:
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
-                raise InputError(f"the method answered {name} of shape {getattr(self, name).shape}: expected {shape}")
+                raise InputError(
+                    f"the method answered {name} of shape {getattr(self, name).shape}: expected "
+                    f"{shape}"
+                )
         if np.isnan(self.novelty).any():
-            raise InputError(f"the method's novelty is NaN for {np.isnan(self.novelty).any(1).sum()} of {n} queries")
+            raise InputError(
+                f"the method's novelty is NaN for {np.isnan(self.novelty).any(1).sum()} of {n} "
+                "queries"
+            )
         return self
 
     def by(self, kind: str) -> Self:
         """The same with this kind of novelty first."""
         first = self.kinds.index(kind)
         order = [first, *(column for column in range(len(self.kinds)) if column != first)]
-        return replace(self, novelty=self.novelty[:, order], kinds=tuple(self.kinds[column] for column in order))
+        return replace(
+            self,
+            novelty=self.novelty[:, order],
+            kinds=tuple(self.kinds[column] for column in order),
+        )
 
 
 Localizer = Callable[[Rows, int], Ranking]  # ranks the k likeliest places of each view
@@ -128,7 +160,9 @@ Localizer = Callable[[Rows, int], Ranking]  # ranks the k likeliest places of ea
 def joined(rankings: Sequence[Ranking]) -> Ranking:
     """The rows of several rankings of one model, one after the other."""
     names = [name for name in vars(rankings[0]) if name != "kinds"]
-    columns: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in rankings]) for name in names}
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name) for one in rankings]) for name in names
+    }
     return replace(rankings[0], **columns)
 
 
@@ -147,7 +181,9 @@ class Method(Protocol):
         """Learn the training sequence's views, whose places (submap,) are all known."""
 
     def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """Add views of further days to what the model learned from `known`, whose places keep their numbers."""
+        """Add views of further days to what the model learned from `known`, whose places keep their
+        numbers."""
 
     def localizer(self, model: Model) -> Localizer:
-        """Ready the model once, then ask it as often as one likes; it runs in one thread at a time."""
+        """Ready the model once, then ask it as often as one likes; it runs in one thread at a
+        time."""

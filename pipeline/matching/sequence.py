@@ -1,7 +1,8 @@
-"""SeqSLAM's search: a run of queries against runs of the reference at some speeds (Milford and Wyeth, ICRA 2012; METHODS 6).
+"""SeqSLAM's search: a run of queries against runs of the reference at some speeds (Milford and
+Wyeth, ICRA 2012; METHODS 6).
 
-A row is a reference, a column a query. Both passes go along the columns, which lie side by side in memory: a block of them is
-small enough for the cache, and what is done to one is done to all.
+A row is a reference, a column a query. Both passes go along the columns, which lie side by side in
+memory: a block of them is small enough for the cache, and what is done to one is done to all.
 """
 
 import math
@@ -11,16 +12,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 BLOCK = 2_048  # columns at a time: the dozen rows that a window touches stay in the L2 cache
-GRAIN = 1_000  # speeds are whole thousandths, so that a position is a whole division and no float decides between two rows
-FLAT = 1e-13  # a window whose variance is this share of its mean square or less is flat: float32 cannot tell its values apart
+# speeds are whole thousandths, so that a position is a whole division and no float decides between
+# two rows
+GRAIN = 1_000
+# a window whose variance is this share of its mean square or less is flat: float32 cannot tell its
+# values apart
+FLAT = 1e-13
 SAME = {"contract", "nsz"}
-"""Fast-math that gives a column the same bits wherever it lies in a block: no reciprocals, which some processors only guess."""
+"""Fast-math that gives a column the same bits wherever it lies in a block: no reciprocals, which
+some processors only guess."""
 
 
 def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    """Each of differences (n, m) in standard deviations (n − 1 in the denominator) above the mean of its column's window.
+    """Each of differences (n, m) in standard deviations (n − 1 in the denominator) above the mean
+    of its column's window.
 
-    The window reaches from rows // 2 above to rows // 2 below, as far as there are rows; 0 where it is flat.
+    The window reaches from rows // 2 above to rows // 2 below, as far as there are rows; 0 where it
+    is flat.
     """
     enhanced = np.empty(differences.shape, np.float32)
     _contrast(np.ascontiguousarray(differences, np.float32), rows // 2, enhanced)
@@ -28,26 +36,33 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
 
 
 def least(rows: int) -> float:
-    """The lowest that `contrast` can give: one of the window lies below all others, which are equal."""
+    """The lowest that `contrast` can give: one of the window lies below all others, which are
+    equal."""
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
 
 
 def runs(length: int, slowest: float, fastest: float, step: float) -> NDArray[np.int64]:
-    """Rows (speed, length + 1) of a run of the reference at each speed in rows a query, counted from its middle.
+    """Rows (speed, length + 1) of a run of the reference at each speed in rows a query, counted
+    from its middle.
 
-    The middle is length // 2 rows after the first whatever the speed: METHODS' rule for which row a run matches.
+    The middle is length // 2 rows after the first whatever the speed: METHODS' rule for which row a
+    run matches.
     """
     moves = np.arange(round(GRAIN * slowest), round(GRAIN * fastest) + 1, round(GRAIN * step))
     return np.arange(length + 1) * moves[:, None] // GRAIN - length // 2
 
 
 def search(
-    enhanced: NDArray[np.float32], offsets: NDArray[np.int64], first: int = 0, last: int | None = None
+    enhanced: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    first: int = 0,
+    last: int | None = None,
 ) -> NDArray[np.float32]:
-    """Cost (n, window) of the cheapest run about each row, for the windows of queries that begin at columns first … last − 1.
+    """Cost (n, window) of the cheapest run about each row, for the windows of queries that begin at
+    columns first … last − 1.
 
-    `offsets` are `runs`; a cost is the sum of a run's differences `enhanced` (n, m), +inf where no run about the row lies within
-    the reference. All windows within the m queries by default.
+    `offsets` are `runs`; a cost is the sum of a run's differences `enhanced` (n, m), +inf where no
+    run about the row lies within the reference. All windows within the m queries by default.
     """
     last = enhanced.shape[1] - offsets.shape[1] + 1 if last is None else last
     costs = np.empty((len(enhanced), max(last - first, 0)), np.float32)
@@ -56,9 +71,12 @@ def search(
 
 
 def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
-    """Rows (q, k) of the k cheapest of costs (q, n), cheapest first; of equally cheap ones the first row comes first."""
+    """Rows (q, k) of the k cheapest of costs (q, n), cheapest first; of equally cheap ones the
+    first row comes first."""
     bits = (costs + np.float32(0)).view(np.int32)  # no negative zero
-    rising = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.int64)  # whole numbers in the order of the floats
+    rising = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(
+        np.int64
+    )  # whole numbers in the order of the floats
     keys = (rising << 32) | np.arange(costs.shape[1])
     k = min(k, keys.shape[1])
     if k < keys.shape[1]:
@@ -67,8 +85,11 @@ def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
     return keys & 0xFFFFFFFF
 
 
-def runner_up(costs: NDArray[np.float32], best: NDArray[np.int64], window: int) -> NDArray[np.float32]:
-    """The least of costs (q, n) further than window // 2 rows from each query's best row (q,); +inf where there is none."""
+def runner_up(
+    costs: NDArray[np.float32], best: NDArray[np.int64], window: int
+) -> NDArray[np.float32]:
+    """The least of costs (q, n) further than window // 2 rows from each query's best row (q,); +inf
+    where there is none."""
     beside = np.abs(np.arange(costs.shape[1]) - best[:, None]) <= window // 2
     others: NDArray[np.float32] = np.where(beside, np.float32(np.inf), costs).min(axis=1)
     return others
@@ -80,7 +101,8 @@ def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
     n, m = differences.shape
     for first in range(0, m, BLOCK):
         width = min(first + BLOCK, m) - first
-        sums, squares = np.zeros(width), np.zeros(width)
+        sums = np.zeros(width)
+        squares = np.zeros(width)
         for row in range(-half, n):
             if row + half < n:
                 entering = differences[row + half, first : first + width]
@@ -97,13 +119,18 @@ def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
             if row >= 0:
                 number = min(row + half, n - 1) - max(row - half, 0) + 1
                 _standardised(
-                    differences[row, first : first + width], sums, squares, number, enhanced[row, first : first + width]
+                    differences[row, first : first + width],
+                    sums,
+                    squares,
+                    number,
+                    enhanced[row, first : first + width],
                 )
 
 
 @njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _standardised(values, sums, squares, number, out):  # type: ignore[no-untyped-def]
-    share, unbiased = 1.0 / number, 1.0 / max(number - 1, 1)
+    share = 1.0 / number
+    unbiased = 1.0 / max(number - 1, 1)
     for i in range(len(out)):
         mean = sums[i] * share
         spread = squares[i] - sums[i] * mean

@@ -1,6 +1,7 @@
 """Methods that match a sequence of queries with a sequence of training rows: PFL, AFL and SAD.
 
-SeqSLAM's contrast enhancement and search (METHODS 6) with paper 2's settings and scores (METHODS 5.5).
+SeqSLAM's contrast enhancement and search (METHODS 6) with paper 2's settings and scores (METHODS
+5.5).
 """
 
 from collections.abc import Callable
@@ -25,14 +26,20 @@ Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float3
 
 @dataclass(frozen=True)
 class SequenceMethod(Alignment):
-    """A method whose queries, passed together, are one drive; it answers with the training rows of the best matching sequence."""
+    """A method whose queries, passed together, are one drive; it answers with the training rows of
+    the best matching sequence."""
 
-    novelty: Literal["cost", "ratio"] = "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
-    distinct_places: bool = False  # rank places, each once where its cheapest training row lies, instead of training rows
+    novelty: Literal["cost", "ratio"] = (
+        "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
+    )
+    # rank places, each once where its cheapest training row lies, instead of training rows
+    distinct_places: bool = False
     held_out_every_m: Positive = 200.0
     held_out_length_m: Positive = 40.0
-    """One block of this length in every `held_out_every_m` of the training path is held out to choose epochs and thresholds."""
-    neighbour_m: NotNegative = 20.0  # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    """One block of this length in every `held_out_every_m` of the training path is held out to
+    choose epochs and thresholds."""
+    # a held-out query counts as unseen once the training rows nearer than this are forgotten
+    neighbour_m: NotNegative = 20.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,20 +52,32 @@ class SequenceMethod(Alignment):
     def held_out(self, views: Rows) -> NDArray[np.bool_]:
         """The training rows (n,) that learning must not see."""
         places = np.zeros(len(views.world_T_anchor), np.int64)
-        return holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+        return holdout.blocks(
+            views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
+        )
 
     def ranked(
-        self, database: Database, differences: NDArray[np.float32], k: int, turned_deg: NDArray[np.floating] | None = None
+        self,
+        database: Database,
+        differences: NDArray[np.float32],
+        k: int,
+        turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of m queries in a row by how they differ from each of the database's n rows: (n, m).
+        """The ranking of m queries in a row by how they differ from each of the database's n rows:
+        (n, m).
 
-        `turned_deg` (n, m) is each query's yaw against each row. A query less than half a sequence from either end is answered by
-        the nearest whole one, at its own position in it; where there are fewer queries or rows than a sequence has, a shorter one
-        answers, its cost brought to the whole length. What is missing of k rows is place −1 at an infinite cost.
+        `turned_deg` (n, m) is each query's yaw against each row. A query less than half a sequence
+        from either end is answered by the nearest whole one, at its own position in it; where there
+        are fewer queries or rows than a sequence has, a shorter one answers, its cost brought to
+        the whole length. What is missing of k rows is place −1 at an infinite cost.
         """
         if differences.shape[0] != len(database.places):
-            raise InputError(f"differences of shape {differences.shape}: expected a row for each of {len(database.places)}")
-        aligned, parts = Aligned(self, differences), []
+            raise InputError(
+                f"differences of shape {differences.shape}: expected a row for each of "
+                f"{len(database.places)}"
+            )
+        aligned = Aligned(self, differences)
+        parts = []
         for queries, sums in aligned.blocks():
             rows = cheapest(sums, sums.shape[1] if self.distinct_places else k)
             costs = np.take_along_axis(sums, rows, axis=1) - aligned.base
@@ -70,30 +89,41 @@ class SequenceMethod(Alignment):
         return joined(parts)
 
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
-        """Results of the odd training rows of held-out blocks against the even rows, with and without the queries' surroundings.
+        """Results of the odd training rows of held-out blocks against the even rows, with and
+        without the queries' surroundings.
 
-        All odd rows are matched as one sequence, which stays whole, and no query can match itself. On a path too short for blocks
-        all of them count.
+        All odd rows are matched as one sequence, which stays whole, and no query can match itself.
+        On a path too short for blocks all of them count.
         """
         n = len(database.places)
-        even, odd = np.arange(0, n, 2), np.arange(min(1, n - 1), n, 2)
+        even = np.arange(0, n, 2)
+        odd = np.arange(min(1, n - 1), n, 2)
         counts = self.held_out(views)[odd]
         counts = counts if counts.any() else np.ones(len(odd), bool)
         aligned = Aligned(self, difference(even, odd))
-        asked, right, seen, unseen = np.zeros(n, bool), [], [], []
+        asked = np.zeros(n, bool)
+        right = []
+        seen = []
+        unseen = []
         asked[odd[counts]] = True
         for queries, sums in aligned.blocks():
-            rows, sums = odd[queries][counts[queries]], sums[counts[queries]]
+            rows = odd[queries][counts[queries]]
+            sums = sums[counts[queries]]
             if not len(rows):
                 continue
             best = sums.argmin(axis=1)
             right.append(database.places[even[best]] == database.places[rows])
             seen.append(aligned.novelty(sums, best))
-            away = ~near(database.xy_m[rows], database.xy_m[even], self.neighbour_m) & np.isfinite(sums)
+            away = ~near(database.xy_m[rows], database.xy_m[even], self.neighbour_m) & np.isfinite(
+                sums
+            )
             sums = np.where(away | ~away.any(axis=1, keepdims=True), sums, np.float32(np.inf))
             unseen.append(aligned.novelty(sums, sums.argmin(axis=1)))
         seen_kinds, unseen_kinds = (
-            {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds} for parts in (seen, unseen)
+            {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds}
+            for parts in (seen, unseen)
         )
-        block = holdout.numbered(views.world_T_anchor, asked, self.held_out_every_m, self.held_out_length_m)
+        block = holdout.numbered(
+            views.world_T_anchor, asked, self.held_out_every_m, self.held_out_length_m
+        )
         return Evidence(np.concatenate(right), seen_kinds, unseen_kinds, block)

@@ -1,4 +1,5 @@
-"""The hot loops of Scan Context's distance: products of spectra, columns that two Scan Contexts engage, and the best shift."""
+"""The hot loops of Scan Context's distance: products of spectra, columns that two Scan Contexts
+engage, and the best shift."""
 
 import math
 
@@ -31,20 +32,28 @@ def _ones(context, word):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
-    """Write spectra (m, frequency) of correlations of these rows with the query (frequency, real and imaginary part, 2 rings).
+    """Write spectra (m, frequency) of correlations of these rows with the query (frequency, real
+    and imaginary part, 2 rings).
 
-    Sums are of the query's type. Four rows at a time, for one reading of the query serves them all; the last ones may be computed
-    more than once.
+    Sums are of the query's type. Four rows at a time, for one reading of the query serves them all;
+    the last ones may be computed more than once.
     """
     frequencies, _, numbers = query.shape
-    last, zero = len(rows) - 1, query.dtype.type(0)
+    last = len(rows) - 1
+    zero = query.dtype.type(0)
     for i in range(0, len(rows), 4):
-        j, k, m = min(i + 1, last), min(i + 2, last), min(i + 3, last)
-        a, b, c, d = columns[rows[i]], columns[rows[j]], columns[rows[k]], columns[rows[m]]
+        j = min(i + 1, last)
+        k = min(i + 2, last)
+        m = min(i + 3, last)
+        a = columns[rows[i]]
+        b = columns[rows[j]]
+        c = columns[rows[k]]
+        d = columns[rows[m]]
         for f in range(frequencies):
             a_re = a_im = b_re = b_im = c_re = c_im = d_re = d_im = zero
             for number in range(numbers):
-                re, im = query[f, 0, number], query[f, 1, number]
+                re = query[f, 0, number]
+                im = query[f, 1, number]
                 a_re += a[f, number] * re
                 a_im += a[f, number] * im
                 b_re += b[f, number] * re
@@ -61,7 +70,8 @@ def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
-    """Write how many columns a row's bit set (words,) and the query's at every shift (shift, words) share; returns the most."""
+    """Write how many columns a row's bit set (words,) and the query's at every shift (shift, words)
+    share; returns the most."""
     most = np.float32(0)
     for shift in range(turned.shape[0]):
         both = np.uint64(0)
@@ -74,17 +84,26 @@ def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-untyped-def]
-    """Write the highest mean (m,) of sums (m, shift), and its shift; 0 at shift −1 where nothing is engaged.
+    """Write the highest mean (m,) of sums (m, shift), and its shift; 0 at shift −1 where nothing is
+    engaged.
 
     Shifts that engage fewer columns than a share of the most are passed over.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
-        highest, where, enough = -np.inf, -1, least * _count(masks[i], turned, counts)
+        highest = -np.inf
+        where = -1
+        enough = least * _count(masks[i], turned, counts)
         for shift in range(sums.shape[1]):
-            if counts[shift] > 0 and counts[shift] >= enough and sums[i, shift] / counts[shift] > highest:
-                highest, where = sums[i, shift] / counts[shift], shift
-        similarities[i], shifts[i] = highest if where >= 0 else 0.0, where
+            if (
+                counts[shift] > 0
+                and counts[shift] >= enough
+                and sums[i, shift] / counts[shift] > highest
+            ):
+                highest = sums[i, shift] / counts[shift]
+                where = shift
+        similarities[i] = highest if where >= 0 else 0.0
+        shifts[i] = where
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

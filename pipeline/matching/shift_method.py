@@ -1,4 +1,5 @@
-"""Methods that compare Scan Contexts at every shift of their columns: with all of training, or with its likeliest rows.
+"""Methods that compare Scan Contexts at every shift of their columns: with all of training, or with
+its likeliest rows.
 
 Kim and Kim, IROS 2018; METHODS 1.3 and 1.4.
 """
@@ -17,31 +18,45 @@ from pipeline.running.progress import Progress
 class ShiftMethod(DescriptorMethod):
     """A method that compares Scan Contexts at every shift of their columns; nothing is trained.
 
-    No dataclass itself: each method declares the fields at its own place, for a model's file holds them in their order.
+    No dataclass itself: each method declares the fields at its own place, for a model's file holds
+    them in their order.
     """
 
-    candidates: int | None = None  # nearest ring keys that are compared; None for all rows of training
+    candidates: int | None = (
+        None  # nearest ring keys that are compared; None for all rows of training
+    )
     least_engaged: float
-    """A shift counts if it engages at least this share of the columns that the pair's fullest shift engages. With the authors' 0
-    a shift at which a single column overlaps can win, as often with a sensor that sees half the circle; 0.9 prevents it."""
+    """A shift counts if it engages at least this share of the columns that the pair's fullest shift
+    engages. With the authors' 0 a shift at which a single column overlaps can win, as often with a
+    sensor that sees half the circle; 0.9 prevents it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.least_engaged <= 1:
-            raise ConfigError(f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1")
+            raise ConfigError(
+                f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1"
+            )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's spectra, and its ring keys where they choose candidates."""
-        heights_m, database = np.asarray(views.images[:]), Database.learned(views, places)
-        spectra, keys = Spectra.learned(heights_m, self.least_engaged), ring_keys(heights_m)
+        heights_m = np.asarray(views.images[:])
+        database = Database.learned(views, places)
+        spectra = Spectra.learned(heights_m, self.least_engaged)
+        keys = ring_keys(heights_m)
 
-        def search(queries: NDArray[np.int64], allowed: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-            distances, found = np.empty(len(queries)), np.empty(len(queries), np.int64)
+        def search(
+            queries: NDArray[np.int64], allowed: NDArray[np.bool_]
+        ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+            distances = np.empty(len(queries))
+            found = np.empty(len(queries), np.int64)
             for i, row in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
-                rows = spectra.likely(heights_m[row], rows[self._candidates(keys[rows], keys[[row]])[0]], k=1)
+                rows = spectra.likely(
+                    heights_m[row], rows[self._candidates(keys[rows], keys[[row]])[0]], k=1
+                )
                 compared, _ = spectra.compare(heights_m[row], rows)
-                distances[i], found[i] = compared.min(), rows[compared.argmin()]
+                distances[i] = compared.min()
+                found[i] = rows[compared.argmin()]
             return distances, found
 
         evidence = database.evidence(search, views, self)
@@ -50,7 +65,8 @@ class ShiftMethod(DescriptorMethod):
 
     def localizer(self, model: Model) -> Localizer:
         """The k nearest of the candidates; cost = distance in [0, 2]."""
-        spectra, database = Spectra.of(model, self.least_engaged), Database.of(model)
+        spectra = Spectra.of(model, self.least_engaged)
+        database = Database.of(model)
         keys = model.get("ring_keys", np.empty((len(database.places), 0), np.float32))
 
         def localize(views: Rows, k: int) -> Ranking:
@@ -60,7 +76,9 @@ class ShiftMethod(DescriptorMethod):
 
         return localize
 
-    def _candidates(self, keys: NDArray[np.float32], queries: NDArray[np.float32]) -> NDArray[np.int64]:
+    def _candidates(
+        self, keys: NDArray[np.float32], queries: NDArray[np.float32]
+    ) -> NDArray[np.int64]:
         """Rows (q, m) of ring keys (n, ring) to compare with those (q, ring) of queries."""
         if self.candidates is None:
             return np.broadcast_to(np.arange(len(keys)), (len(queries), len(keys)))
@@ -68,9 +86,11 @@ class ShiftMethod(DescriptorMethod):
 
 
 def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """How many bins of each ring hold something (n, ring), of Scan Contexts (n, ring, sector); the same at every heading.
+    """How many bins of each ring hold something (n, ring), of Scan Contexts (n, ring, sector); the
+    same at every heading.
 
-    The authors' L0 ratio times the number of sectors: the neighbours are the same, and distances of whole numbers are exact.
+    The authors' L0 ratio times the number of sectors: the neighbours are the same, and distances of
+    whole numbers are exact.
     """
     keys: NDArray[np.float32] = np.count_nonzero(heights_m, axis=2).astype(np.float32)
     return keys

@@ -1,9 +1,11 @@
-"""Scan Context's distance: the mean cosine of engaged columns at the best of all column shifts (IROS 2018, eq. 6; METHODS 1.3).
+"""Scan Context's distance: the mean cosine of engaged columns at the best of all column shifts
+(IROS 2018, eq. 6; METHODS 1.3).
 
-The sums of cosines at all shifts are one circular correlation, so a database keeps the spectra of its columns, brought to
-length 1, and a query costs one pass over them and an inverse transform. They are stored in float32 and summed in float64:
-a shift at which a single column is engaged may win, and its cosine must not drown in the rounding of all the others. Where only
-the nearest of many rows are asked for, sums in float32 first tell which rows they may be.
+The sums of cosines at all shifts are one circular correlation, so a database keeps the spectra of
+its columns, brought to length 1, and a query costs one pass over them and an inverse transform.
+They are stored in float32 and summed in float64: a shift at which a single column is engaged may
+win, and its cosine must not drown in the rounding of all the others. Where only the nearest of many
+rows are asked for, sums in float32 first tell which rows they may be.
 """
 
 from collections.abc import Iterator
@@ -25,14 +27,17 @@ from pipeline.matching.ranking import Model, Ranking, Rows, joined
 PREFIX = "spectra/"
 BLOCK = 256  # rows compared at once: their correlations stay in the core's own cache
 SLACK = np.float32(1e-3)
-"""A similarity summed in float32 is not so far off: rounding of 1e-6 of √(columns engaged in either), over what both engage."""
+"""A similarity summed in float32 is not so far off: rounding of 1e-6 of √(columns engaged in
+either), over what both engage."""
 
 
 @dataclass(frozen=True)
 class Spectra:
     """The n Scan Contexts of a database, ready to be compared at every shift."""
 
-    columns: NDArray[np.float32]  # (n, frequency, 2 rings) of the unit columns: a real and an imaginary part of each ring
+    columns: NDArray[
+        np.float32
+    ]  # (n, frequency, 2 rings) of the unit columns: a real and an imaginary part of each ring
     engaged: NDArray[np.float32]  # (n, sector) 1 where a column holds anything
     least_engaged: float = 0.0  # `ShiftMethod.least_engaged`
 
@@ -54,32 +59,53 @@ class Spectra:
         """Its arrays, as they are stored in a model."""
         return {f"{PREFIX}columns": self.columns, f"{PREFIX}engaged": self.engaged}
 
-    def compare(self, heights_m: NDArray[np.float32], rows: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Distances (m,) in [0, 2] of one Scan Context (ring, sector) to these rows (m,), and its yaw (m,) in degrees against
-        each, counter-clockwise in [0, 360).
+    def compare(
+        self, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distances (m,) in [0, 2] of one Scan Context (ring, sector) to these rows (m,), and its
+        yaw (m,) in degrees against each, counter-clockwise in [0, 360).
 
-        The yaw is the best shift: after a turn to the left all is seen further to the right, in columns of lower number.
-        Where no shift engages a column the distance is 1 and the yaw NaN.
+        The yaw is the best shift: after a turn to the left all is seen further to the right, in
+        columns of lower number. Where no shift engages a column the distance is 1 and the yaw NaN.
         """
-        query, turned = _spectra(heights_m[None])[0], _turned(heights_m)
-        similarities, best = np.empty(len(rows)), np.empty(len(rows), np.int64)
+        query = _spectra(heights_m[None])[0]
+        turned = _turned(heights_m)
+        similarities = np.empty(len(rows))
+        best = np.empty(len(rows), np.int64)
         for part, sums in self._correlations(query, rows):
-            kernels.best(sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part], best[part])
-        return (1 - similarities).clip(0), np.where(best < 0, np.nan, best * (360 / self.engaged.shape[1]))
+            kernels.best(
+                sums,
+                self._masks[rows[part]],
+                turned,
+                self.least_engaged,
+                similarities[part],
+                best[part],
+            )
+        return (1 - similarities).clip(0), np.where(
+            best < 0, np.nan, best * (360 / self.engaged.shape[1])
+        )
 
     def likely(
-        self, heights_m: NDArray[np.float32], rows: NDArray[np.int64], k: int, groups: NDArray[np.int64] | None = None
+        self,
+        heights_m: NDArray[np.float32],
+        rows: NDArray[np.int64],
+        k: int,
+        groups: NDArray[np.int64] | None = None,
     ) -> NDArray[np.int64]:
-        """Those of the rows (m,), in their order, that may be among the k nearest of a Scan Context (ring, sector).
+        """Those of the rows (m,), in their order, that may be among the k nearest of a Scan Context
+        (ring, sector).
 
         With groups (m,) of the rows: that may be the nearest of one of the k nearest groups.
         """
         if len(rows) <= BLOCK:
             return rows
-        query, turned = _spectra(heights_m[None])[0].astype(np.complex64), _turned(heights_m)
+        query = _spectra(heights_m[None])[0].astype(np.complex64)
+        turned = _turned(heights_m)
         similarities = np.empty(len(rows), np.float32)
         for part, sums in self._correlations(query, rows):
-            kernels.highest(sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part])
+            kernels.highest(
+                sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part]
+            )
         nearest = similarities
         if groups is not None:
             order = np.argsort(-similarities, kind="stable")
@@ -97,29 +123,47 @@ class Spectra:
     def _correlations(
         self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
     ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
-        """Slices of the rows (m,), and their sums of cosines (part, shift) with the query's spectrum (frequency, ring), in its
-        precision."""
-        real_and_imaginary = np.stack([query, 1j * query], axis=1).astype(query.dtype).view(query.real.dtype)
+        """Slices of the rows (m,), and their sums of cosines (part, shift) with the query's
+        spectrum (frequency, ring), in its precision."""
+        real_and_imaginary = (
+            np.stack([query, 1j * query], axis=1).astype(query.dtype).view(query.real.dtype)
+        )
         spectra = np.empty((min(BLOCK, len(rows)), len(query)), query.dtype)
         for i in range(0, len(rows), BLOCK):
             part = slice(i, min(i + BLOCK, len(rows)))
             out = spectra[: part.stop - i]
             kernels.products(self.columns, real_and_imaginary, rows[part], out)
-            # numpy where it is exact, so that rankings keep their bits; scipy's transform is twice as fast
-            yield part, (scipy.fft if out.dtype == np.complex64 else np.fft).irfft(out, self.engaged.shape[1])
+            # numpy where it is exact, so that rankings keep their bits; scipy's transform is twice
+            # as fast
+            yield (
+                part,
+                (scipy.fft if out.dtype == np.complex64 else np.fft).irfft(
+                    out, self.engaged.shape[1]
+                ),
+            )
 
     def images(self, views: Rows) -> NDArray[np.float32]:
-        """The views (q, ring, sector); raises InputError unless they are as many rings and sectors as learned."""
+        """The views (q, ring, sector); raises InputError unless they are as many rings and sectors
+        as learned."""
         heights_m = np.asarray(views.images[:])
         learned = (self.columns.shape[2] // 2, self.engaged.shape[1])
         if heights_m.shape[1:] != learned:
-            raise InputError(f"views of {heights_m.shape[1:]}: the model learned {learned[0]} rings × {learned[1]} sectors")
+            raise InputError(
+                f"views of {heights_m.shape[1:]}: the model learned {learned[0]} rings × "
+                f"{learned[1]} sectors"
+            )
         return heights_m
 
     def rank(
-        self, database: Database, heights_m: NDArray[np.float32], rows: NDArray[np.int64], k: int, distinct_places: bool
+        self,
+        database: Database,
+        heights_m: NDArray[np.float32],
+        rows: NDArray[np.int64],
+        k: int,
+        distinct_places: bool,
     ) -> Ranking:
-        """The ranking of queries (q, ring, sector), each held against its own candidates among the rows (q, m)."""
+        """The ranking of queries (q, ring, sector), each held against its own candidates among the
+        rows (q, m)."""
         parts = []
         for i in range(0, max(len(rows), 1), QUERIES):
             likely = [
@@ -129,16 +173,22 @@ class Spectra:
             candidates = np.zeros((len(likely), max(map(len, likely), default=0)), np.int64)
             compared = np.full((2, *candidates.shape), np.inf)
             for j, its in enumerate(likely):
-                candidates[j, : len(its)], compared[:, j, : len(its)] = its, self.compare(heights_m[i + j], its)
+                candidates[j, : len(its)] = its
+                compared[:, j, : len(its)] = self.compare(heights_m[i + j], its)
             order = np.argsort(compared[0], axis=1, kind="stable")
             distances, turned_deg = np.take_along_axis(compared, order[None], axis=2)
             ordered = np.take_along_axis(candidates, order, axis=1)
-            parts.append(database.answer(distances.astype(np.float32), ordered, k, distinct_places, turned_deg))
+            parts.append(
+                database.answer(
+                    distances.astype(np.float32), ordered, k, distinct_places, turned_deg
+                )
+            )
         return joined(parts)
 
 
 def _turned(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Bit sets (shift, words) of the columns that a Scan Context (ring, sector) engages at every shift."""
+    """Bit sets (shift, words) of the columns that a Scan Context (ring, sector) engages at every
+    shift."""
     return kernels.packed(circulant(_engaged(heights_m[None])[0] > 0).T)
 
 
@@ -148,7 +198,8 @@ def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
-    """(n, frequency, ring) of Scan Contexts (n, ring, sector), their columns brought to length 1; empty ones stay 0."""
+    """(n, frequency, ring) of Scan Contexts (n, ring, sector), their columns brought to length 1;
+    empty ones stay 0."""
     columns = heights_m.astype(np.float64)
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))
     columns /= np.where(lengths > 0, lengths, 1)[:, None]

@@ -1,4 +1,5 @@
-"""Temperature scaling: one number that makes a network's probabilities mean what they say (Guo et al., ICML 2017)."""
+"""Temperature scaling: one number that makes a network's probabilities mean what they say (Guo et
+al., ICML 2017)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,23 +11,32 @@ TOLERANCE = 1e-6  # nats by which a minimum must lie below the ends of the range
 
 
 def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:
-    """What to divide logits (n, classes) by, so that the likelihood of the true `classes` (n,) is highest; 1 for no rows."""
+    """What to divide logits (n, classes) by, so that the likelihood of the true `classes` (n,) is
+    highest; 1 for no rows."""
     if not len(classes):
         return 1.0
-    found = minimize_scalar(lambda log_t: _loss(logits, classes, log_t), bounds=LOG_RANGE, method="bounded")
+    found = minimize_scalar(
+        lambda log_t: _loss(logits, classes, log_t), bounds=LOG_RANGE, method="bounded"
+    )
     return float(np.exp(found.x))
 
 
 def determined(found: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
     """Whether the rows are likelier at this temperature than at both ends of the searched range.
 
-    They are not where all of them are right, for then the colder the likelier, nor where there are none.
+    They are not where all of them are right, for then the colder the likelier, nor where there are
+    none.
     """
     if not len(classes):
         return False
-    return _loss(logits, classes, np.log(found)) < min(_loss(logits, classes, bound) for bound in LOG_RANGE) - TOLERANCE
+    return (
+        _loss(logits, classes, np.log(found))
+        < min(_loss(logits, classes, bound) for bound in LOG_RANGE) - TOLERANCE
+    )
 
 
 def _loss(logits: NDArray[np.float64], classes: NDArray[np.int64], log_t: float) -> float:
     """Mean negative log-likelihood, in nats."""
-    return float(-log_softmax(logits / np.exp(log_t), axis=1)[np.arange(len(classes)), classes].mean())
+    return float(
+        -log_softmax(logits / np.exp(log_t), axis=1)[np.arange(len(classes)), classes].mean()
+    )

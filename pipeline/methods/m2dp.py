@@ -1,4 +1,5 @@
-"""M2DP: the nearest training signature by Euclidean distance; nothing is trained (He, Wang and Zhang, IROS 2016; METHODS 3.1)."""
+"""M2DP: the nearest training signature by Euclidean distance; nothing is trained (He, Wang and
+Zhang, IROS 2016; METHODS 3.1)."""
 
 from dataclasses import dataclass
 
@@ -19,13 +20,16 @@ class M2dp(DescriptorMethod):
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's signatures (n, d); raises InputError unless each has a place."""
-        database, signatures = Database.learned(views, places), _signatures(views)
+        database = Database.learned(views, places)
+        signatures = _signatures(views)
         evidence = database.evidence(euclidean(signatures), views, self)
         return {"signatures": signatures, **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
-        """Cost and novelty are distances; 2 at most, since each half of a signature has length 1."""
-        database, signatures = Database.of(model), model["signatures"]
+        """Cost and novelty are distances; 2 at most, since each half of a signature has length
+        1."""
+        database = Database.of(model)
+        signatures = model["signatures"]
 
         def localize(views: Rows, k: int) -> Ranking:
             return database.nearest(signatures, _signatures(views), k, self.distinct_places)

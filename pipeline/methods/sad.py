@@ -1,4 +1,5 @@
-"""SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (Milford and Wyeth, ICRA 2012).
+"""SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (Milford
+and Wyeth, ICRA 2012).
 
 SeqSLAM's differences, paper 2's baseline; METHODS 5.5 and 6.
 """
@@ -20,29 +21,37 @@ from pipeline.running.settings import Count, Positive, Side, Whole
 
 @dataclass(frozen=True)
 class Sad(MadeAnew, SequenceMethod):
-    """Views are compared at the robot's own heading, so a turned view is a different image; answers have no heading."""
+    """Views are compared at the robot's own heading, so a turned view is a different image; answers
+    have no heading."""
 
     view: str = "birdview"
     side_px: Side = 64  # views are brought to this side
     patch_px: Count = 8  # side of the patches that are normalised
     contrast_rows: Whole = 10
     held_out_every_m: Positive = 80.0
-    """Nothing is trained, so held-out blocks cost nothing; between them lies the length of a sequence."""
+    """Nothing is trained, so held-out blocks cost nothing; between them lies the length of a
+    sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError unless each has a place."""
-        database, images = Database.learned(views, places), self._images(views)
-        evidence = self.evidence(database, views, lambda rows, queries: differences(images[rows], images[queries]))
+        """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError
+        unless each has a place."""
+        database = Database.learned(views, places)
+        images = self._images(views)
+        evidence = self.evidence(
+            database, views, lambda rows, queries: differences(images[rows], images[queries])
+        )
         return {"images": images, **database.arrays(), **evidence.arrays()}
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The model with another database, these views with their places; the evidence of its held-out blocks is kept."""
+        """The model with another database, these views with their places; the evidence of its
+        held-out blocks is kept."""
         database = Database.learned(views, places)
         return {"images": self._images(views), **database.arrays(), **Evidence.of(model).arrays()}
 
     def localizer(self, model: Model) -> Localizer:
         """The training rows along the best sequence; views passed together are one sequence."""
-        database, images = Database.of(model), model["images"]
+        database = Database.of(model)
+        images = model["images"]
 
         def localize(views: Rows, k: int) -> Ranking:
             return self.ranked(database, differences(images, self._images(views)), k)
@@ -56,5 +65,8 @@ class Sad(MadeAnew, SequenceMethod):
     def _images(self, views: Rows) -> NDArray[np.uint8]:
         """Each view's first heading, the robot's own."""
         if len(views.images.shape) != 4:
-            raise InputError(f"views of shape {views.images.shape}: expected bird-views (n, heading, row, column)")
+            raise InputError(
+                f"views of shape {views.images.shape}: expected bird-views (n, heading, row, "
+                "column)"
+            )
         return normalised(resized(np.asarray(views.images[:, 0]), self.side_px), self.patch_px)

@@ -1,4 +1,5 @@
-"""Scan Context-50: the nearest of the 50 whose rings look alike, at its best heading (Kim and Kim, IROS 2018; METHODS 1.4)."""
+"""Scan Context-50: the nearest of the 50 whose rings look alike, at its best heading (Kim and Kim,
+IROS 2018; METHODS 1.4)."""
 
 from dataclasses import dataclass
 

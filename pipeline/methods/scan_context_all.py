@@ -1,4 +1,5 @@
-"""Scan Context against every training scan at every heading: what ring keys may miss (Kim and Kim, IROS 2018; METHODS 1.3)."""
+"""Scan Context against every training scan at every heading: what ring keys may miss (Kim and Kim,
+IROS 2018; METHODS 1.3)."""
 
 from dataclasses import dataclass
 

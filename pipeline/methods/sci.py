@@ -1,4 +1,5 @@
-"""SCI localisation: places as classes of a small CNN over Scan Context Images (Kim, Park and Kim, RA-L 2019; METHODS 2)."""
+"""SCI localisation: places as classes of a small CNN over Scan Context Images (Kim, Park and Kim,
+RA-L 2019; METHODS 2)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,20 +21,27 @@ class Sci(Learner):
     """The paper's network and training."""
 
     architecture = LeNet
-    n_way: int = 2  # copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed
+    # copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed
+    n_way: int = 2
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[tuple[Tensor, Tensor]], int]:
-        """Every trained view at its `n_way` headings, shuffled; raises ConfigError where n_way does not divide the sectors."""
+        """Every trained view at its `n_way` headings, shuffled; raises ConfigError where n_way does
+        not divide the sectors."""
         if self.n_way < 1 or heights.shape[2] % self.n_way:
-            raise ConfigError(f"method.n_way={self.n_way}: must divide the {heights.shape[2]} sectors of the view")
+            raise ConfigError(
+                f"method.n_way={self.n_way}: must divide the {heights.shape[2]} sectors of the view"
+            )
         copies = len(trained) * self.n_way
 
         def epoch(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
             for chosen in torch.split(torch.randperm(copies, generator=order), self.batch):
                 if len(chosen) > 1 or copies == 1:  # batch norms need two
-                    yield self.images(self._turned(heights, trained, chosen)), places[trained[chosen // self.n_way]].to(device())
+                    yield (
+                        self.images(self._turned(heights, trained, chosen)),
+                        places[trained[chosen // self.n_way]].to(device()),
+                    )
 
         return epoch, -(-copies // self.batch)
 
@@ -46,13 +54,19 @@ class Sci(Learner):
     def predict(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
         """Logits and features; a class is a place, so there is no heading."""
         net.eval()
-        embedded = torch.cat([self.embedded(net, part) for part in torch.split(heights, self.batch)])
+        embedded = torch.cat(
+            [self.embedded(net, part) for part in torch.split(heights, self.batch)]
+        )
         logits = net.head[3:](embedded).cpu()
         if forgotten is not None:
             logits = logits.masked_fill(forgotten, -torch.inf)
-        return Prediction(logits, nn.functional.normalize(embedded).cpu(), torch.full_like(logits, torch.nan))
+        return Prediction(
+            logits, nn.functional.normalize(embedded).cpu(), torch.full_like(logits, torch.nan)
+        )
 
-    def embed_training(self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
+    def embed_training(
+        self, net: LeNet, heights: Tensor, views: Rows, trained: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """Every trained view at each of its `n_way` headings."""
         turned = self._turned(heights, trained, torch.arange(len(trained) * self.n_way))
         return self.predict(net, turned).features, trained.repeat_interleave(self.n_way)

@@ -5,7 +5,8 @@ from torch import Tensor
 
 
 def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """The two of `count` headings next to each fractional one (n,), and how far (n,) it is from the first to the second."""
+    """The two of `count` headings next to each fractional one (n,), and how far (n,) it is from the
+    first to the second."""
     below = headings.floor()
     first = below.long() % count
     return first, (first + 1) % count, headings - below
@@ -18,8 +19,11 @@ def rolled(heights: Tensor, turns: Tensor) -> Tensor:
 
 
 def circular_mean_deg(chances: Tensor) -> Tensor:
-    """Degrees (n, …) in (−180, 180] of chances (n, heading, …) of headings even around the circle, the first at 0."""
+    """Degrees (n, …) in (−180, 180] of chances (n, heading, …) of headings even around the circle,
+    the first at 0."""
     angles = 2 * torch.pi * torch.arange(chances.shape[1], device=chances.device) / chances.shape[1]
-    north, east = (torch.tensordot(part, chances, dims=([0], [1])) for part in (angles.sin(), angles.cos()))
+    north, east = (
+        torch.tensordot(part, chances, dims=([0], [1])) for part in (angles.sin(), angles.cos())
+    )
     turned = torch.atan2(north, east).rad2deg()
     return 180 - (180 - turned) % 360

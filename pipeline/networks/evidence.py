@@ -1,4 +1,5 @@
-"""What held-out views say of a network: its temperature, and the evidence that thresholds are chosen from (METHODS 2.6)."""
+"""What held-out views say of a network: its temperature, and the evidence that thresholds are
+chosen from (METHODS 2.6)."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -12,7 +13,9 @@ from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import determined, temperature
 from pipeline.running.progress import Progress
 
-Novelties = Callable[[NDArray[np.float64], float, NDArray[np.float64]], Mapping[str, NDArray[np.float64]]]
+Novelties = Callable[
+    [NDArray[np.float64], float, NDArray[np.float64]], Mapping[str, NDArray[np.float64]]
+]
 
 
 class Prediction(NamedTuple):
@@ -51,9 +54,11 @@ def judged(
     progress: Progress,
     usual: float | None = None,
 ) -> tuple[float, Evidence]:
-    """The temperature, and the answers to held-out views, once more with the places and training views near them forgotten.
+    """The temperature, and the answers to held-out views, once more with the places and training
+    views near them forgotten.
 
-    `block` (h,) is the held-out block of each. Where the views fix no temperature, it is the `usual` one.
+    `block` (h,) is the held-out block of each. Where the views fix no temperature, it is the
+    `usual` one.
     """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
@@ -64,7 +69,9 @@ def judged(
     elif not determined(softness, seen.scores, places):
         line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
         progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
-    cosines, others = ((one.features.numpy() @ memory.seen.numpy().T).astype(np.float64) for one in (seen, unseen))
+    cosines, others = (
+        (one.features.numpy() @ memory.seen.numpy().T).astype(np.float64) for one in (seen, unseen)
+    )
     others[near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, Evidence(
         seen.scores.argmax(axis=1) == places,

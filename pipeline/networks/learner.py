@@ -13,9 +13,11 @@ class Learner(Classifier):
     """What SCI and its ring are."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the views of the training sequence; raises ConfigError or InputError where they do not suit the network."""
+        """Train on the views of the training sequence; raises ConfigError or InputError where they
+        do not suit the network."""
         return training.learned(self, TrainingSet.joined([TrainingSet(views, places)]), progress)
 
     def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """Train on with further days; raises InputError where its views or places do not follow those of the model."""
+        """Train on with further days; raises InputError where its views or places do not follow
+        those of the model."""
         return growth.grown(self, model, known, new, progress)

@@ -1,4 +1,5 @@
-"""The SCI paper's network (Table I): three convolutions and two dense layers over a Scan Context Image (METHODS 2.4)."""
+"""The SCI paper's network (Table I): three convolutions and two dense layers over a Scan Context
+Image (METHODS 2.4)."""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -15,20 +16,31 @@ FILTERS = 64, 128, 256
 class LeNet(nn.Module):
     """Logits (batch, places) of images (batch, channels, rings, sectors) in [0, 1].
 
-    `momentum` is the weight of a new batch in the batch norms' running statistics, Keras's 1 − 0.99. 2,296,515 numbers for 579
-    places, 384 of them the batch norms' running ones.
+    `momentum` is the weight of a new batch in the batch norms' running statistics, Keras's 1 −
+    0.99. 2,296,515 numbers for 579 places, 384 of them the batch norms' running ones.
     """
 
     last = "head.4"
     """The layer with a row a place."""
 
     def __init__(
-        self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7, momentum: float = 0.01
+        self,
+        places: int,
+        rings: int = 40,
+        sectors: int = 120,
+        channels: int = 3,
+        dropout: float = 0.7,
+        momentum: float = 0.01,
     ) -> None:
         super().__init__()
         if places < 1 or rings < 8 or sectors < 8:
-            raise InputError(f"places={places} rings={rings} sectors={sectors}: expected a place or more and sides of 8 or more")
-        self.features = trunk((nn.Conv2d(*sizes, 5, padding=2) for sizes in pairwise((channels, *FILTERS))), momentum)
+            raise InputError(
+                f"places={places} rings={rings} sectors={sectors}: expected a place or more and "
+                "sides of 8 or more"
+            )
+        self.features = trunk(
+            (nn.Conv2d(*sizes, 5, padding=2) for sizes in pairwise((channels, *FILTERS))), momentum
+        )
         self.head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
@@ -57,10 +69,18 @@ def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
     first, second, third = convolutions
     norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
     return nn.Sequential(
-        first, nn.MaxPool2d(2), nn.ReLU(), norms[0],
-        second, nn.MaxPool2d(2), nn.ReLU(), norms[1],
-        third, nn.MaxPool2d(2), nn.ReLU(),
-    )  # fmt: skip
+        first,
+        nn.MaxPool2d(2),
+        nn.ReLU(),
+        norms[0],
+        second,
+        nn.MaxPool2d(2),
+        nn.ReLU(),
+        norms[1],
+        third,
+        nn.MaxPool2d(2),
+        nn.ReLU(),
+    )
 
 
 def start(net: nn.Module) -> None:

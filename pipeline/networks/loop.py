@@ -20,20 +20,24 @@ from pipeline.running.progress import Progress
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
-Batches = Callable[[torch.Generator], Iterator[Batch]]  # the batches of an epoch; its random draws follow from this generator
+Batches = Callable[
+    [torch.Generator], Iterator[Batch]
+]  # the batches of an epoch; its random draws follow from this generator
 Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
 Judge = Callable[[Any], tuple[float, float]]  # loss and accuracy of a network on held-out rows
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
-NET, BEST = "net/", "best/"
+NET = "net/"
+BEST = "best/"
 """Prefixes within a checkpoint."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 
 
 @contextmanager
 def reproducible(threads: int) -> Iterator[None]:
-    """A fixed number of threads (sums depend on how work is split), with the caller's count and random state put back."""
+    """A fixed number of threads (sums depend on how work is split), with the caller's count and
+    random state put back."""
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -44,23 +48,30 @@ def reproducible(threads: int) -> Iterator[None]:
 
 
 def dtype(where: torch.device, precision: Precision) -> torch.dtype:
-    """bfloat16 if `precision` says so, else float32; with auto bfloat16 on any GPU, and on processors with the instructions."""
-    fast = precision == "auto" and (where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported())
+    """bfloat16 if `precision` says so, else float32; with auto bfloat16 on any GPU, and on
+    processors with the instructions."""
+    fast = precision == "auto" and (
+        where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    )
     return torch.bfloat16 if precision == "bf16" or fast else torch.float32
 
 
 def arithmetic() -> str:
-    """What networks compute in on this machine where nothing else is said: `bfloat16` or `float32`."""
+    """What networks compute in on this machine where nothing else is said: `bfloat16` or
+    `float32`."""
     return str(dtype(device(), "auto")).removeprefix("torch.")
 
 
 def autocast(where: torch.device, precision: Precision) -> torch.autocast:
     """Arithmetic of that type."""
-    return torch.autocast(where.type, torch.bfloat16, enabled=dtype(where, precision) == torch.bfloat16)
+    return torch.autocast(
+        where.type, torch.bfloat16, enabled=dtype(where, precision) == torch.bfloat16
+    )
 
 
 def cast(net: nn.Module, where: torch.device, precision: Precision) -> None:
-    """Bring the convolutions' kernels to that type for good, which autocast would do again at every answer: the same bits."""
+    """Bring the convolutions' kernels to that type for good, which autocast would do again at every
+    answer: the same bits."""
     for module in net.modules():
         if isinstance(module, nn.Conv2d):
             module.to(dtype(where, precision))
@@ -68,27 +79,45 @@ def cast(net: nn.Module, where: torch.device, precision: Precision) -> None:
 
 def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
     """A network's weights, as they are stored in a model."""
-    return {f"{prefix}{name}": value.cpu().contiguous().numpy() for name, value in net.state_dict().items()}
+    return {
+        f"{prefix}{name}": value.cpu().contiguous().numpy()
+        for name, value in net.state_dict().items()
+    }
 
 
 def tensors(model: Mapping[str, NDArray[Any]], prefix: str = NET) -> dict[str, Tensor]:
     """The weights of a network that are stored in a model."""
-    return {name.removeprefix(prefix): torch.from_numpy(array.copy()) for name, array in model.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): torch.from_numpy(array.copy())
+        for name, array in model.items()
+        if name.startswith(prefix)
+    }
 
 
-def fill(net: nn.Module, model: Mapping[str, NDArray[Any]], prefix: str = NET, assign: bool = False) -> None:
-    """Give a network the weights that a model holds; raises ArtifactError where they are not of such a network."""
+def fill(
+    net: nn.Module, model: Mapping[str, NDArray[Any]], prefix: str = NET, assign: bool = False
+) -> None:
+    """Give a network the weights that a model holds; raises ArtifactError where they are not of
+    such a network."""
     try:
         net.load_state_dict(tensors(model, prefix), assign=assign)
     except RuntimeError:
-        raise ArtifactError(f"the model's weights are not those of a {type(net).__name__}: train it again") from None
+        raise ArtifactError(
+            f"the model's weights are not those of a {type(net).__name__}: train it again"
+        ) from None
 
 
-def classify(net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, int]:
+def classify(
+    net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor, int]:
     """Cross-entropy in nats of logits (n, classes) of a batch of images (n, …) and classes (n,)."""
     images, classes = batch
     logits = net(images)
-    return nn.functional.cross_entropy(logits.float(), classes), (logits.argmax(1) == classes).sum(), len(classes)
+    return (
+        nn.functional.cross_entropy(logits.float(), classes),
+        (logits.argmax(1) == classes).sum(),
+        len(classes),
+    )
 
 
 def fit(
@@ -107,14 +136,16 @@ def fit(
     fused: bool = False,
     since: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Train `net` with Adam on the loss of each `step`, judged on held-out rows after each epoch (its loss and accuracy).
+    """Train `net` with Adam on the loss of each `step`, judged on held-out rows after each epoch
+    (its loss and accuracy).
 
-    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the last, and so the last where
-    there is no judge; returns `best_epoch`, 0-based, and the `curves/` of CURVES (epoch,), as they are stored in a model.
-    An epoch has `steps` batches; `learning_rate` is the highest that the schedule reaches, of which a share `since` lies behind.
-    `fused` Adam rounds differently, and is much faster for a network of many numbers. Every random draw of an epoch follows from
-    the seed and the epoch's number, so a run that goes on from `progress.checkpoint` gives the weights of one that was never
-    interrupted.
+    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the
+    last, and so the last where there is no judge; returns `best_epoch`, 0-based, and the `curves/`
+    of CURVES (epoch,), as they are stored in a model. An epoch has `steps` batches; `learning_rate`
+    is the highest that the schedule reaches, of which a share `since` lies behind. `fused` Adam
+    rounds differently, and is much faster for a network of many numbers. Every random draw of an
+    epoch follows from the seed and the epoch's number, so a run that goes on from
+    `progress.checkpoint` gives the weights of one that was never interrupted.
     """
     where = next(net.parameters()).device
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
@@ -127,15 +158,22 @@ def fit(
     curves = np.empty((0, len(CURVES)))
     best = {name: value.clone() for name, value in net.state_dict().items()}
     if kept := resume(progress.checkpoint, net, {"adam": optimizer}):
-        curves, best = kept["curves"].cpu().numpy(), taken(kept, BEST)
+        curves = kept["curves"].cpu().numpy()
+        best = taken(kept, BEST)
     share = SCHEDULES[schedule]
-    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), "train" if judge else "refit"):
+    for epoch in progress.track(
+        range(len(curves), epochs), epochs - len(curves), "train" if judge else "refit"
+    ):
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
-        loss_sum, right, seen = torch.zeros((), device=where), torch.zeros((), device=where), 0
+        loss_sum = torch.zeros((), device=where)
+        right = torch.zeros((), device=where)
+        seen = 0
         for number, batch in enumerate(batches(order)):
-            optimizer.param_groups[0]["lr"] = learning_rate * share(since + (1 - since) * (epoch + number / steps) / epochs)
+            optimizer.param_groups[0]["lr"] = learning_rate * share(
+                since + (1 - since) * (epoch + number / steps) / epochs
+            )
             loss, hits, count = step(answer, batch)
             optimizer.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
@@ -143,18 +181,31 @@ def fit(
             loss_sum += loss.detach() * count
             right += hits
             seen += count
-        row = (float(loss_sum) / seen, float(right) / seen, *(judge(net) if judge else (math.nan, 0.0)))
+        row = (
+            float(loss_sum) / seen,
+            float(right) / seen,
+            *(judge(net) if judge else (math.nan, 0.0)),
+        )
         if not math.isfinite(row[0]):
-            raise ConfigError(f"training diverged: its loss in epoch {epoch + 1} is {row[0]}; lower method.learning_rate")
+            raise ConfigError(
+                f"training diverged: its loss in epoch {epoch + 1} is {row[0]}; lower "
+                "method.learning_rate"
+            )
         curves = np.vstack([curves, row])
         if _best(curves) == epoch:
             best = {name: value.clone() for name, value in net.state_dict().items()}
-        progress.note(epoch=epoch + 1, loss=row[0], accuracy=row[1], **({"held_out": row[3]} if judge else {}))
+        progress.note(
+            epoch=epoch + 1, loss=row[0], accuracy=row[1], **({"held_out": row[3]} if judge else {})
+        )
         if progress.checkpoint is not None:
-            more = {f"{BEST}{name}": value for name, value in best.items()} | {"curves": torch.from_numpy(curves)}
+            more = {f"{BEST}{name}": value for name, value in best.items()} | {
+                "curves": torch.from_numpy(curves)
+            }
             keep(progress.checkpoint, net, {"adam": optimizer}, more)
     net.load_state_dict(best)
-    columns = {f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)}
+    columns = {
+        f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)
+    }
     return {"best_epoch": np.array(_best(curves)), **columns}
 
 
@@ -164,7 +215,8 @@ def _best(curves: NDArray[np.float64]) -> int:
 
 
 def one_cycle(progress: float) -> float:
-    """Share of the peak learning rate at a share of the training: a cosine from 4 % up to 1 at 30 %, then down to nearly 0.
+    """Share of the peak learning rate at a share of the training: a cosine from 4 % up to 1 at 30
+    %, then down to nearly 0.
 
     Smith and Topin, 2018: a short training needs the rate to fall at its end.
     """
@@ -175,13 +227,20 @@ def one_cycle(progress: float) -> float:
 
 SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
     "one_cycle": one_cycle,
-    "stepped": lambda progress: 0.9 ** int(4 * progress),  # as PointNetVLAD's authors do in 20 epochs
+    "stepped": lambda progress: (
+        0.9 ** int(4 * progress)
+    ),  # as PointNetVLAD's authors do in 20 epochs
     "constant": lambda progress: 1.0,
 }
 """Share of the learning rate at a share of the training."""
 
 
-def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer], more: Mapping[str, Tensor]) -> None:
+def keep(
+    path: Path,
+    net: nn.Module,
+    optimizers: Mapping[str, torch.optim.Optimizer],
+    more: Mapping[str, Tensor],
+) -> None:
     """Write a checkpoint: the network, the moments of each optimiser, and `more`."""
     kept = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
     for optimizer_name, optimizer in optimizers.items():
@@ -191,8 +250,11 @@ def keep(path: Path, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimi
         save_file({name: value.contiguous() for name, value in kept.items()}, scratch)
 
 
-def resume(path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]) -> dict[str, Tensor]:
-    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file, none where there is no file.
+def resume(
+    path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]
+) -> dict[str, Tensor]:
+    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file,
+    none where there is no file.
 
     Raises ArtifactError for a file that is cut off or of another training.
     """
@@ -203,17 +265,29 @@ def resume(path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.opt
         net.load_state_dict(taken(kept, NET))
         for optimizer_name, optimizer in optimizers.items():
             state: dict[int, dict[str, Tensor]] = {}
-            weights: list[Tensor] = [weight for group in optimizer.param_groups for weight in group["params"]]
+            weights: list[Tensor] = [
+                weight for group in optimizer.param_groups for weight in group["params"]
+            ]
             for name, value in taken(kept, f"{optimizer_name}/").items():
                 index, _, field = name.partition("/")
-                like = torch.empty_like(weights[int(index)])  # with its strides, on which rounding depends
-                state.setdefault(int(index), {})[field] = value.cpu() if field == "step" else like.copy_(value)
-            optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+                like = torch.empty_like(
+                    weights[int(index)]
+                )  # with its strides, on which rounding depends
+                state.setdefault(int(index), {})[field] = (
+                    value.cpu() if field == "step" else like.copy_(value)
+                )
+            optimizer.load_state_dict(
+                {"state": state, "param_groups": optimizer.state_dict()["param_groups"]}
+            )
     except (SafetensorError, KeyError, RuntimeError) as error:
-        raise ArtifactError(f"{path}: not a whole checkpoint of this training ({error}); remove it") from None
+        raise ArtifactError(
+            f"{path}: not a whole checkpoint of this training ({error}); remove it"
+        ) from None
     return kept
 
 
 def taken(kept: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """Removes and returns the tensors of a prefix, under their names without it."""
-    return {name.removeprefix(prefix): kept.pop(name) for name in list(kept) if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): kept.pop(name) for name in list(kept) if name.startswith(prefix)
+    }

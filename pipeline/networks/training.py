@@ -1,4 +1,5 @@
-"""Training a classifier: fit, judged on held-out blocks, fitted again on all views, and what a model then holds."""
+"""Training a classifier: fit, judged on held-out blocks, fitted again on all views, and what a
+model then holds."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,16 +50,26 @@ class Training:
     @cached_property
     def place_xy_m(self) -> NDArray[np.float64]:
         """The mean position (place, 2) of each place's views."""
-        places, xy_m = self.data.places, self.xy_m
-        return np.stack([np.bincount(places, xy_m[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1)
+        places = self.data.places
+        xy_m = self.xy_m
+        return np.stack(
+            [np.bincount(places, xy_m[:, axis]) / np.bincount(places) for axis in (0, 1)], axis=1
+        )
 
-    def fit(self, rows: NDArray[np.int64], share: float, part: str = "", judge: loop.Judge | None = None) -> Model:
+    def fit(
+        self, rows: NDArray[np.int64], share: float, part: str = "", judge: loop.Judge | None = None
+    ) -> Model:
         """The end of the schedule, a share of it, on the batches of some rows; the curves of it."""
-        method, progress = self.method, self.progress.part(part) if part else self.progress
-        chosen, places = torch.from_numpy(rows), torch.from_numpy(self.data.places)
+        method = self.method
+        progress = self.progress.part(part) if part else self.progress
+        chosen = torch.from_numpy(rows)
+        places = torch.from_numpy(self.data.places)
         batches, steps = method.batches(self.heights, self.data.views, places, chosen)
         epochs = max(1, round(method.epochs * progress.budget * share))
-        how: dict[str, Any] = {name: getattr(method, name) for name in ("learning_rate", "schedule", "precision", "seed")}
+        how: dict[str, Any] = {
+            name: getattr(method, name)
+            for name in ("learning_rate", "schedule", "precision", "seed")
+        }
         how |= {"epochs": epochs, "steps": steps, "since": 1 - share, "step": self.step}
         return loop.fit(self.net, batches, judge, progress=progress, **how)
 
@@ -66,11 +77,16 @@ class Training:
         """Loss and accuracy on the held-out views."""
         logits = self.method.predict(net, self.heights[self.held]).logits
         classes = torch.from_numpy(self.data.places[self.held])
-        return float(nn.functional.cross_entropy(logits, classes)), float((logits.argmax(1) == classes).float().mean())
+        return float(nn.functional.cross_entropy(logits, classes)), float(
+            (logits.argmax(1) == classes).float().mean()
+        )
 
     def remembered(self, rows: NDArray[np.int64]) -> tuple[Known, Tensor, Model]:
-        """The features of some views or more, the row of each, and what else answers to queries are compared with."""
-        views, places, chosen = self.data.views, self.data.places, torch.from_numpy(rows)
+        """The features of some views or more, the row of each, and what else answers to queries are
+        compared with."""
+        views = self.data.views
+        places = self.data.places
+        chosen = torch.from_numpy(rows)
         features, found = self.method.embed_training(self.net, self.heights, views, chosen)
         kept = self.method.remembered(self.images, views, places, chosen)
         return Known(features, places[found], self.xy_m[found]), found, kept
@@ -81,19 +97,26 @@ class Training:
         if usual is not None and not self.held.any():
             return usual, Evidence.of(earlier or {})
         every, found, kept = self.remembered(rows)
-        known, images = every.some(torch.isin(found, torch.from_numpy(rows))), self.images[self.held]
+        known = every.some(torch.isin(found, torch.from_numpy(rows)))
+        images = self.images[self.held]
 
         def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
-            return self.method.reranked(self.method.predict(self.net, heights, forgotten), images, kept)
+            return self.method.reranked(
+                self.method.predict(self.net, heights, forgotten), images, kept
+            )
 
-        asked, near_m = Known(self.heights, self.data.places, self.xy_m).some(self.held), self.method.neighbour_m
-        world_T_anchor, of_blocks = self.data.views.world_T_anchor, (self.method.held_out_every_m, self.method.held_out_length_m)
+        asked = Known(self.heights, self.data.places, self.xy_m).some(self.held)
+        near_m = self.method.neighbour_m
+        world_T_anchor = self.data.views.world_T_anchor
+        of_blocks = (self.method.held_out_every_m, self.method.held_out_length_m)
         block = holdout.numbered(world_T_anchor, self.held, *of_blocks)
         about = (asked, block, self.place_xy_m, known, near_m, self.progress, usual)
         softness, own = judged(predict, self.method.novelties, *about)
         return softness, own if earlier is None else Evidence.joined([Evidence.of(earlier), own])
 
-    def model(self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model) -> Model:
+    def model(
+        self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model
+    ) -> Model:
         """All that was learned, `rows` remembered."""
         known, _, kept = self.remembered(rows)
         arrays = {
@@ -107,7 +130,8 @@ class Training:
 
 
 def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
-    """A model of the first day: held-out blocks choose epoch, temperature and thresholds; then `refit` trains on all views."""
+    """A model of the first day: held-out blocks choose epoch, temperature and thresholds; then
+    `refit` trains on all views."""
     held = blocks(method, data)
     trained = np.flatnonzero(~held)
     held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
@@ -125,4 +149,6 @@ def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:
     """Which views (n,) are held out."""
     places = np.unique(data.places, return_inverse=True)[1]
-    return holdout.blocks(data.views.world_T_anchor, places, method.held_out_every_m, method.held_out_length_m)
+    return holdout.blocks(
+        data.views.world_T_anchor, places, method.held_out_every_m, method.held_out_length_m
+    )

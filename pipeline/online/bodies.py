@@ -8,13 +8,15 @@ from pipeline.formats.bag import CLOUD
 from pipeline.formats.messages import from_cdr, header
 from pipeline.formats.pointcloud2 import decode
 
-FLOATS, CDR = "application/octet-stream", "application/cdr"
+FLOATS = "application/octet-stream"
+CDR = "application/cdr"
 """Little-endian float32 x, y, z; a sensor_msgs/PointCloud2."""
 LARGEST_BYTES = 32 * 2**20  # 2.7 million points
 
 
 def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
-    """Stamp in ns, if there is one, and points (n, 3) in metres; raises LogError for a body that is no scan."""
+    """Stamp in ns, if there is one, and points (n, 3) in metres; raises LogError for a body that is
+    no scan."""
     if len(body) > LARGEST_BYTES:
         raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")
     if kind == CDR:

@@ -18,7 +18,8 @@ CONNECT_MS = 5000
 
 
 def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
-    """A session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447; no other is looked for.
+    """A session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447; no other is
+    looked for.
 
     `how` may be `listen` too. Raises ConfigError where nobody answers there.
     """
@@ -45,24 +46,36 @@ def run(
     tell: Callable[[str], None],
     body_T_lidar: Poses | None = None,
 ) -> None:
-    """Answer until the session is closed, after calling `ready`. While one scan is localised the newest waits.
+    """Answer until the session is closed, after calling `ready`.
+
+    While one scan is localised the newest waits.
 
     Points are placed by `body_T_lidar` (4, 4), or raised as those that the site was learned with.
     """
-    body_T_lidar = raised(float(site.about["sensor"]["lift_m"])) if body_T_lidar is None else body_T_lidar
+    body_T_lidar = (
+        raised(float(site.about["sensor"]["lift_m"])) if body_T_lidar is None else body_T_lidar
+    )
     tracker = Tracker(site, promise)
     publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
     scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))
     ready()
     for number, sample in enumerate(scans):
         try:
-            stamp_ns, points_m = points(sample.payload.to_bytes(), CDR if str(sample.encoding) == CDR else FLOATS)
+            stamp_ns, points_m = points(
+                sample.payload.to_bytes(), CDR if str(sample.encoding) == CDR else FLOATS
+            )
             points_m = placed(points_m, body_T_lidar)
             fix = tracker.localize(points_m, None, stamp_ns)
         except YearlocError as error:
             tell(str(error))
             publisher.put(json.dumps({"error": str(error)}))
             continue
-        scan = Scan(str(number), stamp_ns, lambda points_m=points_m: points_m, NO_POSE, NO_POSE)  # type: ignore[misc]
+        scan = Scan(
+            str(number),
+            stamp_ns,
+            lambda points_m=points_m: points_m,  # type: ignore[misc]
+            NO_POSE,
+            NO_POSE,
+        )
         tell(person(scan, fix))
         publisher.put(json.dumps(record(scan, fix), allow_nan=False))

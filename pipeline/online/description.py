@@ -11,17 +11,37 @@ from pipeline.online.site_file import read
 
 
 def describe(path: Path) -> Inspection:
-    """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole site."""
+    """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole
+    site."""
     about, model, arrays, network, _ = read(path)
-    found, verdict, seen = Inspection(path), about["verdict"], about["sensor"]
-    anchors, made = arrays["world_T_anchor"], about["provenance"]
+    found = Inspection(path)
+    verdict = about["verdict"]
+    seen = about["sensor"]
+    anchors = arrays["world_T_anchor"]
+    made = about["provenance"]
     method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
     found.describe(
         f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
-        ("size", f"{nbytes(path.stat().st_size)}; model {nbytes(sum(one.nbytes for one in model.values()))}"),
-        ("method", f"{method} on {view} views{'' if network is None else ', through ONNX Runtime'}"),
-        ("learned on", ", then ".join(map(_day, about["growth"]["days"])) if "growth" in about else made["train"]),
-        ("map", f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within {about['map']['range_m']:g} m"),
+        (
+            "size",
+            f"{nbytes(path.stat().st_size)}; model "
+            f"{nbytes(sum(one.nbytes for one in model.values()))}",
+        ),
+        (
+            "method",
+            f"{method} on {view} views{'' if network is None else ', through ONNX Runtime'}",
+        ),
+        (
+            "learned on",
+            ", then ".join(map(_day, about["growth"]["days"]))
+            if "growth" in about
+            else made["train"],
+        ),
+        (
+            "map",
+            f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within "
+            f"{about['map']['range_m']:g} m",
+        ),
         ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
@@ -36,27 +56,38 @@ def describe(path: Path) -> Inspection:
         "azimuth_deg": "azimuth in °",
         "sensor_m": "metres over the ground",
     }
-    known = ((label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}") for name, label in names.items())
+    known = (
+        (label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}")
+        for name, label in names.items()
+    )
     found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))
     found.add("made of", *((name, digest or "unknown") for name, digest in made["md5"].items()))
     found.add("with", *made["versions"].items())
-    found.warn(not np.greater(verdict["promised"]["fix"], 0).any(), "no promise can be kept: every fix will be rejected")
+    found.warn(
+        not np.greater(verdict["promised"]["fix"], 0).any(),
+        "no promise can be kept: every fix will be rejected",
+    )
     return found
 
 
 def first_day(about: Mapping[str, Any]) -> str:
-    """Of a site that has grown, whose held-out queries its promises are by; nothing of any other."""
+    """Of a site that has grown, whose held-out queries its promises are by; nothing of any
+    other."""
     days: list[dict[str, Any]] = about["growth"]["days"] if "growth" in about else []
     return f"; all of {days[0]['day']}, not of the days since" if len(days) > 1 else ""
 
 
 def _promise(limit: float) -> str:
     return (
-        f"fixes of a novelty below {limit:.3g}" if limit > 0 else "nothing keeps it: too few held-out blocks, or too many wrong"
+        f"fixes of a novelty below {limit:.3g}"
+        if limit > 0
+        else "nothing keeps it: too few held-out blocks, or too many wrong"
     )
 
 
 def _day(day: Mapping[str, Any]) -> str:
     """A day that a site learned."""
-    more = f", {day['places']} new places, {day['changed']} submaps changed" if "places" in day else ""
+    more = (
+        f", {day['places']} new places, {day['changed']} submaps changed" if "places" in day else ""
+    )
     return f"{day['day']} ({day['views']} views{more})"

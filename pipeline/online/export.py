@@ -1,4 +1,5 @@
-"""A site's network as an ONNX file, or as a site that answers through ONNX Runtime, with how near it comes to torch's answers."""
+"""A site's network as an ONNX file, or as a site that answers through ONNX Runtime, with how near
+it comes to torch's answers."""
 
 import json
 import logging
@@ -42,22 +43,28 @@ class Parity:
 
 
 class Scores(nn.Module):
-    """Heights (1, rings, sectors) in metres → scores (1, places), features (1, 64) and headings in degrees (1, places)."""
+    """Heights (1, rings, sectors) in metres → scores (1, places), features (1, 64) and headings in
+    degrees (1, places)."""
 
     def __init__(self, method: Classifier, net: nn.Module) -> None:
         super().__init__()
-        self.net, self.method = net, method
+        self.net = net
+        self.method = method
 
     def forward(self, heights_m: Tensor) -> tuple[Tensor, ...]:
-        low, high = self.method.h_min_m, self.method.h_max_m
+        low = self.method.h_min_m
+        high = self.method.h_max_m
         share = (heights_m.clamp(low, high).double() - low) / (high - low)
         predict: Any = type(self.method).predict
-        answers: tuple[Tensor, ...] = predict.__wrapped__(self.method, self.net, torch.floor(share * 255 + 0.5).long())
+        answers: tuple[Tensor, ...] = predict.__wrapped__(
+            self.method, self.net, torch.floor(share * 255 + 0.5).long()
+        )
         return tuple(answers)
 
 
 def export(source: Path, out: Path) -> str:
-    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it; returns what was written, in a line.
+    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it; returns what
+    was written, in a line.
 
     Raises ConfigError for a method without a network, or an ending that says neither.
     """
@@ -68,26 +75,40 @@ def export(source: Path, out: Path) -> str:
         raise ConfigError(f"{source}: is exported already; export the site that it came from")
     method = build(about["method"], site.ROOTS)
     data, parity = exported(method, model)
-    found = f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} with the same best place"
+    found = (
+        f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} "
+        "with the same best place"
+    )
     if parity.largest > ALIKE:
         raise ConfigError(f"{source}: {found}; over {ALIKE:g}, nothing was written")
     if out.suffix == ".site":
         if not isinstance(method, Classifier):
-            raise ConfigError(f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this network alone")
+            raise ConfigError(
+                f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this "
+                "network alone"
+            )
         own = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
         answering = {key: value for key, value in about.items() if key != "growth"}
         site_file.write(out, site_file.Parts(answering, own, arrays, data))
     else:
         with replaced(out) as scratch:
             scratch.write_bytes(data)
-        beside = {"views": parity.views, "largest_difference": parity.largest, "same_first": parity.same_first}
+        beside = {
+            "views": parity.views,
+            "largest_difference": parity.largest,
+            "same_first": parity.same_first,
+        }
         with replaced(out.with_suffix(".parity.json")) as scratch:
-            scratch.write_text(json.dumps({"site": about["name"], **beside}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            scratch.write_text(
+                json.dumps({"site": about["name"], **beside}, indent=1, allow_nan=False) + "\n",
+                encoding="utf-8",
+            )
     return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {found}"
 
 
 def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Parity]:
-    """A method's network as an ONNX file's bytes, and its parity; raises ConfigError for a method without one."""
+    """A method's network as an ONNX file's bytes, and its parity; raises ConfigError for a method
+    without one."""
     rng = np.random.default_rng(0)
     if isinstance(method, Classifier):
         method = replace(method, precision="f32", threads=1)
@@ -95,15 +116,22 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
         net = method.network(len(model["place_xy_m"]), rings, sectors)
         loop.fill(net, model)
         module: nn.Module = Scores(method, net)
-        views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (rng.uniform(size=(TRIED, rings, sectors)) < 0.5)
-        given, names = INPUT, list(CLASSIFIED)
+        views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (
+            rng.uniform(size=(TRIED, rings, sectors)) < 0.5
+        )
+        given = INPUT
+        names = list(CLASSIFIED)
     elif isinstance(method, PointNetVlad):
         module = Describer()
         loop.fill(module, model)
         views = rng.uniform(-1, 1, (TRIED, int(model["points"]), 3))
-        given, names = "points", ["descriptor"]
+        given = "points"
+        names = ["descriptor"]
     else:
-        raise ConfigError(f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad have one")
+        raise ConfigError(
+            f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad "
+            "have one"
+        )
     inputs = torch.from_numpy(views.astype(np.float32))
     data = _onnx(module.eval(), inputs[:1], given, names)
     run = session(data)
@@ -123,11 +151,25 @@ def _first(answers: Any) -> NDArray[np.float64]:
 def _onnx(module: nn.Module, example: Tensor, given: str, outputs: list[str]) -> bytes:
     """The file's bytes; torch's exporter talks of what does not matter here."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with torch.no_grad(), warnings.catch_warnings(), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+    with (
+        torch.no_grad(),
+        warnings.catch_warnings(),
+        redirect_stdout(StringIO()),
+        redirect_stderr(StringIO()),
+    ):
         warnings.simplefilter("ignore")
         try:
-            program = torch.onnx.export(module, (example,), dynamo=True, input_names=[given], output_names=outputs, verbose=False)
+            program = torch.onnx.export(
+                module,
+                (example,),
+                dynamo=True,
+                input_names=[given],
+                output_names=outputs,
+                verbose=False,
+            )
         except ImportError as error:
-            raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[onnx]'`") from None
+            raise ConfigError(
+                f"{error.name}: not installed; `pip install 'yearloc[onnx]'`"
+            ) from None
     assert program is not None
     return bytes(program.model_proto.SerializeToString())

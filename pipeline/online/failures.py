@@ -1,4 +1,5 @@
-"""Failure cards: a picture of each accepted fix that is wrong and each right one that was rejected."""
+"""Failure cards: a picture of each accepted fix that is wrong and each right one that was
+rejected."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,9 +23,11 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 from pipeline.store import Artifact
 
-WALL_M, SHOWN_M = 0.5, 45.0
+WALL_M = 0.5
+SHOWN_M = 45.0
 """Points below are ground; around the robot so much is drawn."""
-MAP, QUERY = "#9A9A9A", "#B2182B"
+MAP = "#9A9A9A"
+QUERY = "#B2182B"
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,11 @@ class Judged:
 
 
 def failures(judged: Iterable[Judged]) -> list[Judged]:
-    """Those whose verdict is wrong: accepted ones of least novelty first, then rejected ones of the highest."""
+    """Those whose verdict is wrong: accepted ones of least novelty first, then rejected ones of the
+    highest."""
     return sorted(
-        (one for one in judged if one.fails), key=lambda one: (not one.accepted, one.novelty * (1 if one.accepted else -1))
+        (one for one in judged if one.fails),
+        key=lambda one: (not one.accepted, one.novelty * (1 if one.accepted else -1)),
     )
 
 
@@ -74,26 +79,47 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[Judged]:
     for scan, fix in zip(scans, fixes, strict=True):
         if np.isfinite(scan.world_T_scan).all() and fix.verdict != "no pose":
             accepted = fix.verdict == "accepted"
-            yield Judged(scan.name, scan.points, fix.world_T_sensor, scan.world_T_scan, accepted, fix.overlap, fix.novelty)
+            yield Judged(
+                scan.name,
+                scan.points,
+                fix.world_T_sensor,
+                scan.world_T_scan,
+                accepted,
+                fix.overlap,
+                fix.novelty,
+            )
 
 
 def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> Iterator[Judged]:
-    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a promise that they cannot make.
-    None accepts nothing."""
-    found, anchors = store.read(fixes, schemas.FIXES), store.read(submaps, schemas.SUBMAPS)
+    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a
+    promise that they cannot make. None accepts nothing."""
+    found = store.read(fixes, schemas.FIXES)
+    anchors = store.read(submaps, schemas.SUBMAPS)
     limits = zip(found.attrs["promises"], found.attrs["promised"], strict=True)
     kept = {one: reject_from for one, reject_from in limits if reject_from > 0}
     if promise is not None and promise not in kept:
-        can = f"they can {' and '.join(map(str, kept))}" if kept else "nor any other; --promise none draws them"
+        can = (
+            f"they can {' and '.join(map(str, kept))}"
+            if kept
+            else "nor any other; --promise none draws them"
+        )
         raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {can}")
-    world_T_true, recorded = anchors.load("world_T_anchor"), store.read(scans, schemas.SCANS)
+    world_T_true = anchors.load("world_T_anchor")
+    recorded = store.read(scans, schemas.SCANS)
     driven = read_cases(found.attrs).index(Case())
     own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
-    world_T_query, novelty = found.load("world_T_query")[own], found.load("novelty")[own].astype(np.float64)
+    world_T_query = found.load("world_T_query")[own]
+    novelty = found.load("novelty")[own].astype(np.float64)
     reject_from = 0.0 if promise is None else kept[promise]
     overlap = found.load("overlap")[own].astype(np.float64)
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
-        known = (world_T_query[row], world_T_true[row], novelty[row, 0] < reject_from, overlap[row], novelty[row, 0])
+        known = (
+            world_T_query[row],
+            world_T_true[row],
+            novelty[row, 0] < reject_from,
+            overlap[row],
+            novelty[row, 0],
+        )
         yield Judged(f"{fixes.stem} query {row}", partial(_points, recorded, anchors, row), *known)
 
 
@@ -103,33 +129,47 @@ def _points(scans: Artifact, submaps: Artifact, row: int) -> Points:
 
 
 def draw(targets: Targets, one: Judged, path: Path, told: str) -> None:
-    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken; `told` ends its heading."""
+    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken;
+    `told` ends its heading."""
     points_m = one.points_m()
     points_m = points_m[points_m[:, 2] > WALL_M]
     figure = Figure((10, 5.6), layout="constrained", dpi=110)
     placed, true = figure.subplots(1, 2)
     _from_above(placed, targets, points_m, one.world_T_found)
-    placed.set_title(f"placed: {'accepted' if one.accepted else 'rejected'}, overlap {one.overlap:.2f}", loc="left")
+    placed.set_title(
+        f"placed: {'accepted' if one.accepted else 'rejected'}, overlap {one.overlap:.2f}",
+        loc="left",
+    )
     nearest_m = _from_above(true, targets, points_m, one.world_T_true)
     true.set_title(f"taken here, {nearest_m:.1f} m from training", loc="left")
     away_m, turn_deg = one.off
-    heading = f"{one.name}: {one.kind}; {away_m:.1f} m and {turn_deg:.1f}° off; novelty {one.novelty:.3f}, {told}"
+    heading = (
+        f"{one.name}: {one.kind}; {away_m:.1f} m and {turn_deg:.1f}° off; novelty "
+        f"{one.novelty:.3f}, {told}"
+    )
     figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
     figure.savefig(path)
 
 
-def _from_above(axes: Axes, targets: Targets, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]) -> float:
-    """Draw the two submaps nearest a pose and the scan at it; returns how far the nearest is in metres."""
+def _from_above(
+    axes: Axes, targets: Targets, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]
+) -> float:
+    """Draw the two submaps nearest a pose and the scan at it; returns how far the nearest is in
+    metres."""
     centre_m = world_T_scan[:2, 3]
     away_m = np.linalg.norm(targets.world_T_anchor[:, :2, 3] - centre_m, axis=1)
     for row in np.argsort(away_m)[:2]:
-        pose, mapped_m = targets.world_T_anchor[row], targets.points_m(int(row))
+        pose = targets.world_T_anchor[row]
+        mapped_m = targets.points_m(int(row))
         mapped_m = mapped_m[mapped_m[:, 2] > WALL_M] @ pose[:3, :3].T + pose[:3, 3]
         axes.plot(*mapped_m[:, :2].T, ".", color=MAP, markersize=1.2, zorder=1)
     seen_m = points_m @ world_T_scan[:3, :3].T + world_T_scan[:3, 3]
     axes.plot(*seen_m[::3, :2].T, ".", color=QUERY, markersize=1.0, zorder=2)
-    (x, y), (ahead_x, ahead_y) = centre_m.tolist(), (centre_m + 6 * world_T_scan[:2, 0]).tolist()
-    axes.annotate("", (ahead_x, ahead_y), (x, y), arrowprops={"arrowstyle": "->", "color": "black", "lw": 2})
+    (x, y) = centre_m.tolist()
+    (ahead_x, ahead_y) = (centre_m + 6 * world_T_scan[:2, 0]).tolist()
+    axes.annotate(
+        "", (ahead_x, ahead_y), (x, y), arrowprops={"arrowstyle": "->", "color": "black", "lw": 2}
+    )
     axes.set_xlim(centre_m[0] - SHOWN_M, centre_m[0] + SHOWN_M)
     axes.set_ylim(centre_m[1] - SHOWN_M, centre_m[1] + SHOWN_M)
     axes.set_aspect("equal")

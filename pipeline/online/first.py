@@ -1,4 +1,5 @@
-"""The first scan of a machine, made up: what it takes to localise is compiled, and kept for every later one."""
+"""The first scan of a machine, made up: what it takes to localise is compiled, and kept for every
+later one."""
 
 import time
 
@@ -45,7 +46,11 @@ def compile_kernels() -> float:
     reranked(np.ones(every_place), np.zeros(every_place), seen, trained)
     grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
     offsets = np.cumsum([0, *map(len, grains)])
-    arrays = {"points": np.concatenate(grains).astype(np.int16), "offsets": offsets, "world_T_anchor": anchors}
+    arrays = {
+        "points": np.concatenate(grains).astype(np.int16),
+        "offsets": offsets,
+        "world_T_anchor": anchors,
+    }
     targets = Targets(arrays, GRAIN_M, 80.0, True)
     Fixer(sure=1.0).fix(clouds_m[1], targets, Answers(anchors[:, :2, 3], np.zeros(len(anchors))))
     return time.perf_counter() - start
@@ -56,18 +61,28 @@ def street() -> NDArray[np.float64]:
     rng = np.random.default_rng(0)
     parts = [np.column_stack([rng.uniform(-40, 40, (4000, 2)), rng.normal(0, 0.02, 4000)])]
     for x_m in range(-36, 36, 12):
-        front = np.column_stack([rng.uniform(x_m, x_m + 8, 400), np.full(400, 9.0), rng.uniform(0, 7, 400)])
-        side = np.column_stack([np.full(400, float(x_m)), rng.uniform(9, 15, 400), rng.uniform(0, 7, 400)])
+        front = np.column_stack(
+            [rng.uniform(x_m, x_m + 8, 400), np.full(400, 9.0), rng.uniform(0, 7, 400)]
+        )
+        side = np.column_stack(
+            [np.full(400, float(x_m)), rng.uniform(9, 15, 400), rng.uniform(0, 7, 400)]
+        )
         parts += [front, side, front * (1, -1, 1), side * (1, -1, 1)]
     return np.concatenate(parts) @ pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0, :3, :3].T
 
 
 def _formats(points_m: NDArray[np.float64]) -> None:
     """Read the points as the bytes of PointCloud2, KITTI and NCLT scans."""
-    fields = np.zeros(len(points_m), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    fields = np.zeros(
+        len(points_m), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
+    )
     fields["x"], fields["y"], fields["z"] = points_m.T
     finite(*(fields[axis] for axis in "xyz"))
     kitti.decode(np.frombuffer(fields.tobytes(), "<f4"), 0.0)
-    packed = nclt.encode(points_m.astype(np.float32), np.zeros(len(points_m), np.uint8), np.zeros(len(points_m), np.uint8))
+    packed = nclt.encode(
+        points_m.astype(np.float32),
+        np.zeros(len(points_m), np.uint8),
+        np.zeros(len(points_m), np.uint8),
+    )
     nclt.decode(np.frombuffer(packed, "<u2"), 0.0)
     nclt.decode(np.frombuffer(packed, "<u2"))

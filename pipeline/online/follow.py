@@ -1,4 +1,5 @@
-"""The clouds of an MCAP recording that is still being written; those that wait too long are dropped and counted."""
+"""The clouds of an MCAP recording that is still being written; those that wait too long are dropped
+and counted."""
 
 import time
 from collections import Counter, deque
@@ -14,7 +15,14 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
-from pipeline.formats.messages import frame_name, from_cdr, header, pose_numbers, poses, transform_numbers
+from pipeline.formats.messages import (
+    frame_name,
+    from_cdr,
+    header,
+    pose_numbers,
+    poses,
+    transform_numbers,
+)
 from pipeline.formats.pointcloud2 import decode
 from pipeline.frames import Poses
 from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
@@ -28,18 +36,23 @@ WAITING = 8
 
 
 class Growing:
-    """A file that another process writes: a read waits for bytes that are not there yet, and ends after `idle_s` without any."""
+    """A file that another process writes: a read waits for bytes that are not there yet, and ends
+    after `idle_s` without any."""
 
     def __init__(self, file: BinaryIO, idle_s: float) -> None:
-        self._file, self._idle_s = file, idle_s
+        self._file = file
+        self._idle_s = idle_s
 
     def read(self, size: int) -> bytes:
         """So many bytes; fewer at the end."""
-        parts, missing, since = [], size, time.monotonic()
+        parts = []
+        missing = size
+        since = time.monotonic()
         while missing > 0 and time.monotonic() - since < self._idle_s:
             if part := self._file.read(missing):
                 parts.append(part)
-                missing, since = missing - len(part), time.monotonic()
+                missing = missing - len(part)
+                since = time.monotonic()
             else:
                 time.sleep(POLL_S)
         return b"".join(parts)
@@ -66,14 +79,22 @@ class Following:
     """Why reading ended before the recording did; empty where it did not."""
 
     def scans(self) -> Iterator[Scan]:
-        """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it holds no cloud."""
-        file = self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
+        """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it
+        holds no cloud."""
+        file = (
+            self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
+        )
         if file is None or file.suffix != ".mcap":
-            raise LogError(f"{self.path}: no .mcap recording to follow; other bags can be localised once they are written")
+            raise LogError(
+                f"{self.path}: no .mcap recording to follow; other bags can be localised once they "
+                "are written"
+            )
         self._waiting = deque[tuple[int, bytes]](maxlen=WAITING)
         self._ended: Exception | bool = False
-        self._changed, self._edges = Condition(), dict[tuple[str, str], tuple[Any, Any]]()
-        self._driven, self._child = Newest(), ""
+        self._changed = Condition()
+        self._edges = dict[tuple[str, str], tuple[Any, Any]]()
+        self._driven = Newest()
+        self._child = ""
         Thread(target=self._reading, args=(file,), daemon=True).start()
         number = 0
         while True:
@@ -93,7 +114,10 @@ class Following:
         if not number and self.damage:
             raise LogError(self.damage)
         if not number:
-            raise LogError(f"{file}: no PointCloud2{f' on {self.topic}' if self.topic else ''} came within {self.idle_s:g} s")
+            raise LogError(
+                f"{file}: no PointCloud2{f' on {self.topic}' if self.topic else ''} came within "
+                f"{self.idle_s:g} s"
+            )
 
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
         tree = Tree(str(self.path), dict(self._edges), 0)
@@ -110,7 +134,8 @@ class Following:
         return bool(self._ended) or self._driven.stamp_ns >= stamp_ns
 
     def _reading(self, file: Path) -> None:
-        """Keep the newest clouds and all fixed transforms, until the file grows no more or is damaged."""
+        """Keep the newest clouds and all fixed transforms, until the file grows no more or is
+        damaged."""
         try:
             from mcap.exceptions import EndOfFile
             from mcap.stream_reader import StreamReader
@@ -119,11 +144,18 @@ class Following:
         try:
             with file.open("rb") as growing:
                 stream: Any = Growing(growing, self.idle_s)
-                self._read(StreamReader(stream, validate_crcs=True, record_size_limit=2**28).records)
+                self._read(
+                    StreamReader(stream, validate_crcs=True, record_size_limit=2**28).records
+                )
         except EndOfFile:
             pass  # it grows no more, and was not closed
-        except Exception as error:  # mcap, zstd and struct raise whatever they like at a damaged recording
-            self.damage = f"{file}: damaged, what follows was not read ({type(error).__name__}: {str(error)[:100]})"
+        except (
+            Exception
+        ) as error:  # mcap, zstd and struct raise whatever they like at a damaged recording
+            self.damage = (
+                f"{file}: damaged, what follows was not read ({type(error).__name__}: "
+                f"{str(error)[:100]})"
+            )
         self._end(True)
 
     def _end(self, how: Exception | bool) -> None:
@@ -132,7 +164,8 @@ class Following:
             self._changed.notify()
 
     def _read(self, records: Iterator[Any]) -> None:
-        kinds, topics = dict[int, str](), dict[int, tuple[str, str]]()
+        kinds = dict[int, str]()
+        topics = dict[int, tuple[str, str]]()
         for record in records:
             name = type(record).__name__
             if name == "Schema":
@@ -143,7 +176,10 @@ class Following:
                 topic, kind = topics[record.channel_id]
                 if kind == TRANSFORMS and topic.endswith("tf_static"):
                     self._learn(record.data)
-                elif self.odometry and (topic == self.odometry or (kind == TRANSFORMS and self.odometry.startswith("tf:"))):
+                elif self.odometry and (
+                    topic == self.odometry
+                    or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
+                ):
                     self._drive(record, kind)
                 elif kind == CLOUD and topic == (self.topic or topic):
                     self._keep(record)
@@ -158,20 +194,31 @@ class Following:
             self._edges[_edge(one)] = np.zeros(1, np.int64), poses([transform_numbers(one)])
 
     def _drive(self, record: Any, kind: str) -> None:
-        """Keep poses of the odometry; a message that is broken or of another kind is passed over."""
+        """Keep poses of the odometry; a message that is broken or of another kind is passed
+        over."""
         try:
             message = from_cdr(record.data, kind)
             if kind == TRANSFORMS:
-                sent = [one for one in message.transforms if self.odometry == f"tf:{_edge(one)[0]}>{_edge(one)[1]}"]
+                sent = [
+                    one
+                    for one in message.transforms
+                    if self.odometry == f"tf:{_edge(one)[0]}>{_edge(one)[1]}"
+                ]
                 found = [(one.header.stamp, _edge(one)[1], transform_numbers(one)) for one in sent]
             else:
                 child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
-                found = [(message.header.stamp, child, pose_numbers(message, kind))] if kind in KINDS else []
+                found = (
+                    [(message.header.stamp, child, pose_numbers(message, kind))]
+                    if kind in KINDS
+                    else []
+                )
         except LogError:
             return
         with self._changed:
             for stamp, self._child, numbers in found:
-                self._driven.add(stamp.sec * 10**9 + stamp.nanosec or int(record.log_time), poses([numbers])[0])
+                self._driven.add(
+                    stamp.sec * 10**9 + stamp.nanosec or int(record.log_time), poses([numbers])[0]
+                )
             self._changed.notify()
 
     def _keep(self, record: Any) -> None:

@@ -1,4 +1,5 @@
-"""The same as a bag that Foxglove and Lichtblick open: the map, each scan where it was placed, and the accepted poses."""
+"""The same as a bag that Foxglove and Lichtblick open: the map, each scan where it was placed, and
+the accepted poses."""
 
 import shutil
 from pathlib import Path
@@ -16,14 +17,16 @@ from pipeline.online.site import Fix, Site
 from pipeline.online.watch import origin, whole_map
 from pipeline.replacing import replace
 
-FRAME, SITE = "map", "site"
+FRAME = "map"
+SITE = "site"
 """The world, and points amid the site, since those of clouds are float32."""
 VERDICTS = ("accepted", "rejected", "near", "ambiguous")
 """A point's intensity on /fixes is the place of its verdict here."""
 
 
 class Recording:
-    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the accepted ones).
+    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the
+    accepted ones).
 
     Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
     """
@@ -31,7 +34,9 @@ class Recording:
     def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         assert out is not None
         self._origin_m = origin(site)
-        self._out, self._map_m, self._scratch = out, whole_map(site) - self._origin_m, TemporaryDirectory()
+        self._out = out
+        self._map_m = whole_map(site) - self._origin_m
+        self._scratch = TemporaryDirectory()
         self._folder = Path(self._scratch.name, "day")
         self._bag = BagWriter(self._folder, "mcap").__enter__()
         self._fixes: list[tuple[float, ...]] = []
@@ -40,7 +45,12 @@ class Recording:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         with self._scratch:
             self._bag.__exit__(kind, error, trace)
             if kind is None:
@@ -66,7 +76,22 @@ class Recording:
         fixes = np.array(self._fixes)
         self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
         if fix.verdict == "accepted":
-            self._bag.pose_with_covariance(stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix")
+            self._bag.pose_with_covariance(
+                stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix"
+            )
 
-    def _cloud(self, stamp_ns: int, points_m: NDArray[np.floating], topic: str, intensity: NDArray[np.floating]) -> None:
-        self._bag.points(stamp_ns, SITE, points_m.astype(np.float32), intensity, np.zeros(len(points_m), int), topic)
+    def _cloud(
+        self,
+        stamp_ns: int,
+        points_m: NDArray[np.floating],
+        topic: str,
+        intensity: NDArray[np.floating],
+    ) -> None:
+        self._bag.points(
+            stamp_ns,
+            SITE,
+            points_m.astype(np.float32),
+            intensity,
+            np.zeros(len(points_m), int),
+            topic,
+        )

@@ -1,4 +1,5 @@
-"""Scans to localise: files, folders of them, logs, ROS bags, standard input; each read only when it is asked for."""
+"""Scans to localise: files, folders of them, logs, ROS bags, standard input; each read only when it
+is asked for."""
 
 import sys
 from collections import Counter
@@ -41,7 +42,8 @@ class Scan:
     stamp_ns: int | None
     """None of a file whose name is no time."""
     points: Callable[[], NDArray[np.float64]]
-    """Reads the points (n, 3) in metres, x forward, y left, z up, ground at z = 0; raises LogError for a damaged scan."""
+    """Reads the points (n, 3) in metres, x forward, y left, z up, ground at z = 0; raises LogError
+    for a damaged scan."""
     odom_T_scan: NDArray[np.float64]
     """(4, 4) by the log's odometry, NaN where there is none."""
     world_T_scan: NDArray[np.float64]
@@ -63,9 +65,10 @@ def scans(
 ) -> Iterator[Scan]:
     """The scans of a path, or of standard input for `-`.
 
-    A log that the site's own reader can open has its poses with it. Otherwise files and messages are taken as x forward, y left,
-    z up, and raised by `lift_m`; or placed by `body_T_lidar` (4, 4), then also in place of a bag's transforms. Of a bag,
-    `odometry` is a topic of poses or tf:PARENT>CHILD. What a log or a bag leaves out is counted in `skipped`, by reason. Raises
+    A log that the site's own reader can open has its poses with it. Otherwise files and messages
+    are taken as x forward, y left, z up, and raised by `lift_m`; or placed by `body_T_lidar` (4,
+    4), then also in place of a bag's transforms. Of a bag, `odometry` is a topic of poses or
+    tf:PARENT>CHILD. What a log or a bag leaves out is counted in `skipped`, by reason. Raises
     LogError where there is no scan, ConfigError for a topic that a bag has not.
     """
     usual = raised(lift_m) if body_T_lidar is None else body_T_lidar
@@ -81,9 +84,18 @@ def scans(
         skipped.update(log.skipped)
         for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
             points = _of_log(log, row)
-            yield Scan(f"{path.name} {row}", stamp_ns, points, log.odom_T_scan[row], log.world_T_scan[row], str(path))
+            yield Scan(
+                f"{path.name} {row}",
+                stamp_ns,
+                points,
+                log.odom_T_scan[row],
+                log.world_T_scan[row],
+                str(path),
+            )
     elif bags := find(path):
-        yield from _messages(path, [BagFile(bag) for bag in bags], topic, odometry, lift_m, skipped, body_T_lidar)
+        yield from _messages(
+            path, [BagFile(bag) for bag in bags], topic, odometry, lift_m, skipped, body_T_lidar
+        )
     else:
         files = [path] if path.is_file() else _files(path)
         for file in files:
@@ -91,32 +103,49 @@ def scans(
 
 
 def is_log(source: str, reader: Mapping[str, Any]) -> bool:
-    """Whether the site's own reader opens a path: then it raises the points itself, whatever `lift_m`."""
+    """Whether the site's own reader opens a path: then it raises the points itself, whatever
+    `lift_m`."""
     return source != "-" and _log(Path(source).expanduser().resolve(), reader) is not None
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
-    """Points (n, 3) of a scan file's bytes; a .bin may be NCLT's. Raises LogError for a damaged one."""
-    if path.suffix == ".bin" and len(data) <= folder.LARGEST_BYTES and records.point_bytes(data) == records.NCLT_BYTES:
+    """Points (n, 3) of a scan file's bytes; a .bin may be NCLT's.
+
+    Raises LogError for a damaged one.
+    """
+    if (
+        path.suffix == ".bin"
+        and len(data) <= folder.LARGEST_BYTES
+        and records.point_bytes(data) == records.NCLT_BYTES
+    ):
         return np.asarray(nclt.decode(np.frombuffer(data, "<u2")))
     return folder.points(data, path)
 
 
-def _unposed(name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses) -> Scan:
-    return Scan(name, stamp_ns, lambda: placed(points(), body_T_lidar), NO_POSE, NO_POSE, name, body_T_lidar)
+def _unposed(
+    name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses
+) -> Scan:
+    return Scan(
+        name, stamp_ns, lambda: placed(points(), body_T_lidar), NO_POSE, NO_POSE, name, body_T_lidar
+    )
 
 
 def placement(key: str, text: str) -> Poses:
-    """The pose (4, 4) of a lidar in the body from x,y,z,roll,pitch,yaw in metres and degrees; raises ConfigError naming `key`."""
+    """The pose (4, 4) of a lidar in the body from x,y,z,roll,pitch,yaw in metres and degrees;
+    raises ConfigError naming `key`."""
     try:
         return given_extrinsic(key, [float(word) for word in text.split(",")])
     except (ValueError, ConfigError):
-        raise ConfigError(f"{key}={text:.60}: expected x,y,z,roll,pitch,yaw in metres and degrees") from None
+        raise ConfigError(
+            f"{key}={text:.60}: expected x,y,z,roll,pitch,yaw in metres and degrees"
+        ) from None
 
 
 def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
     """Points (n, 3) of a lidar in the frame of the body (4, 4)."""
-    return np.asarray(np.asarray(points_m, np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3])
+    return np.asarray(
+        np.asarray(points_m, np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+    )
 
 
 def _of_log(log: Log, row: int) -> Callable[[], NDArray[np.float64]]:
@@ -139,16 +168,24 @@ def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
 
 
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of the folder in it that is known to hold some; in the order of their numbers."""
+    """The scan files of a folder, or of the folder in it that is known to hold some; in the order
+    of their numbers."""
     for place in (path, *(path / name for name in SCANS)):
-        found = [file for file in place.glob("*") if file.suffix in folder.SCANS and file.name != "velodyne_hits.bin"]
+        found = [
+            file
+            for file in place.glob("*")
+            if file.suffix in folder.SCANS and file.name != "velodyne_hits.bin"
+        ]
         if found:
             return sorted(found, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
-    raise LogError(f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCANS)}, and no bag")
+    raise LogError(
+        f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCANS)}, and no bag"
+    )
 
 
 def _stamp_ns(stem: str) -> int | None:
-    """The time that a file is named by: seconds with a point, or whole micro- or nanoseconds; None of a number of a row."""
+    """The time that a file is named by: seconds with a point, or whole micro- or nanoseconds; None
+    of a number of a row."""
     whole = stem.isascii() and stem.isdecimal()
     unit = "s" if not whole else "ns" if len(stem) >= 18 else "us" if len(stem) >= 15 else ""
     return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
@@ -164,14 +201,25 @@ def _messages(
     body_T_lidar: Poses | None,
 ) -> Iterator[Scan]:
     """The clouds of bags, with the odometry interpolated at their stamps."""
-    held = Counter({name: one.count for file in files for name, one in file.topics.items() if one.kind == CLOUD})
+    held = Counter(
+        {
+            name: one.count
+            for file in files
+            for name, one in file.topics.items()
+            if one.kind == CLOUD
+        }
+    )
     if topic is None and not held:
-        raise LogError(f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds")
+        raise LogError(
+            f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds"
+        )
     if topic is not None and topic not in held:
         raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
     clouds = Clouds.read(files, topic or held.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)
-    body_T_lidar = raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
+    body_T_lidar = (
+        raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
+    )
     odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
 
@@ -179,29 +227,49 @@ def _messages(
             return placed(clouds.points(row), body_T_lidar)
 
         recording = str(clouds.keys[row][0].path)
-        yield Scan(f"{path.name} {row}", stamp_ns, points, odom_T_body[row], NO_POSE, recording, body_T_lidar)
+        yield Scan(
+            f"{path.name} {row}",
+            stamp_ns,
+            points,
+            odom_T_body[row],
+            NO_POSE,
+            recording,
+            body_T_lidar,
+        )
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
-    """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms; where they tell nothing, it is not turned."""
+    """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms; where they tell
+    nothing, it is not turned."""
     known = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
     return next((found for found in known if found is not None), raised(0.0))
 
 
-def _odometry(path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps) -> Poses:
-    """Poses (n, 4, 4) of the vehicle at these stamps; NaN without odometry, and where it tells none."""
+def _odometry(
+    path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps
+) -> Poses:
+    """Poses (n, 4, 4) of the vehicle at these stamps; NaN without odometry, and where it tells
+    none."""
     if name is None:
         return np.tile(NO_POSE, (len(stamps_ns), 1, 1))
-    held = sorted({topic for file in files for topic, one in file.topics.items() if one.kind in KINDS})
+    held = sorted(
+        {topic for file in files for topic, one in file.topics.items() if one.kind in KINDS}
+    )
     if name not in held and not name.startswith("tf:"):
-        raise ConfigError(f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or tf:PARENT>CHILD")
+        raise ConfigError(
+            f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or "
+            "tf:PARENT>CHILD"
+        )
     found = track(files, name, ODOMETRY_GAP_S)
     trajectory, _ = vehicle.parted(name, found.trajectory)
     anew_ns = found.trajectory.stamps_ns[vehicle.jumps(found.trajectory)]
-    return np.asarray(vehicle.along(trajectory, stamps_ns, anew_ns) @ child_T_body(tree, found.child))
+    return np.asarray(
+        vehicle.along(trajectory, stamps_ns, anew_ns) @ child_T_body(tree, found.child)
+    )
 
 
 def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
-    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms; else it is the same."""
+    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms; else it
+    is the same."""
     bodies = (tree.fixed(child, body) for body in BODIES if child)
     return next((known for known in bodies if known is not None), np.eye(4))

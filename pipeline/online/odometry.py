@@ -1,4 +1,5 @@
-"""Odometry: the step from scan to scan, of scans that lie on disk and of poses that come while a robot drives."""
+"""Odometry: the step from scan to scan, of scans that lie on disk and of poses that come while a
+robot drives."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,13 +11,15 @@ from pipeline.frames import Trajectory, interpolate
 from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
 
 AHEAD_S = 0.2
-"""A cloud may be so much newer than the newest pose of the odometry: the robot is taken to move on as between the last two."""
+"""A cloud may be so much newer than the newest pose of the odometry: the robot is taken to move on
+as between the last two."""
 KEPT = 5000
 """Poses."""
 
 
 def step(before: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
-    """The pose (4, 4) of a scan in the frame of the one before, by odometry; None where it tells none.
+    """The pose (4, 4) of a scan in the frame of the one before, by odometry; None where it tells
+    none.
 
     Each recording has an odometry of its own, but for those that go on where the other ended.
     """
@@ -36,7 +39,9 @@ class Newest:
 
     count: int = field(default=0, init=False)
     """Poses that came."""
-    _poses: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=lambda: deque(maxlen=KEPT), init=False)
+    _poses: deque[tuple[int, NDArray[np.float64]]] = field(
+        default_factory=lambda: deque(maxlen=KEPT), init=False
+    )
 
     @property
     def stamp_ns(self) -> int:
@@ -51,7 +56,11 @@ class Newest:
 
     def at(self, stamp_ns: int) -> NDArray[np.float64]:
         """odom_T_robot (4, 4) at a stamp; NaN where it is unknown."""
-        near = [(time_ns, pose) for time_ns, pose in self._poses if abs(time_ns - stamp_ns) <= ODOMETRY_GAP_S * 1e9]
+        near = [
+            (time_ns, pose)
+            for time_ns, pose in self._poses
+            if abs(time_ns - stamp_ns) <= ODOMETRY_GAP_S * 1e9
+        ]
         if not near:
             return NO_POSE
         stamps_ns = np.array([time_ns for time_ns, _ in near], np.int64)
@@ -59,4 +68,6 @@ class Newest:
         if stamps_ns[-1] < stamp_ns <= stamps_ns[-1] + AHEAD_S * 1e9 and len(near) > 1:
             share = (stamp_ns - stamps_ns[-2]) / (stamps_ns[-1] - stamps_ns[-2])
             return np.asarray(interpolate(poses[-2:-1], poses[-1:], np.array([share]))[0])
-        return np.asarray(Trajectory(stamps_ns, poses, ODOMETRY_GAP_S).at(np.array([stamp_ns], np.int64))[0][0])
+        return np.asarray(
+            Trajectory(stamps_ns, poses, ODOMETRY_GAP_S).at(np.array([stamp_ns], np.int64))[0][0]
+        )

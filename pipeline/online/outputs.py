@@ -1,4 +1,5 @@
-"""Fixes as lines for people, JSON, CSV, TUM trajectories, and poses in a bag that Foxglove and Lichtblick open."""
+"""Fixes as lines for people, JSON, CSV, TUM trajectories, and poses in a bag that Foxglove and
+Lichtblick open."""
 
 import csv
 import json
@@ -22,25 +23,44 @@ from pipeline.online.site import Fix
 from pipeline.replacing import replace
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-COLUMNS = ("stamp", "name", "verdict", "place", *POSE, "novelty", "place_novelty", "overlap", "promised_precision", "ms")
+COLUMNS = (
+    "stamp",
+    "name",
+    "verdict",
+    "place",
+    *POSE,
+    "novelty",
+    "place_novelty",
+    "overlap",
+    "promised_precision",
+    "ms",
+)
 """Stamp in seconds, position in metres, quaternion; all of a fix that a row of numbers can hold."""
 Write = Callable[[Scan, Fix], None]
 
 
 def record(scan: Scan, fix: Fix) -> dict[str, Any]:
-    """A fix as JSON has it: COLUMNS, then covariance of position and turn in the world, and the runners-up; null for unknown."""
+    """A fix as JSON has it: COLUMNS, then covariance of position and turn in the world, and the
+    runners-up; null for unknown."""
     row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
     row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
     known = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
     others = [
-        {"place": one.place, "overlap": round(one.overlap, 4), "chance": round(one.chance, 6), **_pose(one.world_T_sensor)}
+        {
+            "place": one.place,
+            "overlap": round(one.overlap, 4),
+            "chance": round(one.chance, 6),
+            **_pose(one.world_T_sensor),
+        }
         for one in fix.runners_up
     ]
     return row | {"covariance": in_world(fix).tolist() if known else None, "runners_up": others}
 
 
 def _row(scan: Scan, fix: Fix) -> list[Any]:
-    stamp = None if scan.stamp_ns is None else f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
+    stamp = (
+        None if scan.stamp_ns is None else f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
+    )
     numbers = (
         round(fix.novelty, 6),
         round(fix.place_novelty, 6),
@@ -55,11 +75,15 @@ def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
     if not np.isfinite(world_T_sensor).all():
         return dict.fromkeys(POSE)
     turn = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
-    return {name: round(float(value), 6) for name, value in zip(POSE, (*world_T_sensor[:3, 3], *turn), strict=True)}
+    return {
+        name: round(float(value), 6)
+        for name, value in zip(POSE, (*world_T_sensor[:3, 3], *turn), strict=True)
+    }
 
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
-    """The covariance (6, 6) of x, y, z, then of turns about them, along the world's axes, as ROS has it."""
+    """The covariance (6, 6) of x, y, z, then of turns about them, along the world's axes, as ROS
+    has it."""
     axes = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
     order = [3, 4, 5, 0, 1, 2]
     return np.asarray((axes @ fix.covariance @ axes.T)[np.ix_(order, order)])
@@ -72,15 +96,18 @@ def person(scan: Scan, fix: Fix) -> str:
     x, y = fix.world_T_sensor[:2, 3]
     turn = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
     where = f"x {x:9.2f} m  y {y:9.2f} m  heading {turn:6.1f}°  place {fix.place:>4}"
-    return f"{scan.name:<24} {fix.verdict:<9} {where}  overlap {fix.overlap:.2f}  novelty {fix.novelty:.3f}  {fix.ms:6.1f} ms"
+    return (
+        f"{scan.name:<24} {fix.verdict:<9} {where}  overlap {fix.overlap:.2f}  novelty "
+        f"{fix.novelty:.3f}  {fix.ms:6.1f} ms"
+    )
 
 
 @contextmanager
 def writer(kind: str, path: Path | None) -> Iterator[Write]:
     """Writes fixes as `text`, `json`, `csv`, `tum` or `mcap`, to a path, or to standard output.
 
-    TUM and mcap hold the accepted ones alone, since their readers know no verdict; a scan without a stamp has its number in
-    seconds for one. Raises ConfigError for mcap without a path.
+    TUM and mcap hold the accepted ones alone, since their readers know no verdict; a scan without a
+    stamp has its number in seconds for one. Raises ConfigError for mcap without a path.
     """
     if kind == "mcap":
         if path is None:
@@ -93,7 +120,11 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
 
         def write(scan: Scan, fix: Fix) -> None:
             nonlocal inner
-            if inner is None:  # not before there is something to write: a file of before outlives a call that is refused
+            if (
+                inner is None
+                # not before there is something to write: a file of before outlives a call that is
+                # refused
+            ):
                 opened = path and stack.enter_context(path.open("w", newline="", encoding="utf-8"))
                 inner = _text(kind, opened or sys.stdout)
             inner(scan, fix)
@@ -102,7 +133,8 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
 
 
 def _text(kind: str, stream: TextIO) -> Write:
-    rows, number = csv.writer(stream), -1
+    rows = csv.writer(stream)
+    number = -1
     if kind == "csv":
         rows.writerow(COLUMNS)
 
@@ -117,7 +149,9 @@ def _text(kind: str, stream: TextIO) -> Write:
             stream.write(person(scan, fix) + "\n")
         elif fix.verdict == "accepted":
             stamp, *_ = _row(scan, fix)
-            stream.write(" ".join(map(str, (stamp or number, *_pose(fix.world_T_sensor).values()))) + "\n")
+            stream.write(
+                " ".join(map(str, (stamp or number, *_pose(fix.world_T_sensor).values()))) + "\n"
+            )
         stream.flush()
 
     return write
@@ -129,7 +163,8 @@ def _bag(path: Path) -> Iterator[Write]:
     if path.suffix != ".mcap":
         raise ConfigError(f"-o {path}: expected FILE.mcap")
     with TemporaryDirectory() as scratch:
-        folder, count = Path(scratch, "fixes"), 0
+        folder = Path(scratch, "fixes")
+        count = 0
         with BagWriter(folder, "mcap") as bag:
 
             def write(scan: Scan, fix: Fix) -> None:
@@ -137,7 +172,9 @@ def _bag(path: Path) -> Iterator[Write]:
                 count += 1
                 if fix.verdict == "accepted":
                     stamp_ns = count * 10**9 if scan.stamp_ns is None else scan.stamp_ns
-                    bag.pose_with_covariance(stamp_ns, "map", fix.world_T_sensor, in_world(fix), "/fix")
+                    bag.pose_with_covariance(
+                        stamp_ns, "map", fix.world_T_sensor, in_world(fix), "/fix"
+                    )
 
             yield write
         (found,) = folder.glob("*.mcap")

@@ -1,4 +1,5 @@
-"""Packs a trained model, its map and a verdict learned on held-out blocks of the training day into a site file."""
+"""Packs a trained model, its map and a verdict learned on held-out blocks of the training day into
+a site file."""
 
 import platform
 from collections.abc import Mapping
@@ -47,8 +48,8 @@ class Packing:
     def pack(self, name: str, out: Path, progress: Progress) -> str:
         """Write the site of STUDY/GRID/MODEL; returns what it holds, in a line.
 
-        Raises ConfigError for a name that no study has, and for a model that looks at several scans; ArtifactError where an
-        artifact is missing.
+        Raises ConfigError for a name that no study has, and for a model that looks at several
+        scans; ArtifactError where an artifact is missing.
         """
         dataset, grid, model_name, method = self._named(name)
         study = self.studies[dataset]
@@ -57,11 +58,14 @@ class Packing:
         scans = self._read("scans", schemas.SCANS, dataset, f"{train}.zarr")
         submaps = self._read("submaps", schemas.SUBMAPS, dataset, f"{train}.zarr")
         if not (submaps.load("first") == submaps.load("scans")).all():
-            raise ConfigError(f"{name}: its submaps gather several scans or sweeps; a site localises single scans")
+            raise ConfigError(
+                f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
+            )
         view = read_yaml(self.conf / "view" / f"{method['view']}.yaml")
         trained = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
         recipe = {key: plain(value) for key, value in store.read_recipe(trained).items()}
-        learned, settings = store.read_model(trained), read_yaml(self.conf / "poses.yaml")
+        learned = store.read_model(trained)
+        settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
@@ -70,13 +74,19 @@ class Packing:
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
-                own = {key: value for key, value in read_yaml(self.conf / "map.yaml").items() if key.endswith("_m")}
+                own = {
+                    key: value
+                    for key, value in read_yaml(self.conf / "map.yaml").items()
+                    if key.endswith("_m")
+                }
                 write_map(map_path, scans, submaps, **own)
             mapped = store.read(map_path, schemas.MAPS)
             localizer = build(recipe, site.ROOTS).localizer(learned)
             views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
             drive = Drive(Path(scans.path), Path(submaps.path))
-            learned_day = TrainingDay(map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k)
+            learned_day = TrainingDay(
+                map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
+            )
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
             arrays = {key: mapped.load(key) for key in schemas.MAPS.columns}
@@ -100,22 +110,35 @@ class Packing:
             "sensor": self._sensor(scans, submaps, reader),
             "provenance": self._provenance(dataset, grid, train, trained),
         }
-        about["growth"] = {"voxel_m": mapped.attrs["voxel_m"], "days": [day(train, len(views.stamps_ns))]}
+        about["growth"] = {
+            "voxel_m": mapped.attrs["voxel_m"],
+            "days": [day(train, len(views.stamps_ns))],
+        }
         known = learned_from(views, learned)
         model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
-        site_file.write(out, site_file.Parts(about, model, {**arrays, "cells": labels.load("cells")}, None, known))
+        site_file.write(
+            out,
+            site_file.Parts(about, model, {**arrays, "cells": labels.load("cells")}, None, known),
+        )
         kept = sum(reject_from > 0 for reject_from in limits["fix"])
         promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
             "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"
         )
         places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
-        return f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out blocks it {promised}"
+        return (
+            f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
+            f"blocks it {promised}"
+        )
 
     def _named(self, name: str) -> tuple[str, str, str, Mapping[str, Any]]:
-        """Study, grid, model and the study's entry of its method; raises ConfigError where there is no such."""
+        """Study, grid, model and the study's entry of its method; raises ConfigError where there is
+        no such."""
         words = name.split("/")
         if len(words) != 3 or words[0] not in self.studies:
-            raise ConfigError(f"{name}: expected STUDY/GRID/METHOD, a study being one of {', '.join(self.studies)}")
+            raise ConfigError(
+                f"{name}: expected STUDY/GRID/METHOD, a study being one of "
+                f"{', '.join(self.studies)}"
+            )
         dataset, grid, wanted = words
         study = self.studies[dataset]
         if grid not in study["grids"]:
@@ -123,11 +146,18 @@ class Packing:
         models = {model.name: method for method in study["methods"] for model in models_of(method)}
         if wanted not in models:
             if wanted.removesuffix("-pose") in models:
-                raise ConfigError(f"{name}: pack {dataset}/{grid}/{wanted.removesuffix('-pose')}; every site makes poses")
-            packed = [model for model, method in models.items() if method.get("stage") != "birdviews"]
+                raise ConfigError(
+                    f"{name}: pack {dataset}/{grid}/{wanted.removesuffix('-pose')}; every site "
+                    "makes poses"
+                )
+            packed = [
+                model for model, method in models.items() if method.get("stage") != "birdviews"
+            ]
             raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
         if models[wanted].get("stage") == "birdviews":
-            raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
+            raise ConfigError(
+                f"{name}: matches sequences of bird-views; a site localises single scans"
+            )
         return dataset, grid, wanted, models[wanted]
 
     def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
@@ -135,28 +165,40 @@ class Packing:
 
     def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
-        lock, root = DvcLock.read(self.conf.parent / "dvc.lock"), self.artifacts.parent
+        lock = DvcLock.read(self.conf.parent / "dvc.lock")
+        root = self.artifacts.parent
         parts = {
             "model": trained,
             "labels": self.artifacts / "labels" / dataset / grid,
             "scans": self.artifacts / "scans" / dataset,
         }
-        digests = {what: lock.of(path.relative_to(root).as_posix())[0] for what, path in parts.items()}
+        digests = {
+            what: lock.of(path.relative_to(root).as_posix())[0] for what, path in parts.items()
+        }
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
         return {"train": train, "md5": digests, "versions": versions}
 
-    def _sensor(self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]) -> dict[str, Any]:
+    def _sensor(
+        self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """What nine training scans look like, and how high the reader raises them."""
         rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
-        found = typical(next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
+        found = typical(
+            next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows
+        )
         return {"lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))), **found}
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
-    """What a site keeps in order to grow: its views, the day and the chance of each, and the held-out answers of its model."""
+    """What a site keeps in order to grow: its views, the day and the chance of each, and the
+    held-out answers of its model."""
     n = len(views.stamps_ns)
-    kept = {"images": np.asarray(views.images[:]), "stamps_ns": views.stamps_ns, "world_T_anchor": views.world_T_anchor}
+    kept = {
+        "images": np.asarray(views.images[:]),
+        "stamps_ns": views.stamps_ns,
+        "world_T_anchor": views.world_T_anchor,
+    }
     kept |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
     return kept | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
 

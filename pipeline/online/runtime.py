@@ -1,4 +1,5 @@
-"""Answers of an exported network through ONNX Runtime: what SCI and its ring answer, without torch."""
+"""Answers of an exported network through ONNX Runtime: what SCI and its ring answer, without
+torch."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,31 +13,45 @@ from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
 NETWORK = "network.onnx"
-INPUT, CLASSIFIED = "heights_m", ("scores", "features", "heading_deg")
+INPUT = "heights_m"
+CLASSIFIED = ("scores", "features", "heading_deg")
 
 
 def session(data: bytes, threads: int = 1) -> Any:
-    """ONNX Runtime's session of a file's bytes, on the processor; raises NotInstalledError where it is not installed."""
+    """ONNX Runtime's session of a file's bytes, on the processor; raises NotInstalledError where it
+    is not installed."""
     try:
         import onnxruntime
     except ImportError:
         raise NotInstalledError("onnxruntime: not installed; `pip install onnxruntime`") from None
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
 
 def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> Localizer:
-    """The k places of highest softmax; the novelty is one minus the highest. A network with headings is the ring's, whose first
-    answer lies at the training view most like the query (METHODS 8)."""
-    run, place_xy_m = session(data, threads), model["place_xy_m"]
+    """The k places of highest softmax; the novelty is one minus the highest.
+
+    A network with headings is the ring's, whose first answer lies at the training view most like
+    the query (METHODS 8).
+    """
+    run = session(data, threads)
+    place_xy_m = model["place_xy_m"]
     learned = Outlines.of(model) if Outlines.there(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
-        answers = [run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]}) for image in views.images]
-        scores, features, heading_deg = (np.concatenate(parts) for parts in zip(*answers, strict=True))
+        answers = [
+            run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]})
+            for image in views.images
+        ]
+        scores, features, heading_deg = (
+            np.concatenate(parts) for parts in zip(*answers, strict=True)
+        )
         if learned:
-            scores, heading_deg = reranked(scores.astype(np.float64), heading_deg, outlines(views.images), learned)
+            scores, heading_deg = reranked(
+                scores.astype(np.float64), heading_deg, outlines(views.images), learned
+            )
         chances = softmax(scores.astype(np.float64), axis=1)
         places = np.argsort(-chances, axis=1, kind="stable")[:, :k]
         headings = np.take_along_axis(heading_deg, places, axis=1).astype(np.float32)
@@ -44,7 +59,10 @@ def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> L
         if np.isfinite(headings).all():
             xy_m[:, 0] = model["memory_xy_m"][(features @ model["memory"].T).argmax(axis=1)]
         best = np.take_along_axis(chances, places, axis=1)
-        novelty, confidence = (1 - best[:, :1]).astype(np.float32), best[:, 0].astype(np.float32)
-        return Ranking(places, (1 - best).astype(np.float32), xy_m, novelty, confidence, headings, ("chance",))
+        novelty = (1 - best[:, :1]).astype(np.float32)
+        confidence = best[:, 0].astype(np.float32)
+        return Ranking(
+            places, (1 - best).astype(np.float32), xy_m, novelty, confidence, headings, ("chance",)
+        )
 
     return localize

@@ -11,10 +11,15 @@ from pipeline.inspection.cloud import RAISED_M, Diagnosis, diagnose
 from pipeline.online.tilt import LEVEL_DEG, lean
 from pipeline.readers.log import raised
 
-HEIGHT_M, BEAMS, ROUND_DEG = 0.5, 1.5, 60.0
-"""Differences that matter: of the sensor's height, of the number of beams as a ratio, of the azimuth covered."""
-RAISE, TURN = "--lift {:.2f}", "--body-T-lidar={}"
-"""How the command line raises points, and places them with x, y, z in metres and roll, pitch, yaw in degrees."""
+HEIGHT_M = 0.5
+BEAMS = 1.5
+ROUND_DEG = 60.0
+"""Differences that matter: of the sensor's height, of the number of beams as a ratio, of the
+azimuth covered."""
+RAISE = "--lift {:.2f}"
+TURN = "--body-T-lidar={}"
+"""How the command line raises points, and places them with x, y, z in metres and roll, pitch, yaw
+in degrees."""
 OF_LOGS = "{:+.2f} m more of reader.lift_m (of KITTI lidar_height_m)"
 """How the reader of a log raises them."""
 DOWN = "z points"
@@ -23,7 +28,8 @@ NAMES = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
 
 
 def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
-    """What scans (n, 3) look like: medians, None where most do not tell, and the kinds of warning that one or more give."""
+    """What scans (n, 3) look like: medians, None where most do not tell, and the kinds of warning
+    that one or more give."""
     found = [diagnose(cloud) for cloud in clouds]
 
     def median(values: list[float | None]) -> float | None:
@@ -31,16 +37,23 @@ def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
         return float(np.median(known)) if len(known) * 2 > len(values) else None
 
     medians = {name: median([getattr(one, name) for one in found]) for name in NAMES}
-    return {**medians, "warnings": sorted({_kind(warning) for one in found for warning in one.warnings})}
+    return {
+        **medians,
+        "warnings": sorted({_kind(warning) for one in found for warning in one.warnings}),
+    }
 
 
 def unlike(
-    points_m: NDArray[np.float64], trained: Mapping[str, Any], body_T_lidar: Poses | None, ways: tuple[str, str] = (RAISE, TURN)
+    points_m: NDArray[np.float64],
+    trained: Mapping[str, Any],
+    body_T_lidar: Poses | None,
+    ways: tuple[str, str] = (RAISE, TURN),
 ) -> list[str]:
-    """Warnings on a scan (n, 3) whose sensor is not like the one of `trained`, which `typical` gave.
+    """Warnings on a scan (n, 3) whose sensor is not like the one of `trained`, which `typical`
+    gave.
 
-    The points were placed by `body_T_lidar` (4, 4) already; None of a log, which its reader places. `ways` are how to raise or to
-    place them otherwise.
+    The points were placed by `body_T_lidar` (4, 4) already; None of a log, which its reader places.
+    `ways` are how to raise or to place them otherwise.
     """
     found = diagnose(points_m)
     known = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
@@ -48,8 +61,15 @@ def unlike(
     if leaning := lean(points_m, down):  # and so heights say nothing
         how = "upside down" if leaning.upside_down else ""
         tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
-        right = "" if body_T_lidar is None else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
-        return [" and ".join(filter(None, (how, tilted))) + (f": it would stand upright with {right}" if right else "")]
+        right = (
+            ""
+            if body_T_lidar is None
+            else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
+        )
+        return [
+            " and ".join(filter(None, (how, tilted)))
+            + (f": it would stand upright with {right}" if right else "")
+        ]
     right = OF_LOGS.format(-found.ground_m)
     if body_T_lidar is not None and np.isfinite(found.ground_m):
         right = _raised(body_T_lidar, found.ground_m, ways)
@@ -62,27 +82,52 @@ def unlike(
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
     """How to place the points so that their ground is at 0."""
     placed = raised(-ground_m) @ body_T_lidar
-    return ways[0].format(placed[2, 3]) if np.allclose(placed, raised(placed[2, 3])) else ways[1].format(_numbers(placed))
+    return (
+        ways[0].format(placed[2, 3])
+        if np.allclose(placed, raised(placed[2, 3]))
+        else ways[1].format(_numbers(placed))
+    )
 
 
 def _numbers(pose: Poses) -> str:
     """x,y,z,roll,pitch,yaw of a pose (4, 4), in metres and degrees."""
     turn_deg = np.rad2deg(rpy(pose[None])[0])
     return ",".join(
-        [*(f"{value + 0:.2f}" for value in pose[:3, 3].round(2)), *(f"{value + 0:.1f}" for value in turn_deg.round(1))]
+        [
+            *(f"{value + 0:.2f}" for value in pose[:3, 3].round(2)),
+            *(f"{value + 0:.1f}" for value in turn_deg.round(1)),
+        ]
     )
 
 
 def _compared(found: Diagnosis, trained: Mapping[str, Any], right: str) -> Iterable[str]:
-    beams, height_m, azimuth_deg = trained["beams"], trained["sensor_m"], trained["azimuth_deg"]
+    beams = trained["beams"]
+    height_m = trained["sensor_m"]
+    azimuth_deg = trained["azimuth_deg"]
     if beams and found.beams and not 1 / BEAMS < found.beams / beams < BEAMS:
-        yield f"{found.beams} beams, where the site was learned with {beams:.0f}: fewer fixes will be accepted"
-    if height_m is not None and abs(found.sensor_m - height_m) > HEIGHT_M and abs(found.ground_m) <= RAISED_M:
-        yield f"the sensor is {found.sensor_m:.2f} m over the ground, where the site was learned with {height_m:.2f} m"
+        yield (
+            f"{found.beams} beams, where the site was learned with {beams:.0f}: fewer fixes will "
+            "be accepted"
+        )
+    if (
+        height_m is not None
+        and abs(found.sensor_m - height_m) > HEIGHT_M
+        and abs(found.ground_m) <= RAISED_M
+    ):
+        yield (
+            f"the sensor is {found.sensor_m:.2f} m over the ground, where the site was learned "
+            f"with {height_m:.2f} m"
+        )
     if azimuth_deg is not None and azimuth_deg - found.azimuth_deg > ROUND_DEG:
-        yield f"{found.azimuth_deg:.0f}° of 360° covered, where the site was learned with {azimuth_deg:.0f}°"
+        yield (
+            f"{found.azimuth_deg:.0f}° of 360° covered, where the site was learned with "
+            f"{azimuth_deg:.0f}°"
+        )
     if abs(found.ground_m) > RAISED_M:
-        yield f"the ground lies at z = {found.ground_m:.2f} m, not 0{f': it would with {right}' if right else ''}"
+        yield (
+            f"the ground lies at z = {found.ground_m:.2f} m, not "
+            f"0{f': it would with {right}' if right else ''}"
+        )
 
 
 def _kind(warning: str) -> str:

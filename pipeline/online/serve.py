@@ -28,15 +28,18 @@ from pipeline.online.site import Fix, Site
 from pipeline.readers.log import raised
 
 FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
-BODY_S, ANSWER_S = 10.0, 30.0
+BODY_S = 10.0
+ANSWER_S = 30.0
 WAITING = 16
 """Scans that may wait in one worker; one more is refused."""
 GONE = 499
 LEFT = "the client is gone"
-"""What the metrics call a request whose client does not wait any more, and what nobody reads of it."""
+"""What the metrics call a request whose client does not wait any more, and what nobody reads of
+it."""
 WAYS = "lift_m={:.2f}", "body_T_lidar={}"
 """How a request raises points, or places them."""
-SITE, TOKEN = "YEARLOC_SITE", "YEARLOC_TOKEN"
+SITE = "YEARLOC_SITE"
+TOKEN = "YEARLOC_TOKEN"
 
 
 class RequestError(Exception):
@@ -56,20 +59,34 @@ def check_reach(host: str, token: str) -> None:
     except ValueError:
         local = False
     if not local and not token:
-        raise ConfigError(f"--host {host}: reachable from other machines, so a token is needed: set {TOKEN}")
+        raise ConfigError(
+            f"--host {host}: reachable from other machines, so a token is needed: set {TOKEN}"
+        )
 
 
 def serving(path: Path, token: str = "") -> FastAPI:
-    """The application; a request needs `token` as its bearer, unless it is empty. Raises ArtifactError where there is no site."""
-    site, lane = Site.open(path), ThreadPoolExecutor(1)
+    """The application; a request needs `token` as its bearer, unless it is empty.
+
+    Raises ArtifactError where there is no site.
+    """
+    site = Site.open(path)
+    lane = ThreadPoolExecutor(1)
     registry = CollectorRegistry()
     shared = bool(os.environ.get("PROMETHEUS_MULTIPROC_DIR"))
     answers = Counter("yearloc_fixes", "Fixes by verdict", ["verdict"], registry=registry)
-    refusals = Counter("yearloc_refused", "Requests without a fix by status", ["status"], registry=registry)
-    took = Histogram("yearloc_fix_seconds", "From points to fix", registry=registry, buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5))
+    refusals = Counter(
+        "yearloc_refused", "Requests without a fix by status", ["status"], registry=registry
+    )
+    took = Histogram(
+        "yearloc_fix_seconds",
+        "From points to fix",
+        registry=registry,
+        buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5),
+    )
     unlike: list[str] | None = None
     usual_ms = 1e3
-    app, waiting = FastAPI(docs_url=None, redoc_url=None, openapi_url=None), asyncio.Semaphore(WAITING)
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    waiting = asyncio.Semaphore(WAITING)
 
     @app.exception_handler(RequestError)
     async def refuse(_: Request, error: RequestError) -> Response:
@@ -79,19 +96,29 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.exception_handler(HTTPException)
     async def unknown(_: Request, error: HTTPException) -> Response:
         refusals.labels(error.status_code).inc()
-        return JSONResponse({"error": f"{error.detail}; POST /localize, GET /healthz, GET /metrics"}, error.status_code)
+        return JSONResponse(
+            {"error": f"{error.detail}; POST /localize, GET /healthz, GET /metrics"},
+            error.status_code,
+        )
 
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
         if unknown := sorted({*request.query_params} - {"promise", "lift_m", "body_T_lidar"}):
-            raise RequestError(400, f"?{unknown[0]:.30}: no such option; expected promise, lift_m or body_T_lidar")
-        promise, body_T_lidar = _promise(request, site), _placement(request, site)
+            raise RequestError(
+                400, f"?{unknown[0]:.30}: no such option; expected promise, lift_m or body_T_lidar"
+            )
+        promise = _promise(request, site)
+        body_T_lidar = _placement(request, site)
         nonlocal unlike, usual_ms
         if waiting.locked():
-            raise RequestError(503, f"{WAITING} scans wait already; ask again", ceil(WAITING * usual_ms / 1e3))
+            raise RequestError(
+                503, f"{WAITING} scans wait already; ask again", ceil(WAITING * usual_ms / 1e3)
+            )
         async with waiting:
-            stamp_ns, points_m = _points(await _body(request), request.headers.get("content-type", FLOATS))
+            stamp_ns, points_m = _points(
+                await _body(request), request.headers.get("content-type", FLOATS)
+            )
             points_m = placed(points_m, body_T_lidar)
             try:
                 fix = await _while_there(request, lane.submit(site.localize, points_m, promise))
@@ -107,7 +134,12 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
     @app.get("/healthz")
     async def healthz() -> dict[str, Any]:
-        return {"site": site.name, "promises": [*site.promises], "waiting": WAITING - waiting._value, "unlike": unlike}
+        return {
+            "site": site.name,
+            "promises": [*site.promises],
+            "waiting": WAITING - waiting._value,
+            "unlike": unlike,
+        }
 
     @app.get("/metrics")
     async def metrics(request: Request) -> Response:
@@ -115,7 +147,10 @@ def serving(path: Path, token: str = "") -> FastAPI:
         everyone = CollectorRegistry()
         if shared:
             MultiProcessCollector(everyone)  # type: ignore[no-untyped-call]
-        return PlainTextResponse(generate_latest(everyone if shared else registry), media_type="text/plain; version=0.0.4")
+        return PlainTextResponse(
+            generate_latest(everyone if shared else registry),
+            media_type="text/plain; version=0.0.4",
+        )
 
     return app
 
@@ -132,7 +167,9 @@ def _authorise(request: Request, token: str) -> None:
 
 
 def _promise(request: Request, site: Site) -> float | None:
-    promise = None if request.query_params.get("promise") == "none" else _number(request, "promise", 0.99)
+    promise = (
+        None if request.query_params.get("promise") == "none" else _number(request, "promise", 0.99)
+    )
     try:
         site.check(promise)
     except InputError as error:
@@ -184,7 +221,8 @@ async def _body(request: Request) -> bytes:
 
 
 async def _while_there(request: Request, asked: "Future[Fix]") -> Fix:
-    """The fix, while its client waits for it and no longer than allowed; one that nobody waits for leaves the queue."""
+    """The fix, while its client waits for it and no longer than allowed; one that nobody waits for
+    leaves the queue."""
     gone = asyncio.ensure_future(request.receive())
     answer = asyncio.wrap_future(asked)
     try:
@@ -202,7 +240,10 @@ def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     """Stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
     kind = kind.partition(";")[0].strip()
     if kind not in (CDR, FLOATS, FORM, ""):
-        raise RequestError(415, f"a body of {kind[:60]!r}: expected {FLOATS} (float32 x, y, z) or {CDR} (PointCloud2)")
+        raise RequestError(
+            415,
+            f"a body of {kind[:60]!r}: expected {FLOATS} (float32 x, y, z) or {CDR} (PointCloud2)",
+        )
     try:
         return points(body, kind)
     except LogError as error:

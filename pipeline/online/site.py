@@ -1,4 +1,5 @@
-"""A site: all that it takes to localise in a place, opened from one file without DVC, Hydra or MLflow."""
+"""A site: all that it takes to localise in a place, opened from one file without DVC, Hydra or
+MLflow."""
 
 import time
 from collections.abc import Callable
@@ -29,8 +30,9 @@ FARTHEST_M = 1e3  # no lidar sees farther
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """What is said of a fix, with the promise that was asked for.
 
-Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is within 15 m of the pose is.
-Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is believed. No pose: too few points, or nothing fits.
+Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is
+within 15 m of the pose is. Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is
+believed. No pose: too few points, or nothing fits.
 """
 NO_LIMITS = (0.0,) * len(BELIEFS)
 """No doubt is below them."""
@@ -59,8 +61,9 @@ class Fix:
     world_T_sensor: NDArray[np.float64]
     """(4, 4) of the frame that the points were given in; NaN without a pose."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the frame of the points;
-    what `yearloc localize` and the server write is x, y, z first, along the world's axes, as in ROS."""
+    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the
+    frame of the points; what `yearloc localize` and the server write is x, y, z first, along the
+    world's axes, as in ROS."""
     overlap: float
     """Share of the scan's voxels that the map has within half a metre."""
     novelty: float
@@ -83,37 +86,64 @@ class Site:
         about, model, arrays, network, _ = parts
         self.about = about
         if network is None:
-            self.localizer: Localizer = build({**about["method"], "threads": threads}, ROOTS).localizer(model)
+            self.localizer: Localizer = build(
+                {**about["method"], "threads": threads}, ROOTS
+            ).localizer(model)
         else:
             self.localizer = localizer(network, model, threads)
         self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(about["view"], ROOTS)
         self.fixer: Fixer = build(about["fixer"], ROOTS)
         self.targets = Targets(arrays, **about["map"])
         place = about["places"]
-        self.places = Places(Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"])
+        self.places = Places(
+            Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"]
+        )
         verdict = about["verdict"]
-        self.judged = Judge(*(Chances(tuple(verdict[of]["weights"]), float(verdict[of]["offset"])) for of in ("pose", "place")))
+        self.judged = Judge(
+            *(
+                Chances(tuple(verdict[of]["weights"]), float(verdict[of]["offset"]))
+                for of in ("pose", "place")
+            )
+        )
         self.fixer = replace(self.fixer, chances=self.judged.pose)
-        limits = zip(verdict["promises"], zip(*(verdict["promised"][belief] for belief in BELIEFS), strict=True), strict=True)
+        limits = zip(
+            verdict["promises"],
+            zip(*(verdict["promised"][belief] for belief in BELIEFS), strict=True),
+            strict=True,
+        )
         self.promises: dict[float, tuple[float, ...]] = {
             promise: reject_from for promise, reject_from in limits if reject_from[0] > 0
         }
-        """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS from."""
+        """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS
+        from."""
         self.k = int(about["k"])
 
     @classmethod
     def open(cls, path: str | Path, threads: int = 1) -> Self:
-        """Read a site file; `threads` is for the network. Raises ArtifactError for one that is not whole or of this version,
-        NotInstalledError where a package that it needs is missing."""
+        """Read a site file; `threads` is for the network.
+
+        Raises ArtifactError for one that is not whole or of this version, NotInstalledError where a
+        package that it needs is missing.
+        """
         path = Path(path)
         parts = read(path)
         try:
             return cls(parts, threads)
         except NotInstalledError:
             raise
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, IndexError, YearlocError) as error:
+        except (
+            KeyError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            RuntimeError,
+            IndexError,
+            YearlocError,
+        ) as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise ArtifactError(f"{path}: its parts do not fit together ({why}); pack the site anew") from None
+            raise ArtifactError(
+                f"{path}: its parts do not fit together ({why}); pack the site anew"
+            ) from None
 
     @property
     def name(self) -> str:
@@ -132,10 +162,11 @@ class Site:
             raise InputError(f"promise={promise:g}: this site cannot promise that, {can}")
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
-        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0; those not finite are dropped.
+        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0;
+        those not finite are dropped.
 
-        It is accepted with a promised precision, one of `promises`; None accepts nothing. Raises InputError for points of another
-        shape, or a promise that the site cannot make.
+        It is accepted with a promised precision, one of `promises`; None accepts nothing. Raises
+        InputError for points of another shape, or a promise that the site cannot make.
         """
         start = time.perf_counter()
         self.check(promise)
@@ -146,21 +177,28 @@ class Site:
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """What the method alone answers, in one row."""
-        return self.localizer(Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k)
+        return self.localizer(
+            Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k
+        )
 
     def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
-        """The hypotheses of a scan's finite points (n, 3) from a ranking's answers, then from the whole map."""
+        """The hypotheses of a scan's finite points (n, 3) from a ranking's answers, then from the
+        whole map."""
         return self.fixer.fix(points_m, self.targets, answers)
 
     def judge(self, found: Registered, promise: float | None) -> Fix:
         """What to believe of a fix."""
         if not found.hypotheses:
             nowhere = np.full((4, 4), np.nan)
-            return Fix("no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, 1.0, None, (), 0.0)
+            return Fix(
+                "no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, 1.0, None, (), 0.0
+            )
         best = found.hypotheses[0]
         doubts = self.judged.doubts(found).astype(np.float32).astype(np.float64)
         limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
-        believed = [word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit]
+        believed = [
+            word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
+        ]
         kept = [one for one, (reject_from, *_) in self.promises.items() if doubts[0] < reject_from]
         others = [(found.hypotheses[i], found.chances[i]) for i in found.elsewhere[:RUNNERS_UP]]
         return Fix(
@@ -172,7 +210,10 @@ class Site:
             float(doubts[0]),
             float(doubts[1]),
             max(kept, default=None),
-            tuple(RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap, chance) for one, chance in others),
+            tuple(
+                RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap, chance)
+                for one, chance in others
+            ),
             0.0,
         )
 
@@ -184,6 +225,9 @@ def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
     """The finite ones of points (n, 3); raises InputError for anything else."""
     points_m = np.asarray(points_m)
     if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind not in "fiu":
-        raise InputError(f"points of shape {points_m.shape} and type {points_m.dtype}: expected numbers (n, 3), in metres")
+        raise InputError(
+            f"points of shape {points_m.shape} and type {points_m.dtype}: expected numbers (n, 3), "
+            "in metres"
+        )
     points_m = points_m.astype(np.float64)
     return np.asarray(points_m[(np.abs(points_m) < FARTHEST_M).all(axis=1)])

@@ -1,4 +1,5 @@
-"""How a scan leans: by the plane that most of its points lie on, where that is clearly another than a level one."""
+"""How a scan leans: by the plane that most of its points lie on, where that is clearly another than
+a level one."""
 
 from dataclasses import dataclass
 
@@ -19,10 +20,12 @@ NEAR_M = 0.15
 FROM_M = 2.0
 TO_M = 25.0
 APART_M = 0.4
-"""Points at these distances are looked at, one in a square of a side, since near ground and walls are dense."""
+"""Points at these distances are looked at, one in a square of a side, since near ground and walls
+are dense."""
 OVER_M = 0.5
 MORE = 3.0
-"""What stands is so far off the ground; where so many times more is below than above, the scan is upside down."""
+"""What stands is so far off the ground; where so many times more is below than above, the scan is
+upside down."""
 LEAST = 0.2
 CLEARLY = 1.5
 """A ground holds this share of them, and so many times what the best level plane holds."""
@@ -33,17 +36,23 @@ class Lean:
     """How a scan leans."""
 
     tilt_deg: float
-    """Between the normal of the ground and z, 0 to 90; of a scan that is upside down, between it and −z."""
+    """Between the normal of the ground and z, 0 to 90; of a scan that is upside down, between it
+    and −z."""
     upside_down: bool
     upright_T_points: NDArray[np.float64]
     """(4, 4) turns by roll and pitch, and raises, so that the ground is at z = 0."""
 
 
 def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | None:
-    """How a scan (n, 3) leans; None of one that is level, or has no clear ground. One known as upside down leans in any case."""
+    """How a scan (n, 3) leans; None of one that is level, or has no clear ground.
+
+    One known as upside down leans in any case.
+    """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     near_m = points_m[(range_m > FROM_M) & (range_m < TO_M)]
-    near_m = near_m[np.unique(np.floor(near_m[:, :2] / APART_M).astype(np.int64), axis=0, return_index=True)[1]]
+    near_m = near_m[
+        np.unique(np.floor(near_m[:, :2] / APART_M).astype(np.int64), axis=0, return_index=True)[1]
+    ]
     level = _plane(near_m, LEVEL_DEG)
     steep = _plane(near_m, STEEPEST_DEG)
     found = level if upside_down else None
@@ -62,7 +71,8 @@ def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | Non
 
 
 def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.float64] | None:
-    """The unit normal, z up, and the distance along it (4,) of the plane that most points lie on."""
+    """The unit normal, z up, and the distance along it (4,) of the plane that most points lie
+    on."""
     found = plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
     if found is None:
         return None

@@ -1,4 +1,5 @@
-"""Localising along a path: global fixes until one is believed, then registration from the predicted pose, and back when lost."""
+"""Localising along a path: global fixes until one is believed, then registration from the predicted
+pose, and back when lost."""
 
 from dataclasses import replace
 from time import perf_counter
@@ -16,15 +17,18 @@ from pipeline.posing.search import Answers
 
 PATIENCE = 3
 """Scans in a row that may fail to be tracked before the robot is lost."""
-SHORTEST, LONGEST = 0.02, 5.0
-"""Seconds between two fixes that tell how fast a robot moves, and after which a robot without odometry may be anywhere; of scans
-without stamps so many scans."""
-FASTEST_M, FASTEST_DEG = 40.0, 180.0
+SHORTEST = 0.02
+LONGEST = 5.0
+"""Seconds between two fixes that tell how fast a robot moves, and after which a robot without
+odometry may be anywhere; of scans without stamps so many scans."""
+FASTEST_M = 40.0
+FASTEST_DEG = 180.0
 """No robot moves or turns faster in a second: two such fixes tell no speed."""
 STANDING_M = 0.5
 """Odometry may move so far in no time: stamps are not exact."""
 GAINS = np.array([2.0, 15.0])
-"""What a robot does otherwise than before, in metres and degrees a second squared: standard deviations, until it has shown it."""
+"""What a robot does otherwise than before, in metres and degrees a second squared: standard
+deviations, until it has shown it."""
 UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
 """Standard deviations a second of a robot of unknown speed."""
 LIKELY = 0.9
@@ -32,19 +36,23 @@ LIKELY = 0.9
 
 
 class Motion:
-    """How a robot without odometry moves on: as between its last two fixes, for a time that is known and short."""
+    """How a robot without odometry moves on: as between its last two fixes, for a time that is
+    known and short."""
 
     def __init__(self) -> None:
         self._last: tuple[NDArray[np.float64], float] | None = None
-        self._moved_m, self._turned_rad = np.zeros(3), np.zeros(3)  # in a second, or from scan to scan
+        self._moved_m = np.zeros(3)
+        self._turned_rad = np.zeros(3)  # in a second, or from scan to scan
         self._usual_s = 0.0
         self._since_s = 0.0
-        self._squares, self._fixes = GAINS**2, 1
+        self._squares = GAINS**2
+        self._fixes = 1
 
     def onwards(self, took_s: float) -> NDArray[np.float64]:
         """The step (4, 4) in so many seconds.
 
-        Where the clock jumped back or far ahead, it is the step of the time between the last two fixes that told a speed.
+        Where the clock jumped back or far ahead, it is the step of the time between the last two
+        fixes that told a speed.
         """
         seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
         step = np.eye(4)
@@ -63,11 +71,15 @@ class Motion:
             return float(away_m), float(turn_deg)
         stood = np.zeros(2)
         if seconds < SHORTEST:  # the same scan again, or a clock that stands still
-            stood = self._usual_s * np.array([np.linalg.norm(self._moved_m), np.rad2deg(np.linalg.norm(self._turned_rad))])
+            stood = self._usual_s * np.array(
+                [np.linalg.norm(self._moved_m), np.rad2deg(np.linalg.norm(self._turned_rad))]
+            )
             seconds = self._usual_s
         before_s = self._since_s
         self._since_s = before_s + seconds
-        away_m, turn_deg = stood + np.sqrt(self._squares / self._fixes) / 2 * (self._since_s**2 - before_s**2)
+        away_m, turn_deg = stood + np.sqrt(self._squares / self._fixes) / 2 * (
+            self._since_s**2 - before_s**2
+        )
         return float(away_m), float(turn_deg)
 
     def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
@@ -81,47 +93,65 @@ class Motion:
         step = np.linalg.inv(last[0]) @ world_T_robot
         moved_m = step[:3, 3] / seconds
         turned_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
-        if np.linalg.norm(moved_m) > FASTEST_M or np.linalg.norm(turned_rad) > np.deg2rad(FASTEST_DEG):
+        if np.linalg.norm(moved_m) > FASTEST_M or np.linalg.norm(turned_rad) > np.deg2rad(
+            FASTEST_DEG
+        ):
             return
         if self._usual_s:
             off_m, off_deg = apart(self.onwards(seconds)[None], step[None])
             self._squares = self._squares + (2 * np.array([off_m[0], off_deg[0]]) / seconds**2) ** 2
             self._fixes += 1
-        self._moved_m, self._turned_rad, self._usual_s = moved_m, turned_rad, seconds
+        self._moved_m = moved_m
+        self._turned_rad = turned_rad
+        self._usual_s = seconds
 
 
 class Tracker:
-    """Follows a robot through a site; each fix is accepted by all that was seen so far, with the site's own thresholds."""
+    """Follows a robot through a site; each fix is accepted by all that was seen so far, with the
+    site's own thresholds."""
 
     def __init__(self, site: Site, promise: float | None = 0.99) -> None:
         """Raises InputError for a promise that the site cannot make; None accepts nothing."""
         site.check(promise)
-        self.site, self._promise = site, promise
+        self.site = site
+        self._promise = promise
         self.belief = Belief(float(site.about["verdict"]["unseen_share"]))
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
-        self._motion, self._misses = Motion(), 0
+        self._motion = Motion()
+        self._misses = 0
         self._stamp_ns: int | None = None
         self._time_s = 0.0
 
     def localize(
-        self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None, stamp_ns: int | None = None
+        self,
+        points_m: NDArray[np.floating],
+        step: NDArray[np.float64] | None = None,
+        stamp_ns: int | None = None,
     ) -> Fix:
-        """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by odometry.
+        """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by
+        odometry.
 
-        Without odometry, or where that was set back, which is a step that no robot makes in the time, the robot is taken to move
-        on as between its last two fixes, for as long as the stamps say, if they do.
-        After more than LONGEST seconds it may be anywhere, and is sought everywhere.
+        Without odometry, or where that was set back, which is a step that no robot makes in the
+        time, the robot is taken to move on as between its last two fixes, for as long as the stamps
+        say, if they do. After more than LONGEST seconds it may be anywhere, and is sought
+        everywhere.
         """
         start = perf_counter()
         points_m = finite(points_m)
-        took_s = None if stamp_ns is None or self._stamp_ns is None else (stamp_ns - self._stamp_ns) / 1e9
+        took_s = (
+            None
+            if stamp_ns is None or self._stamp_ns is None
+            else (stamp_ns - self._stamp_ns) / 1e9
+        )
         self._stamp_ns = stamp_ns
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
         guessed = step is None or not np.isfinite(step).all() or not _is_driven(step, took_s)
         if guessed and took_s is not None and took_s > LONGEST:
             self._pose = None
-            self.belief = Belief(self.belief.unseen_share)  # what was believed of a robot says nothing of where it went
+            self.belief = Belief(
+                self.belief.unseen_share
+            )  # what was believed of a robot says nothing of where it went
         if step is None or guessed:
             step = self._onwards(took_s)
             self.belief.move(step, self._motion.doubt(_passed_s(took_s)))
@@ -133,7 +163,9 @@ class Tracker:
         if fix.verdict != "no pose" and 1 - fix.novelty >= LIKELY:
             self._motion.fixed(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
-            self._pose, self._misses, self.mode = fix.world_T_sensor, 0, "tracking"
+            self._pose = fix.world_T_sensor
+            self._misses = 0
+            self.mode = "tracking"
         elif guess is not None:
             self._misses += 1
             self._pose = guess if self._misses < PATIENCE else None
@@ -144,7 +176,9 @@ class Tracker:
         """The step (4, 4) since the last scan."""
         return self._motion.onwards(_passed_s(took_s))
 
-    def _find(self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None) -> tuple[Registered, bool]:
+    def _find(
+        self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None
+    ) -> tuple[Registered, bool]:
         """Hypotheses, and whether they were found from the predicted pose alone."""
         if guess is not None:
             found = self.site.fixer.track(points_m, self.site.targets, guess)
@@ -165,17 +199,28 @@ class Tracker:
         kept = [promise for promise in self.site.promises if believed >= promise]
         verdict: Word = "accepted" if self._promise in kept else "rejected"
         if verdict == "rejected" and not tracked and fix.verdict in ("near", "ambiguous"):
-            verdict = fix.verdict  # of a tracked pose no rival was looked for, so its scan alone tells less
+            verdict = (
+                fix.verdict
+            )  # of a tracked pose no rival was looked for, so its scan alone tells less
         axes = fix.world_T_sensor[:3, :3]
         covariance = fix.covariance.copy()
         covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes
         promised = max(kept, default=None)
-        return replace(fix, verdict=verdict, novelty=1 - believed, promised_precision=promised, covariance=covariance)
+        return replace(
+            fix,
+            verdict=verdict,
+            novelty=1 - believed,
+            promised_precision=promised,
+            covariance=covariance,
+        )
 
 
 def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
     """Whether a robot can make a step in the time, if that is known."""
-    return took_s is None or float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
+    return (
+        took_s is None
+        or float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
+    )
 
 
 def _passed_s(took_s: float | None) -> float:

@@ -1,4 +1,5 @@
-"""What is believed of a robot along its path: poses with chances, and "anywhere else", unseen places included (METHODS 10.2)."""
+"""What is believed of a robot along its path: poses with chances, and "anywhere else", unseen
+places included (METHODS 10.2)."""
 
 from dataclasses import dataclass, field
 
@@ -9,12 +10,14 @@ from scipy.special import erf
 from pipeline.frames import Poses, apart
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
-DRIFT, TURN_DEG_PER_M = 0.05, 0.1
+DRIFT = 0.05
+TURN_DEG_PER_M = 0.1
 """Standard deviations of the odometry: of a step as a share of it, and of the heading."""
 JUMPS = 0.001
 """Chance a scan to be carried anywhere."""
 REPEATS = 0.3
-"""How often a wrong pose lies where one was believed, repeating it or having slipped from it: assumed, not learned."""
+"""How often a wrong pose lies where one was believed, repeating it or having slipped from it:
+assumed, not learned."""
 FORGOTTEN = 1e-5
 DEVIATIONS = 3.0
 
@@ -28,7 +31,8 @@ class Belief:
     poses: Poses = field(default_factory=lambda: np.zeros((0, 4, 4)))
     """(hypothesis, 4, 4) in the world, each carried on by odometry since its last fix."""
     chances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) that the robot is there, give or take the drift since; what lacks of 1 is anywhere else."""
+    """(hypothesis,) that the robot is there, give or take the drift since; what lacks of 1 is
+    anywhere else."""
     drift_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) how far it may have drifted since that fix: a standard deviation."""
     drift_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -47,17 +51,21 @@ class Belief:
         self.drift_deg = self.drift_deg + doubt_deg
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
-        """A pose was measured that is right with this chance; returns the chance that it is right now, given all before.
+        """A pose was measured that is right with this chance; returns the chance that it is right
+        now, given all before.
 
-        Of a robot that may be anywhere the chance stays what it was. A hypothesis that may have drifted to the pose is for it,
-        but wrong poses repeat themselves, as the next scan shows the same look-alike: REPEATS of them lie there too. A `tracked`
-        pose was sought where it was believed: that it lies there says nothing, only its chance does, against that of a usual fix.
-        And a pose may have slipped along a street, wrong though the robot is where it was believed: all but one that lies within
-        RIGHT_M of a hypothesis that drift has left right.
+        Of a robot that may be anywhere the chance stays what it was. A hypothesis that may have
+        drifted to the pose is for it, but wrong poses repeat themselves, as the next scan shows the
+        same look-alike: REPEATS of them lie there too. A `tracked` pose was sought where it was
+        believed: that it lies there says nothing, only its chance does, against that of a usual
+        fix. And a pose may have slipped along a street, wrong though the robot is where it was
+        believed: all but one that lies within RIGHT_M of a hypothesis that drift has left right.
         """
         elsewhere = 1 - float(self.chances.sum())
         away_m, turn_deg = apart(self.poses, np.broadcast_to(world_T_robot, self.poses.shape))
-        near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg)
+        near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (
+            turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
+        )
         agrees = near & (away_m < RIGHT_M)
         repeated = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
         right = chance * (elsewhere + float(self.chances[near].sum()) / repeated)
@@ -73,9 +81,11 @@ class Belief:
         return right / whole
 
     def slipped_m2(self) -> NDArray[np.float64]:
-        """What the position seen last may be off for having slipped: its covariance (3, 3) in the world, in square metres.
+        """What the position seen last may be off for having slipped: its covariance (3, 3) in the
+        world, in square metres.
 
-        Each hypothesis that it may have slipped from counts with its chance, its distance and its drift.
+        Each hypothesis that it may have slipped from counts with its chance, its distance and its
+        drift.
         """
         off_m = self.poses[:-1, :3, 3] - self.poses[-1, :3, 3]
         near = np.linalg.norm(off_m, axis=1) < RIGHT_M + DEVIATIONS * self.drift_m[:-1]
@@ -84,7 +94,8 @@ class Belief:
         return np.asarray(apart_m2 + float((chances * self.drift_m[:-1] ** 2).sum()) * np.eye(3))
 
     def best(self) -> tuple[Poses, float] | None:
-        """The pose that is likeliest within RIGHT_M of the robot's, drift heeded, and the chance that it is; None at first."""
+        """The pose that is likeliest within RIGHT_M of the robot's, drift heeded, and the chance
+        that it is; None at first."""
         if not len(self.chances):
             return None
         chances = self.chances * still_right(self.drift_m)
@@ -93,5 +104,6 @@ class Belief:
 
 
 def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The chance that a pose of this standard deviation, the way that it drifts most, is still within RIGHT_M."""
+    """The chance that a pose of this standard deviation, the way that it drifts most, is still
+    within RIGHT_M."""
     return np.asarray(erf(RIGHT_M / (np.sqrt(2) * np.maximum(drift_m, 1e-9))))

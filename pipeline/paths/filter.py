@@ -1,4 +1,5 @@
-"""A filter over a drive: each query is answered from all fixes up to it, as a robot must (METHODS 9.9)."""
+"""A filter over a drive: each query is answered from all fixes up to it, as a robot must (METHODS
+9.9)."""
 
 from dataclasses import dataclass
 
@@ -12,11 +13,15 @@ LEAST_CHANCE = 1e-6
 
 @dataclass(frozen=True)
 class Filter:
-    """The likeliest pose of a belief (METHODS 10.2), from the query's own fix or carried on from an earlier one."""
+    """The likeliest pose of a belief (METHODS 10.2), from the query's own fix or carried on from an
+    earlier one."""
 
     def along(self, track: Track) -> Estimates:
-        """Estimates that know nothing of what comes later; where odometry is interrupted all begins anew."""
-        poses, chances, belief = np.full_like(track.world_T_query, np.nan), np.zeros(len(track.chance)), Belief()
+        """Estimates that know nothing of what comes later; where odometry is interrupted all begins
+        anew."""
+        poses = np.full_like(track.world_T_query, np.nan)
+        chances = np.zeros(len(track.chance))
+        belief = Belief()
         for row, pose in enumerate(track.world_T_query):
             if row and np.isfinite(track.steps[row - 1]).all():
                 belief.move(track.steps[row - 1])

@@ -1,4 +1,5 @@
-"""Odometry alone from the first fix that is believed on: what a filter and a graph have to better."""
+"""Odometry alone from the first fix that is believed on: what a filter and a graph have to
+better."""
 
 from dataclasses import dataclass
 
@@ -13,15 +14,21 @@ class Odometry:
     """Dead reckoning."""
 
     def along(self, track: Track) -> Estimates:
-        """Nothing before the first fix that keeps a promise of .99; where odometry is interrupted, the next one."""
-        poses, chances = np.full_like(track.world_T_query, np.nan), np.zeros(len(track.chance))
-        chance, driven_m = 0.0, 0.0
+        """Nothing before the first fix that keeps a promise of .99; where odometry is interrupted,
+        the next one."""
+        poses = np.full_like(track.world_T_query, np.nan)
+        chances = np.zeros(len(track.chance))
+        chance = 0.0
+        driven_m = 0.0
         for row in range(len(poses)):
             carried = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
             if np.isfinite(carried).all():
-                poses[row], driven_m = carried, driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
+                poses[row] = carried
+                driven_m = driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
                 chances[row] = chance * float(still_right(np.array(DRIFT * driven_m)))
             elif track.accepted[row]:
-                poses[row], driven_m, chance = track.world_T_query[row], 0.0, float(track.chance[row])
+                poses[row] = track.world_T_query[row]
+                driven_m = 0.0
+                chance = float(track.chance[row])
                 chances[row] = chance
         return Estimates(poses, chances)

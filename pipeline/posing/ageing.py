@@ -1,7 +1,8 @@
-"""Ageing: a held-out scan as a later day would see it, so that a verdict learns from more than its own day (METHODS 9.5).
+"""Ageing: a held-out scan as a later day would see it, so that a verdict learns from more than its
+own day (METHODS 9.5).
 
-New walls and what they hide, a wedge in which nothing is left, cars and crowns that came, things that went, leaves and snow: the
-strengths are fixed beforehand, never by a result.
+New walls and what they hide, a wedge in which nothing is left, cars and crowns that came, things
+that went, leaves and snow: the strengths are fixed beforehand, never by a result.
 """
 
 from dataclasses import dataclass, field
@@ -53,10 +54,13 @@ class Ageing:
         check(self, "ageing")
         for name in ("walls", "cars", "crowns", "went"):
             if getattr(self, name) < 0:
-                raise ConfigError(f"ageing.{name}={getattr(self, name)}: expected a number from 0 on")
+                raise ConfigError(
+                    f"ageing.{name}={getattr(self, name)}: expected a number from 0 on"
+                )
 
     def aged(self, points_m: Points, rng: np.random.Generator) -> Points:
-        """What is left of points (n, 3), z up from the ground around the sensor, and what has been built."""
+        """What is left of points (n, 3), z up from the ground around the sensor, and what has been
+        built."""
         walls = self.construction.random_walls(int(rng.integers(0, self.walls + 1)), rng)
         for wall in walls:
             points_m = np.concatenate([points_m, wall.points(self.construction.spacing_m)])
@@ -75,7 +79,8 @@ class Ageing:
 
     def _gone(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
         """The share (n,) of points such as each that is gone."""
-        above, below = rng.uniform(0, self.above), rng.uniform(0, self.below)
+        above = rng.uniform(0, self.above)
+        below = rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)
 
 
@@ -91,7 +96,9 @@ def _car(rng: np.random.Generator) -> Points:
     points_m = rng.uniform(-0.5, 0.5, (CAR_POINTS, 3)) * CAR_M
     face = rng.integers(0, 5, CAR_POINTS)
     each = np.arange(CAR_POINTS)
-    points_m[each, face // 2] = np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]  # the last is its roof
+    points_m[each, face // 2] = (
+        np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]
+    )  # the last is its roof
     turn = rng.uniform(0, np.pi)
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return np.column_stack([points_m[:, :2] @ rotation, points_m[:, 2] + CAR_M[2] / 2])

@@ -1,4 +1,5 @@
-"""Answers with poses: the ranking of a method, led by what was registered, and how new each query then looks (METHODS 9.6)."""
+"""Answers with poses: the ranking of a method, led by what was registered, and how new each query
+then looks (METHODS 9.6)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -22,31 +23,54 @@ OWN_KINDS = BELIEFS
 MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """An answer that is none, column by column."""
 UNREGISTERED = 1.0
-"""Cost from which the method's own answers follow those that were registered, whose cost is one minus their chance."""
+"""Cost from which the method's own answers follow those that were registered, whose cost is one
+minus their chance."""
 
 
-def posed(ranking: Ranking, fixes: Sequence[Fix], places: Places, doubts: NDArray[np.float64]) -> Ranking:
-    """The ranking with its fixes first: positions, headings, places (the cell that each lies in; −1 where training never went).
+def posed(
+    ranking: Ranking, fixes: Sequence[Fix], places: Places, doubts: NDArray[np.float64]
+) -> Ranking:
+    """The ranking with its fixes first: positions, headings, places (the cell that each lies in; −1
+    where training never went).
 
-    One minus the first of the doubts (q, belief), that in the pose, becomes the confidence. A place is answered once; what is
-    then missing of k is place −1 at an infinite cost.
+    One minus the first of the doubts (q, belief), that in the pose, becomes the confidence. A place
+    is answered once; what is then missing of k is place −1 at an infinite cost.
     """
     k = ranking.places.shape[1]
-    answers = {name: getattr(ranking, name).copy() for name in ("places", "costs", "xy_m", "heading_deg")}
+    answers = {
+        name: getattr(ranking, name).copy() for name in ("places", "costs", "xy_m", "heading_deg")
+    }
     for i, fix in enumerate(fixes):
         if not fix.hypotheses:
             continue
         own = np.array([one.world_T_query for one in fix.hypotheses])
-        xy_m, costs = own[:, :2, 3], 1 - np.array(fix.chances)
+        xy_m = own[:, :2, 3]
+        costs = 1 - np.array(fix.chances)
         answers["costs"][i] = UNREGISTERED + np.arange(k) / k
-        lead(answers, i, {"places": places.at(xy_m), "costs": costs, "xy_m": xy_m, "heading_deg": np.rad2deg(yaw(own))})
+        lead(
+            answers,
+            i,
+            {
+                "places": places.at(xy_m),
+                "costs": costs,
+                "xy_m": xy_m,
+                "heading_deg": np.rad2deg(yaw(own)),
+            },
+        )
     novelty = np.column_stack([doubts, ranking.novelty]).astype(np.float32)
     confidence = (1 - doubts[:, 0]).astype(np.float32)
-    return replace(ranking, **answers, novelty=novelty, kinds=(*OWN_KINDS, *ranking.kinds), confidence=confidence)
+    return replace(
+        ranking,
+        **answers,
+        novelty=novelty,
+        kinds=(*OWN_KINDS, *ranking.kinds),
+        confidence=confidence,
+    )
 
 
 def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
-    """Put the answers `first`, likeliest first, before the k of a row; a place is answered once, what is then missing is −1."""
+    """Put the answers `first`, likeliest first, before the k of a row; a place is answered once,
+    what is then missing is −1."""
     every = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
     k = answers["places"].shape[1]
     kept = np.sort(np.unique(every["places"], return_index=True)[1])[:k]
@@ -65,10 +89,14 @@ class Posing:
 
     def __post_init__(self) -> None:
         if self.wanted_precision not in PROMISES:
-            raise ConfigError(f"wanted_precision={self.wanted_precision}: expected one of {', '.join(map(str, PROMISES))}")
+            raise ConfigError(
+                f"wanted_precision={self.wanted_precision}: expected one of "
+                f"{', '.join(map(str, PROMISES))}"
+            )
 
     def write(self, path: Path, rankings: Artifact, fixes: Sequence[Fix]) -> str:
-        """The fixes (q,) of a ranking's queries, in all its cases; returns what was done, in a line."""
+        """The fixes (q,) of a ranking's queries, in all its cases; returns what was done, in a
+        line."""
         names = [one.name for one in fields(Ranking) if one.name != "kinds"]
         arrays = {name: rankings.load(name) for name in names}
         ranking = Ranking(**arrays, kinds=tuple(rankings.attrs["kinds"]))
@@ -77,8 +105,15 @@ class Posing:
         wanted = PROMISES.index(self.wanted_precision)
         thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
         thresholds |= {belief: limits[belief][wanted] for belief in BELIEFS}
-        rejection = {"kinds": answered.kinds, "thresholds": [thresholds[kind] for kind in answered.kinds]}
-        verdict = {"promises": PROMISES, "promised": limits["fix"], "held_out": self.verdict.evidence.blocks}
+        rejection = {
+            "kinds": answered.kinds,
+            "thresholds": [thresholds[kind] for kind in answered.kinds],
+        }
+        verdict = {
+            "promises": PROMISES,
+            "promised": limits["fix"],
+            "held_out": self.verdict.evidence.blocks,
+        }
         beliefs = {f"promised_{belief}": limits[belief] for belief in BELIEFS[1:]}
         cases = {"cases": rankings.attrs["cases"], "wanted_precision": self.wanted_precision}
         with store.write(path, schemas.FIXES, **rejection, **verdict, **beliefs, **cases) as out:
@@ -87,17 +122,30 @@ class Posing:
             out.put("turned_deg", rankings.load("turned_deg"))
             out.put("world_T_query", poses(fixes))
             out.put("overlap", np.array([fix.alignment.overlap for fix in fixes], np.float32))
-            out.put("covariance", np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6))
+            out.put(
+                "covariance",
+                np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6),
+            )
         return f"{path.stem}: {self._told(answered, limits, fixes, wanted)}"
 
-    def _told(self, answered: Ranking, limits: Mapping[str, Sequence[float]], fixes: Sequence[Fix], wanted: int) -> str:
+    def _told(
+        self,
+        answered: Ranking,
+        limits: Mapping[str, Sequence[float]],
+        fixes: Sequence[Fix],
+        wanted: int,
+    ) -> str:
         """How many queries have a pose, and of how many each belief is promised."""
         found = sum(bool(fix.hypotheses) for fix in fixes)
         number = next((i for i in range(wanted, -1, -1) if limits["fix"][i] > 0), None)
         if number is None:
             return f"{found} poses of {len(fixes)} queries; no promise can be kept"
-        below = answered.novelty[:, : len(BELIEFS)].astype(float) < [limits[belief][number] for belief in BELIEFS]
+        below = answered.novelty[:, : len(BELIEFS)].astype(float) < [
+            limits[belief][number] for belief in BELIEFS
+        ]
         most_telling = np.where(below.any(axis=1), below.argmax(axis=1), -1)
         pose, place, several = (int((most_telling == i).sum()) for i in range(len(BELIEFS)))
         beliefs = f"{pose} are accepted, {place} more are near, {several} more are one of several"
-        return f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {beliefs}"
+        return (
+            f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {beliefs}"
+        )

@@ -1,7 +1,9 @@
-"""Chances: how likely each hypothesis of a query is right, from the signs that speak for it (METHODS 9.5).
+"""Chances: how likely each hypothesis of a query is right, from the signs that speak for it
+(METHODS 9.5).
 
-Of a query's hypotheses at most one is right. So their chances are shares: exp(s) / (1 + Σ exp(s)), with a score s for each,
-linear in its signs, and the 1 for "none of them" (McFadden's conditional logit). A look-alike takes from the others' chances.
+Of a query's hypotheses at most one is right. So their chances are shares: exp(s) / (1 + Σ exp(s)),
+with a score s for each, linear in its signs, and the 1 for "none of them" (McFadden's conditional
+logit). A look-alike takes from the others' chances.
 """
 
 from collections.abc import Sequence
@@ -13,9 +15,10 @@ from numpy.typing import NDArray
 SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "ahead")
 """What speaks for a hypothesis; more of each is never worse.
 
-The first two are the means of the Agreements with its own submap and with another beside it; surety is −log₁₀ of the spread in
-metres, upright −1 for 10° of tilt against the submap or more, lead that of its slide, ahead how much higher its quality is than
-that of the query's best other hypothesis, negative of one that is behind; 0 where there is no other.
+The first two are the means of the Agreements with its own submap and with another beside it; surety
+is −log₁₀ of the spread in metres, upright −1 for 10° of tilt against the submap or more, lead that
+of its slide, ahead how much higher its quality is than that of the query's best other hypothesis,
+negative of one that is behind; 0 where there is no other.
 """
 SCALES = np.array([0.12, 0.25, 0.2, 0.15, 0.12, 0.15])
 """A usual difference of each sign: weights are learned as if the signs were divided by these."""
@@ -32,7 +35,8 @@ class Chances:
     offset: float
 
     def scores(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The score (n,) of each hypothesis of one query, from its signs (n, sign): log-odds against none of them."""
+        """The score (n,) of each hypothesis of one query, from its signs (n, sign): log-odds
+        against none of them."""
         return np.asarray(signs @ np.array(self.weights) + self.offset)
 
     def shares(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,8 +50,8 @@ class Chances:
 
 
 USUAL = Chances((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)
-"""To start from: what held-out blocks of the training days of two simulated campuses gave, for an earlier form of the signs and
-of ageing; each site's own evidence moves it."""
+"""To start from: what held-out blocks of the training days of two simulated campuses gave, for an
+earlier form of the signs and of ageing; each site's own evidence moves it."""
 
 
 def learned(
@@ -56,7 +60,8 @@ def learned(
     weight: NDArray[np.float64],
     start: Chances = USUAL,
 ) -> Chances:
-    """Chances from q queries: the signs (n, sign) of each one's hypotheses, which of these (n,) are right, and its weight (q,).
+    """Chances from q queries: the signs (n, sign) of each one's hypotheses, which of these (n,) are
+    right, and its weight (q,).
 
     The likeliest weights, given that they stray little from those of `start`; of no query these.
     """

@@ -1,7 +1,8 @@
 """Changes: which submaps of a map are contradicted by later scans of the same spot (METHODS 11.3).
 
-A wall is gone where a later scan sees through it; it was built where a later scan has one and the map saw through. Only what at
-least two scans tell counts, for a parked lorry hides a wall from one spot only.
+A wall is gone where a later scan sees through it; it was built where a later scan has one and the
+map saw through. Only what at least two scans tell counts, for a parked lorry hides a wall from one
+spot only.
 """
 
 from collections.abc import Sequence
@@ -20,12 +21,17 @@ NEAR_M = 5.0
 AGREEING = 2
 """Scans that must."""
 USUAL = 0.99
-"""A submap is changed if it is contradicted more than this share of the pairs of one day, which show what is no change."""
+"""A submap is changed if it is contradicted more than this share of the pairs of one day, which
+show what is no change."""
 
 
-def contradicted(targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual: float) -> dict[int, int]:
-    """Submaps that scans (n,) contradict by more than is `usual`, each with the scan nearest to it."""
-    tree, found = KDTree(world_T_scan[:, :2, 3]), {}
+def contradicted(
+    targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual: float
+) -> dict[int, int]:
+    """Submaps that scans (n,) contradict by more than is `usual`, each with the scan nearest to
+    it."""
+    tree = KDTree(world_T_scan[:, :2, 3])
+    found = {}
     walls_m = [walls.of(points_m) for points_m in scans]
     charts = [walls.chart(points_m) for points_m in walls_m]
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
@@ -33,7 +39,9 @@ def contradicted(targets: Targets, walls: Walls, scans: Sequence[Points], world_
         steps = {scan: np.linalg.inv(world_T_anchor) @ world_T_scan[scan] for scan in near}
         old_m = walls.of(targets.points_m(row))
         shares = [
-            contradiction(walls, (targets.chart(walls, row), old_m), (charts[scan], walls_m[scan]), step)
+            contradiction(
+                walls, (targets.chart(walls, row), old_m), (charts[scan], walls_m[scan]), step
+            )
             for scan, step in steps.items()
         ]
         if sum(share > usual for share in shares) >= AGREEING:
@@ -42,16 +50,25 @@ def contradicted(targets: Targets, walls: Walls, scans: Sequence[Points], world_
 
 
 def usual_contradiction(targets: Targets, walls: Walls) -> float:
-    """The share that USUAL of the pairs of neighbouring submaps of a map stay below; 1 where there is no such pair."""
-    tree, shares = KDTree(targets.world_T_anchor[:, :2, 3]), []
+    """The share that USUAL of the pairs of neighbouring submaps of a map stay below; 1 where there
+    is no such pair."""
+    tree = KDTree(targets.world_T_anchor[:, :2, 3])
+    shares = []
     for row, other in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
         step = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other]
-        old, new = ((targets.chart(walls, side), walls.of(targets.points_m(side))) for side in (row, other))
+        old, new = (
+            (targets.chart(walls, side), walls.of(targets.points_m(side))) for side in (row, other)
+        )
         shares.append(contradiction(walls, old, new, step))
     return float(np.quantile(shares, USUAL)) if shares else 1.0
 
 
-def contradiction(walls: Walls, old: tuple[Chart, Points], new: tuple[Chart, Points], old_T_new: NDArray[np.float64]) -> float:
+def contradiction(
+    walls: Walls,
+    old: tuple[Chart, Points],
+    new: tuple[Chart, Points],
+    old_T_new: NDArray[np.float64],
+) -> float:
     """The larger share of walls of an old and a new submap, each a chart and their points
     (n, 3), that the other saw through."""
     gone = _seen_through(walls, new[0], moved(np.asarray(np.linalg.inv(old_T_new)), old[1]))
@@ -59,7 +76,8 @@ def contradiction(walls: Walls, old: tuple[Chart, Points], new: tuple[Chart, Poi
 
 
 def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
-    """Of walls (n, 3) in the chart's frame that it says anything of, the share that it saw through."""
+    """Of walls (n, 3) in the chart's frame that it says anything of, the share that it saw
+    through."""
     cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half
     values = chart[0][tuple(cells[((cells >= 0) & (cells < 2 * walls.half)).all(axis=1)].T)]
     known = np.count_nonzero(values)

@@ -1,4 +1,5 @@
-"""Fixes: the poses that a query may have, the likeliest first, with the chance of each (METHODS 9.5)."""
+"""Fixes: the poses that a query may have, the likeliest first, with the chance of each (METHODS
+9.5)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,8 @@ from pipeline.posing.verification import Agreement
 
 ELSEWHERE_M = 5.0
 """So far apart two hypotheses contradict one another."""
-SAME_M, SAME_DEG = 2.0, 5.0
+SAME_M = 2.0
+SAME_DEG = 5.0
 """Within these two hypotheses are one."""
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
@@ -34,7 +36,8 @@ class Hypothesis:
     here: Agreement
     """With that submap."""
     beside: Agreement
-    """With another one near the pose, against which it was not registered; where there is none, `here`."""
+    """With another one near the pose, against which it was not registered; where there is none,
+    `here`."""
     tilt_deg: float
     """Between the query's and the submap's upward axes."""
     slide: Slide
@@ -49,7 +52,8 @@ class Hypothesis:
 
     @property
     def signs(self) -> NDArray[np.float64]:
-        """(sign,) as chances.SIGNS has them, but for the last, which takes all hypotheses of the query."""
+        """(sign,) as chances.SIGNS has them, but for the last, which takes all hypotheses of the
+        query."""
         overlap = (self.here.overlap + self.beside.overlap) / 2
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
         surety = -np.log10(max(self.alignment.spread_m, LEAST_SPREAD_M))
@@ -59,7 +63,8 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Fix:
-    """All hypotheses of a query that contradict one another, the likeliest first; none where too few points tell."""
+    """All hypotheses of a query that contradict one another, the likeliest first; none where too
+    few points tell."""
 
     hypotheses: tuple[Hypothesis, ...] = ()
     chances: tuple[float, ...] = ()
@@ -67,13 +72,16 @@ class Fix:
 
     @classmethod
     def of(cls, found: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
-        """Of hypotheses in any order; of those within 2 m and 5° of one another the one of the highest quality stays.
+        """Of hypotheses in any order; of those within 2 m and 5° of one another the one of the
+        highest quality stays.
 
         It was found when the first of them was.
         """
         kept: list[Hypothesis] = []
         for one in sorted(found, key=lambda one: -one.quality):
-            away_m, turn_deg = apart(_poses(kept), np.broadcast_to(one.world_T_query, (len(kept), 4, 4)))
+            away_m, turn_deg = apart(
+                _poses(kept), np.broadcast_to(one.world_T_query, (len(kept), 4, 4))
+            )
             same = np.flatnonzero((away_m < SAME_M) & (turn_deg < SAME_DEG)).tolist()
             if not same:
                 kept.append(one)
@@ -99,10 +107,13 @@ class Fix:
 
     @property
     def elsewhere(self) -> list[int]:
-        """The numbers of the hypotheses that stand ELSEWHERE_M or more from each one before them, without the best."""
+        """The numbers of the hypotheses that stand ELSEWHERE_M or more from each one before them,
+        without the best."""
         kept: list[int] = []
         for number, one in enumerate(self.hypotheses):
-            others_m = np.array([self.hypotheses[i].world_T_query[:2, 3] for i in kept]).reshape(-1, 2)
+            others_m = np.array([self.hypotheses[i].world_T_query[:2, 3] for i in kept]).reshape(
+                -1, 2
+            )
             if (np.linalg.norm(others_m - one.world_T_query[:2, 3], axis=1) >= ELSEWHERE_M).all():
                 kept.append(number)
         return kept[1:]
@@ -121,7 +132,9 @@ def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
 def poses(fixes: Sequence[Fix]) -> Poses:
     """(q, 4, 4) of the best hypotheses; NaN without one."""
     none = np.full((4, 4), np.nan)
-    return np.array([fix.hypotheses[0].world_T_query if fix.hypotheses else none for fix in fixes]).reshape(-1, 4, 4)
+    return np.array(
+        [fix.hypotheses[0].world_T_query if fix.hypotheses else none for fix in fixes]
+    ).reshape(-1, 4, 4)
 
 
 def _poses(hypotheses: Sequence[Hypothesis]) -> Poses:

@@ -1,7 +1,7 @@
 """Ground: how high points stand above it, on slopes too (METHODS 9.2).
 
-A hillside is no wall. So the ground is followed outwards from the sensor in each direction, as far as
-it climbs and falls no more steeply than ground does (as Himmelsbach et al., IV 2010).
+A hillside is no wall. So the ground is followed outwards from the sensor in each direction, as far
+as it climbs and falls no more steeply than ground does (as Himmelsbach et al., IV 2010).
 """
 
 import numpy as np

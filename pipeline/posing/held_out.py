@@ -1,4 +1,5 @@
-"""Held-out fixes: what a fix is worth, learned on blocks of the training day that the map is asked about without them."""
+"""Held-out fixes: what a fix is worth, learned on blocks of the training day that the map is asked
+about without them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -36,7 +37,8 @@ class Drive:
 
     def points_m(self, row: int) -> Points:
         """The points (n, 3) of a submap, in its anchor's frame, z up from the ground."""
-        scans, submaps = store.read(self.scans, schemas.SCANS), store.read(self.submaps, schemas.SUBMAPS)
+        scans = store.read(self.scans, schemas.SCANS)
+        submaps = store.read(self.submaps, schemas.SUBMAPS)
         return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
 
 
@@ -58,7 +60,9 @@ class TrainingDay:
 
     def answers(self, images: NDArray[Any], rows: NDArray[np.int64]) -> list[Answers]:
         """The ranking's answers to images of some of the rows."""
-        ranking = self.localizer(Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k)
+        ranking = self.localizer(
+            Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k
+        )
         return [Answers.of(ranking, number) for number in range(len(rows))]
 
 
@@ -70,10 +74,13 @@ class HeldOut:
     """Path from one block to the next."""
     length_m: Positive
     around_m: Sequence[float]
-    """A query is asked once more without the training submaps that are nearer than one of these, each in its turn: as a place
-    never seen."""
+    """A query is asked once more without the training submaps that are nearer than one of these,
+    each in its turn: as a place never seen."""
     enough: Count = 150
-    """Blocks: where there are fewer, the path between them is held out in its turn. A promise of .99 takes 99 accepted."""
+    """Blocks: where there are fewer, the path between them is held out in its turn.
+
+    A promise of .99 takes 99 accepted.
+    """
     ageing: Ageing = field(default_factory=Ageing)
     seed: Seed = 0
 
@@ -81,12 +88,18 @@ class HeldOut:
         check(self, "held_out")
         object.__setattr__(self, "around_m", tuple(self.around_m))  # a yaml has lists
         if not self.length_m < self.every_m:
-            raise ConfigError(f"held_out.length_m={self.length_m}: expected less than held_out.every_m={self.every_m}")
+            raise ConfigError(
+                f"held_out.length_m={self.length_m}: expected less than "
+                f"held_out.every_m={self.every_m}"
+            )
         if not min(self.around_m, default=0) > 0:
             raise ConfigError(f"held_out.around_m={list(self.around_m)}: expected lengths above 0")
 
-    def evidence(self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress) -> Evidence:
-        """Fixes of held-out submaps: as driven and aged, with the others' map, and without its surroundings.
+    def evidence(
+        self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress
+    ) -> Evidence:
+        """Fixes of held-out submaps: as driven and aged, with the others' map, and without its
+        surroundings.
 
         An aged one is drawn and ranked anew. Raises InputError for a map of another day.
         """
@@ -102,15 +115,33 @@ class HeldOut:
                 parts.append(self._turn(fixer, day, held, compute, progress))
         return Evidence.joined(parts)
 
-    def _turn(self, fixer: Fixer, day: TrainingDay, held: NDArray[np.bool_], compute: Compute, progress: Progress) -> Evidence:
+    def _turn(
+        self,
+        fixer: Fixer,
+        day: TrainingDay,
+        held: NDArray[np.bool_],
+        compute: Compute,
+        progress: Progress,
+    ) -> Evidence:
         """Of the submaps held out (submap,) at a time."""
         rows = np.flatnonzero(held)
         anchors = day.views.world_T_anchor
-        drive, map_path, view = day.drive, day.map_path, day.view  # a process gets these, not the model
+        drive = day.drive
+        map_path = day.map_path
+        view = day.view  # a process gets these, not the model
         parts = [rows[first : first + PART] for first in range(0, len(rows), PART)]
-        drawn = list(compute.each(lambda part: [view(self._aged(drive.points_m(row), row)) for row in part.tolist()], parts))
+        drawn = list(
+            compute.each(
+                lambda part: [view(self._aged(drive.points_m(row), row)) for row in part.tolist()],
+                parts,
+            )
+        )
         driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
-        aged = day.answers(np.stack([image for part in drawn for image in part]), rows) if len(rows) else []
+        aged = (
+            day.answers(np.stack([image for part in drawn for image in part]), rows)
+            if len(rows)
+            else []
+        )
         answers = dict(zip(rows.tolist(), zip(driven, aged, strict=True), strict=True))
         asked = [(part, {row: answers[row] for row in part.tolist()}) for part in parts]
 
@@ -122,13 +153,20 @@ class HeldOut:
                 points_m = drive.points_m(row)
                 found.append(fixer.fix(points_m, targets, as_driven, held))
                 found.append(fixer.fix(self._aged(points_m, row), targets, as_aged, held))
-                found.append(fixer.fix(points_m, targets, as_driven, held | self._around(anchors, row)))
+                found.append(
+                    fixer.fix(points_m, targets, as_driven, held | self._around(anchors, row))
+                )
             return found
 
         done = progress.track(compute.each(fixes, asked), len(asked), "held-out blocks")
         found = [fix for part in done for fix in part]
         block = numbered(anchors, held, self.every_m, self.length_m)
-        return Evidence(found, anchors[rows].repeat(3, axis=0), np.tile([False, False, True], len(rows)), block.repeat(3))
+        return Evidence(
+            found,
+            anchors[rows].repeat(3, axis=0),
+            np.tile([False, False, True], len(rows)),
+            block.repeat(3),
+        )
 
     def _aged(self, points_m: Points, row: int) -> Points:
         """The points (n, 3) of a row on a later day, always the same one."""

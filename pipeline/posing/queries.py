@@ -1,4 +1,5 @@
-"""Queries: the points of a test sequence's submaps, and the candidate places that one or several rankings name for each."""
+"""Queries: the points of a test sequence's submaps, and the candidate places that one or several
+rankings name for each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,20 +32,30 @@ class Queries:
     """Those that the altered cases of the rankings come from."""
 
     def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[Fix]:
-        """A fix of each query in each case of the rankings, case by case, from the first `k` places of each ranking.
+        """A fix of each query in each case of the rankings, case by case, from the first `k` places
+        of each ranking.
 
-        Raises InputError where a ranking is not of these submaps in these cases, or no alteration has such a case.
+        Raises InputError where a ranking is not of these submaps in these cases, or no alteration
+        has such a case.
         """
         targets = Targets.read(map_path)
-        scans, submaps = self._read(self.scans, schemas.SCANS), self._read(self.submaps, schemas.SUBMAPS)
-        stamps_ns, cases = submaps.load("stamps_ns"), read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
+        scans = self._read(self.scans, schemas.SCANS)
+        submaps = self._read(self.submaps, schemas.SUBMAPS)
+        stamps_ns = submaps.load("stamps_ns")
+        cases = read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
         every_xy_m, every_heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
         xy_m = every_xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
         heading_deg = every_heading_deg.reshape(len(cases), len(stamps_ns), -1)
         found: list[list[Fix]] = [[] for _ in cases]
         for row, points_m in enumerate(submap_points(scans, submaps, slice(0, len(stamps_ns)))):
-            for case, fixes, *answers in zip(cases, found, xy_m[:, row], heading_deg[:, row], strict=True):
-                fixes.append(fixer.fix(self._altered(points_m, case, stamps_ns[row]), targets, Answers(*answers)))
+            for case, fixes, *answers in zip(
+                cases, found, xy_m[:, row], heading_deg[:, row], strict=True
+            ):
+                fixes.append(
+                    fixer.fix(
+                        self._altered(points_m, case, stamps_ns[row]), targets, Answers(*answers)
+                    )
+                )
         return [fix for fixes in found for fix in fixes]
 
     def _altered(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
@@ -53,22 +64,29 @@ class Queries:
             return points_m
         alteration = next((one for one in self.alterations if case in one.cases), None)
         if alteration is None:
-            raise InputError(f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes")
+            raise InputError(
+                f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
+            )
         return np.asarray(alteration.alter(case, points_m, generator(alteration, stamp_ns))[0])
 
     def _candidates(self, count: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (query, candidate, 2) and headings (query, candidate): the first place of each ranking, then the second of
-        each, and so on."""
+        """Positions (query, candidate, 2) and headings (query, candidate): the first place of each
+        ranking, then the second of each, and so on."""
         positions_m = []
         headings_deg = []
         for folder in self.rankings:
             ranking = self._read(folder, schemas.RANKINGS)
             xy_m = ranking.load("xy_m")
             if len(xy_m) != count:
-                raise InputError(f"{folder}: a ranking of {len(xy_m)} queries; the submaps make {count} in all cases")
+                raise InputError(
+                    f"{folder}: a ranking of {len(xy_m)} queries; the submaps make {count} in all "
+                    "cases"
+                )
             positions_m.append(xy_m[:, :k].astype(np.float64))
             headings_deg.append(ranking.load("heading_deg")[:, :k].astype(np.float64))
-        return np.stack(positions_m, axis=2).reshape(count, -1, 2), np.stack(headings_deg, axis=2).reshape(count, -1)
+        return np.stack(positions_m, axis=2).reshape(count, -1, 2), np.stack(
+            headings_deg, axis=2
+        ).reshape(count, -1)
 
     def _read(self, folder: str, schema: Schema) -> Artifact:
         return store.read(Path(folder, f"{self.sequence}.zarr"), schema)

@@ -1,4 +1,5 @@
-"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP; METHODS 9.3)."""
+"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP;
+METHODS 9.3)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +13,8 @@ from pipeline.running.settings import Count, Positive, check
 
 Points = NDArray[np.float64]
 LEAST_ALONG = 0.005
-"""Share of the squared normals that looks along a direction; of a bare plane, whose normals are noisy, it is less."""
+"""Share of the squared normals that looks along a direction; of a bare plane, whose normals are
+noisy, it is less."""
 LEAST_OFF_M = 0.01
 """Clouds are not believed to fit better than this."""
 
@@ -26,8 +28,8 @@ class Alignment:
     overlap: float
     """Share of the source's voxels that have one of the target's nearer than `inlier_m`."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in the source's frame; infinite
-    where the clouds leave a direction open."""
+    """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
+    the source's frame; infinite where the clouds leave a direction open."""
 
     @property
     def spread_m(self) -> float:
@@ -42,7 +44,8 @@ NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud thinned to one point a voxel, each with the covariance of its neighbours, and a tree to find them by."""
+    """A cloud thinned to one point a voxel, each with the covariance of its neighbours, and a tree
+    to find them by."""
 
     points: small_gicp.PointCloud
     tree: small_gicp.KdTree
@@ -64,14 +67,16 @@ class Cloud:
         return np.asarray(self.points.normals())[:, :3]
 
     def nearest(self, points_m: Points) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Of each of points (n, 3) in this cloud's frame, the nearest one here (n,), and the distance to it (n,) in metres."""
+        """Of each of points (n, 3) in this cloud's frame, the nearest one here (n,), and the
+        distance to it (n,) in metres."""
         found, squared = self.tree.batch_nearest_neighbor_search(points_m)
         return np.asarray(found, np.int64), np.sqrt(np.asarray(squared, np.float64))
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp), each stage with a shorter reach."""
+    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp), each stage with a
+    shorter reach."""
 
     voxel_m: Positive = 0.5
     neighbours: int = 10
@@ -87,15 +92,24 @@ class Registration:
         check(self, "registration")
         object.__setattr__(self, "reaches_m", tuple(self.reaches_m))  # a yaml has lists
         if not self.reaches_m or not all(reach > 0 for reach in self.reaches_m):
-            raise ConfigError(f"registration.reaches_m={list(self.reaches_m)}: expected lengths above 0, the longest first")
+            raise ConfigError(
+                f"registration.reaches_m={list(self.reaches_m)}: expected lengths above 0, the "
+                "longest first"
+            )
         for name, least in (("neighbours", 5), ("least_voxels", self.neighbours)):
             if not getattr(self, name) >= least:
-                raise ConfigError(f"registration.{name}={getattr(self, name)}: expected at least {least}")
+                raise ConfigError(
+                    f"registration.{name}={getattr(self, name)}: expected at least {least}"
+                )
 
-    def align(self, target_points_m: Points, source_points_m: Points, target_T_source: NDArray[np.float64]) -> Alignment:
-        """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4); all lengths in metres.
+    def align(
+        self, target_points_m: Points, source_points_m: Points, target_T_source: NDArray[np.float64]
+    ) -> Alignment:
+        """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4); all
+        lengths in metres.
 
-        Raises InputError for points or a guess that are not finite or not of that shape, and for a cloud of too few voxels.
+        Raises InputError for points or a guess that are not finite or not of that shape, and for a
+        cloud of too few voxels.
         """
         guess = np.asarray(target_T_source, np.float64)
         if guess.shape != (4, 4) or not np.isfinite(guess).all():
@@ -113,7 +127,9 @@ class Registration:
             raise InputError(f"{found}: registration needs {self.least_voxels} voxels")
         return cloud
 
-    def refine(self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]) -> Alignment:
+    def refine(
+        self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
+    ) -> Alignment:
         """Align two prepared clouds from a first guess (4, 4)."""
         for reach_m in self.reaches_m:
             found = small_gicp.align(
@@ -142,12 +158,20 @@ def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:
 
 
 def _least_along(normals: NDArray[np.float64]) -> float:
-    """The mean square of normals (n, 3) along the direction that the fewest look along; 0 of too few to say."""
-    return float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0]) if len(normals) > 6 else 0.0
+    """The mean square of normals (n, 3) along the direction that the fewest look along; 0 of too
+    few to say."""
+    return (
+        float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0])
+        if len(normals) > 6
+        else 0.0
+    )
 
 
-def _covariance(points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse Hessian of point to plane."""
+def _covariance(
+    points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Of points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse
+    Hessian of point to plane."""
     slopes = np.column_stack([np.cross(points_m, normals), normals])
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
     return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))

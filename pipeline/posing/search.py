@@ -1,4 +1,5 @@
-"""The search for a query's pose: the ranking's own first, then walls of more and more places (METHODS 9.4)."""
+"""The search for a query's pose: the ranking's own first, then walls of more and more places
+(METHODS 9.4)."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,8 @@ from pipeline.posing.walls import Chart, Walls
 from pipeline.running.settings import Count, NotNegative, Share, check
 
 BESIDE_M = (2.5, 15.0)
-"""A pose is checked against a second submap, so far from the first at least and from the pose at most."""
+"""A pose is checked against a second submap, so far from the first at least and from the pose at
+most."""
 
 LIKELY = 0.05
 """A hypothesis of less chance is not compared with its slid copies."""
@@ -39,7 +41,9 @@ class Answers(NamedTuple):
     @classmethod
     def of(cls, ranking: Ranking, row: int = 0) -> Self:
         """Those of one query of a ranking."""
-        return cls(ranking.xy_m[row].astype(np.float64), ranking.heading_deg[row].astype(np.float64))
+        return cls(
+            ranking.xy_m[row].astype(np.float64), ranking.heading_deg[row].astype(np.float64)
+        )
 
     @classmethod
     def at(cls, xy_m: NDArray[np.float64]) -> Self:
@@ -94,7 +98,9 @@ class Fixer:
     coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
     """What the whole map is searched by, once the ranking has no more candidates."""
     walls: Walls = field(default_factory=Walls)
-    rough: Registration = field(default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0))
+    rough: Registration = field(
+        default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0)
+    )
     fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
     rounds: Sequence[int] = (5, 20)
     """Candidates that are looked at in each round."""
@@ -105,11 +111,13 @@ class Fixer:
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
     depth: Count = 5
-    """So many steps at most: the ranking's own pose, then one or two of each round; learned from held-out blocks."""
+    """So many steps at most: the ranking's own pose, then one or two of each round; learned from
+    held-out blocks."""
     least_lead: NotNegative = 0.1
     """The slid copies of the likeliest hypothesis are registered too unless it leads by so much."""
     widest_m: NotNegative = 0.5
-    """A position of a wider spread is not believed: some direction is open, as along a bare wall."""
+    """A position of a wider spread is not believed: some direction is open, as along a bare
+    wall."""
     chances: Chances = USUAL
     """Learned from held-out blocks (`held_out`)."""
 
@@ -120,12 +128,17 @@ class Fixer:
             raise ConfigError(f"fixer.rounds={self.rounds}: expected at least 1")
 
     def fix(
-        self, points_m: Points, targets: Targets, answers: Answers = NO_ANSWERS, left_out: NDArray[np.bool_] | None = None
+        self,
+        points_m: Points,
+        targets: Targets,
+        answers: Answers = NO_ANSWERS,
+        left_out: NDArray[np.bool_] | None = None,
     ) -> Fix:
-        """The fix of a query's points (n, 3), z up from the ground, from the answers of a ranking, then from the whole map.
+        """The fix of a query's points (n, 3), z up from the ground, from the answers of a ranking,
+        then from the whole map.
 
-        Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis where the points are too few or
-        not finite.
+        Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis
+        where the points are too few or not finite.
         """
         query = self._prepared(points_m, targets)
         if query is None:
@@ -134,9 +147,12 @@ class Fixer:
         search = _Search(self, query, targets, left_out)
         return self._first_sure(islice(search.everywhere(answers), self.depth), search.copies)
 
-    def track(self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2) -> Fix:
-        """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees: registered against the nearest
-        `rows` submaps from there alone, one after the other until one is sure."""
+    def track(
+        self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
+    ) -> Fix:
+        """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees:
+        registered against the nearest `rows` submaps from there alone, one after the other until
+        one is sure."""
         query = self._prepared(points_m, targets)
         if query is None:
             return Fix()
@@ -198,7 +214,9 @@ class _Search:
 
     def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
         """From one pose alone, against the nearest submaps."""
-        away_m = np.linalg.norm(self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1)
+        away_m = np.linalg.norm(
+            self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1
+        )
         for row in np.argsort(away_m, kind="stable")[:rows].tolist():
             guess = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess
             yield from self._registered(row, guess)
@@ -211,30 +229,45 @@ class _Search:
 
     def _straight(self, answers: Answers) -> Iterator[Hypothesis]:
         """From the position and heading of the ranking's first answer, where it has both."""
-        if not len(answers.xy_m) or not np.isfinite([*answers.xy_m[0], answers.heading_deg[0]]).all():
+        if (
+            not len(answers.xy_m)
+            or not np.isfinite([*answers.xy_m[0], answers.heading_deg[0]]).all()
+        ):
             return
         for row in self.targets.nearest(answers.xy_m[:1], self.left_out):
             world_T_anchor = self.targets.world_T_anchor[row]
             turn_rad = np.deg2rad(answers.heading_deg[0]) - yaw(world_T_anchor[None])[0]
-            ahead_m = world_T_anchor[:3, :3].T @ np.append(answers.xy_m[0] - world_T_anchor[:2, 3], 0.0)
+            ahead_m = world_T_anchor[:3, :3].T @ np.append(
+                answers.xy_m[0] - world_T_anchor[:2, 3], 0.0
+            )
             at_m = ahead_m * (np.abs(ahead_m[:2]) <= self.fixer.walls.offset_m).all()
-            yield from self._registered(row, pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0])
+            yield from self._registered(
+                row, pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
+            )
 
     def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
         """Of candidate rows: the best match of walls first, then the best rough overlaps."""
         fixer = self.fixer
         targets = self.targets
         query = self.query
-        matches = [(row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows]
+        matches = [
+            (row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows
+        ]
         likely = sorted(matches, key=lambda one: -one[1].score)[: fixer.tries]
         for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
-            guesses = [(row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query)) for row, match in few]
+            guesses = [
+                (row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query))
+                for row, match in few
+            ]
             for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[:refined]:
                 yield from self._refined(row, guess)
 
     def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
-        """From a guess against one submap, roughly and then finely; nothing where it does not hold."""
-        yield from self._refined(row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query))
+        """From a guess against one submap, roughly and then finely; nothing where it does not
+        hold."""
+        yield from self._refined(
+            row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query)
+        )
 
     def _refined(self, row: int, rough: Alignment) -> Iterator[Hypothesis]:
         """From a rough alignment with one submap; nothing where the fine one does not hold."""

@@ -1,8 +1,10 @@
-"""Slides: where else along its street, or turned on its place, a pose would look right (METHODS 9.4).
+"""Slides: where else along its street, or turned on its place, a pose would look right (METHODS
+9.4).
 
-Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on as well as where it is; and a
-crossing of equal corners looks alike in four directions. So its walls are laid on the charts of all training submaps around at
-the heading of a pose, and on the nearest at right angles to it too; the best fit elsewhere is named.
+Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on
+as well as where it is; and a crossing of equal corners looks alike in four directions. So its walls
+are laid on the charts of all training submaps around at the heading of a pose, and on the nearest
+at right angles to it too; the best fit elsewhere is named.
 """
 
 from dataclasses import dataclass
@@ -57,7 +59,8 @@ def slide(
     world_T_query: NDArray[np.float64],
     left_out: NDArray[np.bool_],
 ) -> Slide:
-    """The slide of a query, of whose walls these are the `middles` (Walls.middles), at a pose (4, 4)."""
+    """The slide of a query, of whose walls these are the `middles` (Walls.middles), at a pose (4,
+    4)."""
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
     around = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
@@ -67,7 +70,9 @@ def slide(
     for row in around[_spaced(anchors_m[around])].tolist():
         target_T_query = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_query
         heading = np.arctan2(target_T_query[1, 0], target_T_query[0, 0])
-        off_m = np.hypot(offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3])
+        off_m = np.hypot(
+            offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3]
+        )
         for turn_deg in (0.0, *(TURNS_DEG if row == around[0] else ())):
             turned = heading + np.deg2rad(turn_deg)
             scores = walls.scores(targets.chart(walls, row), middles, turned)
@@ -80,7 +85,9 @@ def slide(
     if not fits or not np.isfinite(own):
         return Slide(0.0, ())
     lead = float(np.clip(own - fits[0][0], -WIDEST_LEAD, WIDEST_LEAD))
-    places_m = np.array([(targets.world_T_anchor[row] @ (x_m, y_m, 0.0, 1.0))[:2] for _, row, x_m, y_m, _ in fits])
+    places_m = np.array(
+        [(targets.world_T_anchor[row] @ (x_m, y_m, 0.0, 1.0))[:2] for _, row, x_m, y_m, _ in fits]
+    )
     return Slide(lead, tuple(_copy(*fits[i]) for i in _spaced(places_m)[:COPIES]))
 
 
@@ -90,7 +97,8 @@ def _copy(score: float, row: int, x_m: float, y_m: float, heading: float) -> Cop
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:
-    """Of positions (n, 2) those, in their order, that lie APART_M or more from each one kept before."""
+    """Of positions (n, 2) those, in their order, that lie APART_M or more from each one kept
+    before."""
     near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
     kept: list[int] = []
     free = np.ones(len(xy_m), bool)

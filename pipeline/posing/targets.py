@@ -1,4 +1,5 @@
-"""Targets: the training submaps that queries are registered against, each thinned to one point a voxel (METHODS 9.1)."""
+"""Targets: the training submaps that queries are registered against, each thinned to one point a
+voxel (METHODS 9.1)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -26,13 +27,21 @@ KEPT = 256
 
 
 def write_map(
-    path: Path, scans: Artifact, submaps: Artifact, voxel_m: float, range_m: float, gathered_m: float
+    path: Path,
+    scans: Artifact,
+    submaps: Artifact,
+    voxel_m: float,
+    range_m: float,
+    gathered_m: float,
 ) -> tuple[int, int]:
-    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and points it has.
+    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and
+    points it has.
 
-    Points farther from the anchor than `range_m` are left out, of submaps of several scans than `gathered_m`.
+    Points farther from the anchor than `range_m` are left out, of submaps of several scans than
+    `gathered_m`.
     """
-    world_T_anchor, offsets = submaps.load("world_T_anchor"), [0]
+    world_T_anchor = submaps.load("world_T_anchor")
+    offsets = [0]
     single = bool((submaps.load("first") == submaps.load("scans")).all())
     range_m = range_m if single else gathered_m
     attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
@@ -48,21 +57,28 @@ def write_map(
 
 def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
     """Of points (n, 3) within `range_m` one a voxel, in units of GRAIN_M."""
-    points = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[:, :3]
+    points = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[
+        :, :3
+    ]
     return np.rint(points / GRAIN_M).astype(np.int64)
 
 
 def around(points_m: Points, range_m: float) -> Points:
-    """Points (n, 3) without those farther from the anchor, seen from above; what is not finite stays, to be refused."""
+    """Points (n, 3) without those farther from the anchor, seen from above; what is not finite
+    stays, to be refused."""
     return points_m[~(np.hypot(points_m[:, 0], points_m[:, 1]) >= range_m)]
 
 
 class Targets:
     """The training submaps of a map, a row each."""
 
-    def __init__(self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool) -> None:
+    def __init__(
+        self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
+    ) -> None:
         """Of the columns and attributes of a map artifact (schemas.MAPS)."""
-        self._points, self._offsets, self._grain_m = arrays["points"], arrays["offsets"], grain_m
+        self._points = arrays["points"]
+        self._offsets = arrays["offsets"]
+        self._grain_m = grain_m
         self.single = single
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
@@ -77,8 +93,11 @@ class Targets:
         attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
         return cls({name: artifact.load(name) for name in schemas.MAPS.columns}, **attrs)
 
-    def aligned(self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]) -> Alignment:
-        """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the row has too few points."""
+    def aligned(
+        self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]
+    ) -> Alignment:
+        """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the
+        row has too few points."""
         try:
             return registration.refine(self.cloud(registration, row), query, guess)
         except InputError:
@@ -99,7 +118,8 @@ class Targets:
         return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
 
     def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """The rows whose anchors are nearest to positions (n, 2), in their order, but for those left out (row,)."""
+        """The rows whose anchors are nearest to positions (n, 2), in their order, but for those
+        left out (row,)."""
         anchors_m = np.where(left_out[:, None], np.inf, self.world_T_anchor[:, :2, 3])
         if not left_out.all():
             known = xy_m[np.isfinite(xy_m).all(axis=1)]
@@ -114,7 +134,8 @@ class Targets:
 
     def apart(self, rows: Iterable[int]) -> Iterator[int]:
         """The rows without those whose anchors lie near an earlier one's."""
-        anchors_m, kept = self.world_T_anchor[:, :2, 3], np.full((len(self.world_T_anchor), 2), np.inf)
+        anchors_m = self.world_T_anchor[:, :2, 3]
+        kept = np.full((len(self.world_T_anchor), 2), np.inf)
         for row in rows:
             if np.linalg.norm(kept - anchors_m[row], axis=1).min() >= APART_M:
                 kept[row] = anchors_m[row]

@@ -1,4 +1,5 @@
-"""Verification: which walls a query and a training submap have in common, and which they contradict (METHODS 9.4)."""
+"""Verification: which walls a query and a training submap have in common, and which they contradict
+(METHODS 9.4)."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -14,8 +15,9 @@ from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 class Agreement:
     """How a query that is laid on a training submap agrees with it: shares from 0 to 1.
 
-    Of what stands alone, for ground lies on ground wherever a query is laid; and each column of wall
-    voxels counts once, for a long wall shall not outvote the trees that tell it from its neighbours.
+    Of what stands alone, for ground lies on ground wherever a query is laid; and each column of
+    wall voxels counts once, for a long wall shall not outvote the trees that tell it from its
+    neighbours.
     """
 
     overlap: float
@@ -27,7 +29,8 @@ class Agreement:
     nothing.
     """
     seen_again: float
-    """Of the submap's wall voxels that the query has or contradicts: those that it has; 0 of none."""
+    """Of the submap's wall voxels that the query has or contradicts: those that it has; 0 of
+    none."""
 
     @property
     def product(self) -> float:
@@ -50,7 +53,9 @@ class Seen:
         return cls(cloud, chart, walls.of(cloud.sample_m))
 
 
-def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points) -> Agreement:
+def agreement(
+    walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points
+) -> Agreement:
     """How the query, at a pose (4, 4) in the target's frame, agrees with it.
 
     A voxel is had by one nearer than `inlier_m`.
@@ -64,8 +69,8 @@ def agreement(walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T
 
 
 def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tuple[float, float]:
-    """Of wall points (n, 3) in the frame of what was seen, the share that it has, then of those that
-    it has or saw through."""
+    """Of wall points (n, 3) in the frame of what was seen, the share that it has, then of those
+    that it has or saw through."""
     if not len(points_m):
         return 0.0, 0.0
     _, away_m = seen.cloud.nearest(points_m)

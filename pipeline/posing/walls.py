@@ -1,8 +1,10 @@
-"""Walls from above: at which heading and offset a query's walls fit those of a training submap, and what speaks against it.
+"""Walls from above: at which heading and offset a query's walls fit those of a training submap, and
+what speaks against it.
 
-Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw through, unknown ones.
-The query's walls are laid on it at all headings and offsets (scan matching, Olson, ICRA 2009; METHODS 9.2): a wall on a wall
-counts for a place, a wall where the map saw through counts against it, and one that was hidden from the map counts nothing.
+Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw
+through, unknown ones. The query's walls are laid on it at all headings and offsets (scan matching,
+Olson, ICRA 2009; METHODS 9.2): a wall on a wall counts for a place, a wall where the map saw
+through counts against it, and one that was hidden from the map counts nothing.
 """
 
 from dataclasses import dataclass
@@ -16,9 +18,12 @@ from pipeline.posing.ground import heights_m
 from pipeline.running.settings import Count, NotNegative, Positive, check
 
 Chart = NDArray[np.int8]
-"""(2, cell, cell): WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known, x along the first axis, the robot in the middle; and
-the largest of the BLOCK × BLOCK cells from each on, by which the search knows where it need not look."""
-WALL, BESIDE, SEEN_THROUGH = 2, 1, -1
+"""(2, cell, cell): WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known, x along the first axis,
+the robot in the middle; and the largest of the BLOCK × BLOCK cells from each on, by which the
+search knows where it need not look."""
+WALL = 2
+BESIDE = 1
+SEEN_THROUGH = -1
 BLOCK = 4
 PROMISING = 24
 SECTORS = 180
@@ -30,7 +35,8 @@ class Match:
     """The best way to lay a query on a chart."""
 
     score: float
-    """Mean over the query's walls of 1 on a wall, .5 beside one, −.5 where the map saw through, 0 where it knows nothing."""
+    """Mean over the query's walls of 1 on a wall, .5 beside one, −.5 where the map saw through, 0
+    where it knows nothing."""
     target_T_query: NDArray[np.float64]
     """(4, 4), a turn about z and a step in the plane."""
 
@@ -54,11 +60,14 @@ class Walls:
     def __post_init__(self) -> None:
         check(self, "walls")
         if not self.high_m > self.low_m:
-            raise ConfigError(f"walls.high_m={self.high_m}: expected more than walls.low_m={self.low_m}")
+            raise ConfigError(
+                f"walls.high_m={self.high_m}: expected more than walls.low_m={self.low_m}"
+            )
 
     @property
     def half(self) -> int:
-        """Cells from a chart's middle to its border: beyond it no wall of a query comes at any offset."""
+        """Cells from a chart's middle to its border: beyond it no wall of a query comes at any
+        offset."""
         return int(np.ceil(self.range_m / self.cell_m)) + self.reach + BLOCK
 
     @property
@@ -74,7 +83,8 @@ class Walls:
         return np.ascontiguousarray(points_m[near & standing])
 
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
-        """Of a submap's walls (n, 3); only a `single` scan has a place from which it saw through."""
+        """Of a submap's walls (n, 3); only a `single` scan has a place from which it saw
+        through."""
         margin_m = self.margin_m if single else np.inf
         chart: Chart = _chart(walls_m, self.cell_m, self.half, margin_m)
         return chart
@@ -82,15 +92,20 @@ class Walls:
     def turned(self, walls_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The cells (heading, n, 2) of a query's walls (m, 3), turned to each heading."""
         angles = np.arange(self.headings) * (2 * np.pi / self.headings)
-        rotations = np.array([[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]).transpose(2, 0, 1)
+        rotations = np.array(
+            [[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]
+        ).transpose(2, 0, 1)
         return np.asarray(np.floor(self.middles(walls_m) @ rotations).astype(np.int64) + self.half)
 
     def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
         return np.unique(np.floor(walls_m[:, :2] / self.cell_m), axis=0) + 0.5
 
-    def scores(self, chart: Chart, middles: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
-        """How well walls (`middles`, n of them), turned by a heading in radians, fit a chart at each offset.
+    def scores(
+        self, chart: Chart, middles: NDArray[np.float64], heading: float
+    ) -> NDArray[np.float64]:
+        """How well walls (`middles`, n of them), turned by a heading in radians, fit a chart at
+        each offset.
 
         Scores (offset, offset) as of a Match, along x, then y; offsets are −reach … reach cells.
         """
@@ -113,7 +128,8 @@ class Walls:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
     """The chart of walls (n, 3); `margin_m` is infinite where nothing is seen through."""
-    width, first = 2 * half, np.full(SECTORS, np.inf)
+    width = 2 * half
+    first = np.full(SECTORS, np.inf)
     both = np.zeros((2, width, width), np.int8)
     chart, largest = both
     for i in range(len(walls)):
@@ -121,14 +137,16 @@ def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
         first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
     for x in range(width):
         for y in range(width):
-            east, north = (x - half + 0.5) * cell_m, (y - half + 0.5) * cell_m
+            east = (x - half + 0.5) * cell_m
+            north = (y - half + 0.5) * cell_m
             sector = _sector(east, north)
             nearest = min(first[sector - 1], first[sector], first[(sector + 1) % SECTORS])
             if np.isfinite(nearest) and np.hypot(east, north) < nearest - margin_m:
                 chart[x, y] = SEEN_THROUGH
     for value, beside in ((BESIDE, 1), (WALL, 0)):
         for i in range(len(walls)):
-            x, y = int(np.floor(walls[i, 0] / cell_m)) + half, int(np.floor(walls[i, 1] / cell_m)) + half
+            x = int(np.floor(walls[i, 0] / cell_m)) + half
+            y = int(np.floor(walls[i, 1] / cell_m)) + half
             for a in range(max(x - beside, 0), min(x + beside + 1, width)):
                 for b in range(max(y - beside, 0), min(y + beside + 1, width)):
                     chart[a, b] = value
@@ -159,31 +177,43 @@ def _sums(chart, cells, reach):  # type: ignore[no-untyped-def]
 def _search(charts, turned, reach):  # type: ignore[no-untyped-def]
     """The highest sum of chart values under cells (heading, n, 2), and at which heading and offset.
 
-    The largest values bound the sums of a block of offsets: only the PROMISING blocks of the highest bounds are summed.
+    The largest values bound the sums of a block of offsets: only the PROMISING blocks of the
+    highest bounds are summed.
     """
     chart, largest = charts
-    blocks, offsets = -(-(2 * reach + 1) // BLOCK), 2 * reach + 1
+    blocks = -(-(2 * reach + 1) // BLOCK)
+    offsets = 2 * reach + 1
     bounds = np.zeros((len(turned), blocks, blocks), np.int32)
     for heading in range(len(turned)):
         for i in range(turned.shape[1]):
-            x, y = turned[heading, i, 0] - reach, turned[heading, i, 1] - reach
+            x = turned[heading, i, 0] - reach
+            y = turned[heading, i, 1] - reach
             for a in range(blocks):
                 for b in range(blocks):
                     bounds[heading, a, b] += largest[x + a * BLOCK, y + b * BLOCK]
-    best, at_heading, at_x, at_y = -(2**31), 0, 0, 0
+    best = -(2**31)
+    at_heading = 0
+    at_x = 0
+    at_y = 0
     sums = np.empty((BLOCK, BLOCK), np.int32)
     for block in np.argsort(-bounds.ravel(), kind="mergesort")[:PROMISING]:
-        heading, first_x, first_y = block // blocks**2, block // blocks % blocks * BLOCK, block % blocks * BLOCK
+        heading = block // blocks**2
+        first_x = block // blocks % blocks * BLOCK
+        first_y = block % blocks * BLOCK
         if bounds[heading, first_x // BLOCK, first_y // BLOCK] <= best:
             break
         sums[:] = 0
         for i in range(turned.shape[1]):
-            x, y = turned[heading, i, 0] - reach + first_x, turned[heading, i, 1] - reach + first_y
+            x = turned[heading, i, 0] - reach + first_x
+            y = turned[heading, i, 1] - reach + first_y
             for a in range(BLOCK):
                 for b in range(BLOCK):
                     sums[a, b] += chart[x + a, y + b]
         for a in range(min(BLOCK, offsets - first_x)):
             for b in range(min(BLOCK, offsets - first_y)):
                 if sums[a, b] > best:
-                    best, at_heading, at_x, at_y = sums[a, b], heading, first_x + a - reach, first_y + b - reach
+                    best = sums[a, b]
+                    at_heading = heading
+                    at_x = first_x + a - reach
+                    at_y = first_y + b - reach
     return best, at_heading, at_x, at_y

@@ -1,7 +1,8 @@
-"""ROS bags of any kind, without ROS: PointCloud2 or LaserScan, with poses from a topic or from tf (METHODS 7.4).
+"""ROS bags of any kind, without ROS: PointCloud2 or LaserScan, with poses from a topic or from tf
+(METHODS 7.4).
 
-A sequence is a bag below the root, or a folder of bags that are read as one drive, in order of time. Frames follow REP 103: x
-forward, y left, z up.
+A sequence is a bag below the root, or a folder of bags that are read as one drive, in order of
+time. Frames follow REP 103: x forward, y left, z up.
 """
 
 from collections import Counter
@@ -31,11 +32,14 @@ class Bag:
     points: str = "/points"
     """Topic of the clouds (PointCloud2), or of the sweeps of a 2-D LiDAR (LaserScan)."""
     truth: str = "/odom"
-    """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or tf:PARENT>CHILD."""
+    """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
+    tf:PARENT>CHILD."""
     odometry: str | None = None
-    """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts anew."""
+    """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
+    anew."""
     body_T_lidar: Sequence[float] | None = None
-    """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None: from the fixed transforms."""
+    """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None:
+    from the fixed transforms."""
     lift_m: float = 0.0
     """Added to z, so that the ground is at 0."""
     max_gap_s: Positive = 0.5
@@ -43,12 +47,17 @@ class Bag:
 
     def __post_init__(self) -> None:
         if self.truth is None:
-            raise ConfigError("reader.truth=null: expected the topic of the true poses, such as /odom; learning needs poses")
+            raise ConfigError(
+                "reader.truth=null: expected the topic of the true poses, such as /odom; learning "
+                "needs poses"
+            )
         check(self, "reader")
         for key, name in (("truth", self.truth), ("odometry", self.odometry or "tf:a>b")):
             parent, sign, child = name.removeprefix("tf:").partition(">")
             if name.startswith("tf:") and not (parent and sign and child):
-                raise ConfigError(f"reader.{key}={name}: expected tf:PARENT>CHILD, such as tf:map>base_link")
+                raise ConfigError(
+                    f"reader.{key}={name}: expected tf:PARENT>CHILD, such as tf:map>base_link"
+                )
         if self.body_T_lidar is not None:
             log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
@@ -57,7 +66,10 @@ class Bag:
         places = [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
         paths = next((found for found in map(bag_file.find, places) if found), None)
         if paths is None:
-            raise LogError(f"{where}: no bag there: neither a folder with bags nor one of {', '.join(bag_file.SUFFIXES)}")
+            raise LogError(
+                f"{where}: no bag there: neither a folder with bags nor one of "
+                f"{', '.join(bag_file.SUFFIXES)}"
+            )
         files = [BagFile(path) for path in paths]
         self._check_topics(where, files)
         skipped: Counter[str] = Counter()
@@ -68,24 +80,37 @@ class Bag:
         rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
         if not len(rows):
             apart = f"do {self.points} and {self.truth} share a clock?"
-            log.refuse_unposed(where, "messages", clouds.stamps_ns, truth.trajectory, skipped, apart)
+            log.refuse_unposed(
+                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, apart
+            )
         if odometry and odometry.child and truth.child and odometry.child != truth.child:
             odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
         def points(row: int) -> NDArray[np.float64]:
-            # By einsum, since the threads of BLAS block each other when several readers work in parallel.
+            # By einsum, since the threads of BLAS block each other when several readers work in
+            # parallel.
             rotated = np.einsum("ij,nj->ni", vehicle_T_lidar[:3, :3], clouds.points(int(rows[row])))
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
         doubts = vehicle.doubts(truth.name, truth.trajectory)
-        notes = (*clouds.notes, *truth.notes, *(odometry.notes if odometry else ()), *doubts, *notes)
+        notes = (
+            *clouds.notes,
+            *truth.notes,
+            *(odometry.notes if odometry else ()),
+            *doubts,
+            *notes,
+        )
         return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []
-        found = {child.name if child.is_dir() else child.stem: child for child in children[::-1] if bag_file.find(child)}
+        found = {
+            child.name if child.is_dir() else child.stem: child
+            for child in children[::-1]
+            if bag_file.find(child)
+        }
         return {name: self._missing(bag_file.find(found[name])) for name in sorted(found)}
 
     def _missing(self, paths: list[Path]) -> list[str]:
@@ -96,41 +121,68 @@ class Bag:
         return []
 
     def _check_topics(self, where: Path, files: Sequence[BagFile]) -> None:
-        """Raise LogError for a topic that no bag has, or whose type cannot be used; it lists the topics that are there."""
+        """Raise LogError for a topic that no bag has, or whose type cannot be used; it lists the
+        topics that are there."""
         topics = {name: topic for file in files for name, topic in file.topics.items()}
-        wanted = [("points", self.points, (CLOUD, SWEEP)), ("truth", self.truth, KINDS), ("odometry", self.odometry, KINDS)]
+        wanted = [
+            ("points", self.points, (CLOUD, SWEEP)),
+            ("truth", self.truth, KINDS),
+            ("odometry", self.odometry, KINDS),
+        ]
         for key, name, kinds in wanted:
             if name is None or name.startswith("tf:"):
                 continue
             if name not in topics or topics[name].kind not in kinds:
-                is_other = f"is a {bag_file.plain(topics[name].kind, 60)}" if name in topics else "is not in it"
+                is_other = (
+                    f"is a {bag_file.plain(topics[name].kind, 60)}"
+                    if name in topics
+                    else "is not in it"
+                )
                 usable = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-                held = bag_file.plain(", ".join(f"{name} ({topic})" for name, topic in topics.items()) or "nothing", 800)
-                raise LogError(f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds {held}")
+                held = bag_file.plain(
+                    ", ".join(f"{name} ({topic})" for name, topic in topics.items()) or "nothing",
+                    800,
+                )
+                raise LogError(
+                    f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds {held}"
+                )
 
-    def _extrinsic(self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track) -> NDArray[np.float64]:
+    def _extrinsic(
+        self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track
+    ) -> NDArray[np.float64]:
         if self.body_T_lidar is not None:
             return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         if truth.parent and frames == {truth.parent} and truth.child != truth.parent:
             raise LogError(
-                f"{where}: {self.points} lies in {truth.parent} already, the world of {truth.name}: its points were moved there; "
-                "name a topic in the frame of the LiDAR or the body as reader.points"
+                f"{where}: {self.points} lies in {truth.parent} already, the world of "
+                f"{truth.name}: its points were moved there; name a topic in the frame of the "
+                "LiDAR or the body as reader.points"
             )
         if truth.child is None:
-            raise LogError(f"{where}: {truth.name} does not name the frame that it poses; give reader.body_T_lidar")
+            raise LogError(
+                f"{where}: {truth.name} does not name the frame that it poses; give "
+                "reader.body_T_lidar"
+            )
         if len(frames) != 1:
             names = ", ".join(sorted(frames))
-            raise LogError(f"{where}: {self.points} comes in several frames, {names:.80}; give reader.body_T_lidar")
+            raise LogError(
+                f"{where}: {self.points} comes in several frames, {names:.80}; give "
+                "reader.body_T_lidar"
+            )
         return _fixed_transform(where, files, truth.child, *frames)
 
 
 def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
-    """a_T_b (4, 4) by the fixed transforms of the bags, on tf_static or else repeated on tf; raises LogError if there is none."""
+    """a_T_b (4, 4) by the fixed transforms of the bags, on tf_static or else repeated on tf; raises
+    LogError if there is none."""
     for moving in (False, True):
         a_T_b = np.eye(4) if a == b else Tree.read(files, moving).fixed(a, b)
         if a_T_b is not None:
             return a_T_b
-    raise LogError(f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose of that frame")
+    raise LogError(
+        f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose "
+        "of that frame"
+    )
 
 
 def _parted(odometry: Track) -> Track:
@@ -142,10 +194,15 @@ def _parted(odometry: Track) -> Track:
 def _rows_with_poses(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows with a true pose (for sweeps, odometry is enough), their true poses, their odometry, and notes for the user."""
+    """Rows with a true pose (for sweeps, odometry is enough), their true poses, their odometry, and
+    notes for the user."""
     stamps_ns = clouds.stamps_ns
     world_T_body, known = truth.trajectory.at(stamps_ns)
-    odom_T_body, driven = odometry.trajectory.at(stamps_ns) if odometry else (np.full_like(world_T_body, np.nan), ~known)
+    odom_T_body, driven = (
+        odometry.trajectory.at(stamps_ns)
+        if odometry
+        else (np.full_like(world_T_body, np.nan), ~known)
+    )
     kept = known | (driven & (odometry is not None) & (clouds.kind == SWEEP))
     log.count_unknown(stamps_ns[~kept], truth.trajectory, skipped)
     chain = np.zeros(len(stamps_ns), int)
@@ -160,5 +217,9 @@ def _rows_with_poses(
         skipped["between a break of the odometry and the next place"] += first
     rows = np.flatnonzero(kept)
     unplaced = int((~known[rows]).sum())
-    notes = (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",) if unplaced else ()
+    notes = (
+        (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",)
+        if unplaced
+        else ()
+    )
     return rows, world_T_body[rows], odom_T_body[rows], notes

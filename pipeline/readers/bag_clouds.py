@@ -1,4 +1,5 @@
-"""The clouds or sweeps of bags in order of their stamps; the points are read one message at a time."""
+"""The clouds or sweeps of bags in order of their stamps; the points are read one message at a
+time."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -32,7 +33,8 @@ class Clouds:
 
     @staticmethod
     def read(files: Sequence[BagFile], topic: str, skipped: Counter[str]) -> "Clouds":
-        """Read all headers, with one message in memory at a time; counts in `skipped` broken messages and repeated stamps.
+        """Read all headers, with one message in memory at a time; counts in `skipped` broken
+        messages and repeated stamps.
 
         Raises LogError for a topic of several types, or without any readable message.
         """
@@ -53,20 +55,31 @@ class Clouds:
                 keys.append((file, key, stamp_ns))
                 frames.add(frame)
             if count != file.topics[topic].count:
-                notes += (f"{file.path}: {count:,} messages of {topic}, but {file.topics[topic].count:,} in its index",)
+                notes += (
+                    f"{file.path}: {count:,} messages of {topic}, but "
+                    f"{file.topics[topic].count:,} in its index",
+                )
         if len(kinds) > 1:
-            raise LogError(f"{files[0].path}: {topic} is of several types in these bags: {', '.join(sorted(kinds))}")
+            raise LogError(
+                f"{files[0].path}: {topic} is of several types in these bags: "
+                f"{', '.join(sorted(kinds))}"
+            )
         if not keys:
             raise LogError(f"{files[0].path}: {topic} holds no message that can be read")
-        times, unstamped = message_stamps(topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys])
+        times, unstamped = message_stamps(
+            topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys]
+        )
         order = np.argsort(times, kind="stable")
         fresh = np.diff(times[order], prepend=np.int64(-1)) > 0
         skipped["stamp of an earlier one"] += int((~fresh).sum())
         order = order[fresh]
-        return Clouds(topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + unstamped)
+        return Clouds(
+            topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + unstamped
+        )
 
     def points(self, row: int) -> NDArray[np.floating]:
-        """Points (n, 3) in metres of one message, in the LiDAR's frame; raises LogError for a broken one."""
+        """Points (n, 3) in metres of one message, in the LiDAR's frame; raises LogError for a
+        broken one."""
         file, key, stamp_ns = self.keys[row]
         data = file.read(key)
         try:
@@ -75,4 +88,6 @@ class Clouds:
             message = file.decode(data, self.kind)
             return decode(message) if self.kind == CLOUD else sweep_points(message)
         except LogError as error:
-            raise LogError(f"{file.path}: {self.topic} at {self.stamps_ns[row]} ns: {error}") from None
+            raise LogError(
+                f"{file.path}: {self.topic} at {self.stamps_ns[row]} ns: {error}"
+            ) from None

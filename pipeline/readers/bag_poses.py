@@ -36,7 +36,8 @@ class Track:
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
-    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose; raises LogError if none exist."""
+    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose;
+    raises LogError if none exist."""
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
@@ -48,7 +49,8 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
         kind = file.topics[name].kind if name in file.topics else ""
         for key, data in file.messages(name) if kind in KINDS else ():
             try:
-                (stamp_ns, frame), message = header(data, file.ros), file.decode(data, kind)
+                (stamp_ns, frame) = header(data, file.ros)
+                message = file.decode(data, kind)
             except LogError:
                 broken += 1
                 continue
@@ -57,14 +59,25 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
             children.update([frame_name(message.child_frame_id)] if kind == ODOMETRY else [])
     for what, named in (("in", frames), ("of", children)):
         if len(named) > 1:
-            raise LogError(f"{files[0].path}: {name} gives poses {what} several frames: {', '.join(sorted(named)):.80}")
+            raise LogError(
+                f"{files[0].path}: {name} gives poses {what} several frames: "
+                f"{', '.join(sorted(named)):.80}"
+            )
     if not sent:
         raise LogError(f"{files[0].path}: {name} holds no pose that can be read")
     sent.sort(key=itemgetter(0))
-    times, notes = message_stamps(name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent])
+    times, notes = message_stamps(
+        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent]
+    )
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
     found, left_out = trajectory(name, times, poses([numbers for _, _, numbers in sent]), max_gap_s)
-    return Track(name, found, next(iter(frames), "") or None, next(iter(children), "") or None, notes + left_out)
+    return Track(
+        name,
+        found,
+        next(iter(frames), "") or None,
+        next(iter(children), "") or None,
+        notes + left_out,
+    )
 
 
 @dataclass(frozen=True)
@@ -78,11 +91,19 @@ class Tree:
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
-        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of transforms."""
+        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of
+        transforms."""
         sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
         broken = 0
-        topics = ((file, name) for file in files for name, topic in file.topics.items() if topic.kind == TRANSFORMS)
-        for file, name in ((file, name) for file, name in topics if moving or name.endswith("tf_static")):
+        topics = (
+            (file, name)
+            for file in files
+            for name, topic in file.topics.items()
+            if topic.kind == TRANSFORMS
+        )
+        for file, name in (
+            (file, name) for file, name in topics if moving or name.endswith("tf_static")
+        ):
             for key, data in file.messages(name):
                 try:
                     message = file.decode(data, TRANSFORMS)
@@ -90,7 +111,8 @@ class Tree:
                     broken += 1
                     continue
                 for stamped in message.transforms:
-                    stamp, edge = stamped.header.stamp, (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                    stamp = stamped.header.stamp
+                    edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
                     stamp_ns = stamp.sec * 10**9 + stamp.nanosec
                     sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
         edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
@@ -99,7 +121,10 @@ class Tree:
             found = poses([numbers for _, _, numbers in rows])
             known = np.isfinite(found[:, 0, 0])
             if known.any():
-                edges[edge] = np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known], found[known]
+                edges[edge] = (
+                    np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known],
+                    found[known],
+                )
         return Tree(str(files[0].path), edges, broken)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
@@ -119,16 +144,27 @@ class Tree:
         return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
 
     def track(self, parent: str, child: str, max_gap_s: float) -> Track:
-        """parent_T_child at the stamps of the most frequent transform of the chain, the others interpolated; raises LogError."""
+        """parent_T_child at the stamps of the most frequent transform of the chain, the others
+        interpolated; raises LogError."""
         name = f"tf:{parent}>{child}"
         way = self._way(set(self.edges), parent, child)
         if way is None:
             held = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
-            raise LogError(f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: {held:.400}")
+            raise LogError(
+                f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: "
+                f"{held:.400}"
+            )
         moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
         if not moving:
-            raise LogError(f"{self.where}: {name} never changes, so it is no path; name the frame that the vehicle moves in")
-        notes: tuple[str, ...] = (f"{name}: {self.broken:,} broken messages of transforms are left out",) if self.broken else ()
+            raise LogError(
+                f"{self.where}: {name} never changes, so it is no path; name the frame that the "
+                "vehicle moves in"
+            )
+        notes: tuple[str, ...] = (
+            (f"{name}: {self.broken:,} broken messages of transforms are left out",)
+            if self.broken
+            else ()
+        )
         trajectories = {}
         for edge in moving:
             trajectories[edge], left_out = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
@@ -136,13 +172,20 @@ class Tree:
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
         for edge, forward in way:
-            steps = trajectories[edge].at(stamps_ns)[0] if edge in trajectories else self.edges[edge][1][-1:]
+            steps = (
+                trajectories[edge].at(stamps_ns)[0]
+                if edge in trajectories
+                else self.edges[edge][1][-1:]
+            )
             parent_T_child = parent_T_child @ (steps if forward else np.linalg.inv(steps))
         return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
 
     @staticmethod
-    def _way(edges: set[tuple[str, str]], a: str, b: str) -> list[tuple[tuple[str, str], bool]] | None:
-        """The shortest chain from a to b: its edges, and whether each leads from parent to child; None where there is none."""
+    def _way(
+        edges: set[tuple[str, str]], a: str, b: str
+    ) -> list[tuple[tuple[str, str], bool]] | None:
+        """The shortest chain from a to b: its edges, and whether each leads from parent to child;
+        None where there is none."""
         ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
         queue = deque([a])
         while queue and b not in ways:
@@ -162,29 +205,36 @@ def _still(found: Poses) -> bool:
 
 
 def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps, tuple[str, ...]]:
-    """Stamps (n,) in ns from pairs of header stamp and time of receipt; the latter, with a note, if all header stamps are 0."""
-    both = np.array([(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64).reshape(-1, 2)
+    """Stamps (n,) in ns from pairs of header stamp and time of receipt; the latter, with a note, if
+    all header stamps are 0."""
+    both = np.array(
+        [(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64
+    ).reshape(-1, 2)
     if len(both) and not both[:, 0].any():
         return both[:, 1], (f"{name}: no message is stamped; the times of receipt are used",)
     return both[:, 0], ()
 
 
 def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
-    """Rows of a longest subsequence of strictly increasing stamps, so that the fewest rows are dropped."""
+    """Rows of a longest subsequence of strictly increasing stamps, so that the fewest rows are
+    dropped."""
     ends: list[int] = []
     rows: list[int] = []
     before = np.full(len(stamps_ns), -1)
     for row, stamp in enumerate(stamps_ns.tolist()):
         at = bisect_left(ends, stamp)
         before[row] = rows[at - 1] if at else -1
-        ends[at : at + 1], rows[at : at + 1] = [stamp], [row]
+        ends[at : at + 1] = [stamp]
+        rows[at : at + 1] = [row]
     chain = rows[-1:]
     while chain and before[chain[-1]] >= 0:
         chain.append(int(before[chain[-1]]))
     return np.array(chain[::-1], np.int64)
 
 
-def trajectory(name: str, times: Stamps, world_T_body: Poses, max_gap_s: float) -> tuple[Trajectory, tuple[str, ...]]:
+def trajectory(
+    name: str, times: Stamps, world_T_body: Poses, max_gap_s: float
+) -> tuple[Trajectory, tuple[str, ...]]:
     """Poses (n, 4, 4) as a trajectory, and notes on the poses that are left out."""
     rows = longest_increasing(times)
     empty = int(np.isnan(world_T_body[rows, 0, 0]).sum())
@@ -192,5 +242,7 @@ def trajectory(name: str, times: Stamps, world_T_body: Poses, max_gap_s: float) 
         "poses are left out, their stamps repeat or run backwards": len(times) - len(rows),
         "poses hold no place or no rotation: gaps": empty,
     }
-    notes = tuple(f"{name}: {count:,} of {len(times):,} {what}" for what, count in counts.items() if count)
+    notes = tuple(
+        f"{name}: {count:,} of {len(times):,} {what}" for what, count in counts.items() if count
+    )
     return Trajectory(times[rows], world_T_body[rows], max_gap_s), notes

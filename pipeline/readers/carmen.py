@@ -1,7 +1,8 @@
 """CARMEN logs of a robot with 2-D lasers, as Freiburg, MIT and others published them (METHODS 7.5).
 
-ROOT/NAME.log, .log.gz or .clf, or the same in a folder below ROOT, is the sequence NAME. Its sweeps carry corrected poses, the
-truth; the odometry readings between them jump to each corrected pose and drift from there: their steps are what wheels measured.
+ROOT/NAME.log, .log.gz or .clf, or the same in a folder below ROOT, is the sequence NAME. Its sweeps
+carry corrected poses, the truth; the odometry readings between them jump to each corrected pose and
+drift from there: their steps are what wheels measured.
 """
 
 from collections import Counter
@@ -32,7 +33,8 @@ class Carmen:
 
     lasers: Sequence[Laser] = ("front",)
     corrected: str | None = None
-    """The corrected log beside a raw one, such as {sequence}.gfs.log; matched by stamp, or by order where stamps stand still."""
+    """The corrected log beside a raw one, such as {sequence}.gfs.log; matched by stamp, or by order
+    where stamps stand still."""
     limit_m: float | None = None
     """Ranges in metres from here on are no hits; None: as the log declares it."""
     lift_m: float = 7.0
@@ -44,9 +46,12 @@ class Carmen:
         check(self, "reader")
         if not self.lasers or not set(self.lasers) <= {"front", "rear"}:
             raise ConfigError(f"reader.lasers={list(self.lasers)}: expected front, rear or both")
-        if self.corrected is not None and ("/" in self.corrected or not self.corrected.endswith(carmen.SUFFIXES)):
+        if self.corrected is not None and (
+            "/" in self.corrected or not self.corrected.endswith(carmen.SUFFIXES)
+        ):
             raise ConfigError(
-                f"reader.corrected={self.corrected}: expected the name of a corrected log; .relations hold no poses"
+                f"reader.corrected={self.corrected}: expected the name of a corrected log; "
+                ".relations hold no poses"
             )
 
     def open(self, root: Path, sequence: str) -> Log:
@@ -55,9 +60,14 @@ class Carmen:
             raise LogError(f"{root / sequence}: no such log ({', '.join(carmen.SUFFIXES)})")
         records = carmen.read(path)
         sweeps = [one for one in records.sweeps if one.laser in self.lasers and len(one.ranges_m)]
-        records.skipped["sweep of another laser, or without beams"] += len(records.sweeps) - len(sweeps)
+        records.skipped["sweep of another laser, or without beams"] += len(records.sweeps) - len(
+            sweeps
+        )
         if not sweeps:
-            raise LogError(f"{path}: no sweep of a {' or '.join(self.lasers)} laser; reader.lasers says which to read")
+            raise LogError(
+                f"{path}: no sweep of a {' or '.join(self.lasers)} laser; reader.lasers says which "
+                "to read"
+            )
         stamps_ns, order, notes = self._stamps(path, sweeps, records.skipped)
         sweeps = [sweeps[row] for row in order]
         odom_T_scan = _odometry(records, sweeps, raw=self.corrected is not None)
@@ -68,30 +78,54 @@ class Carmen:
         placed: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
         log.refuse_poses(path, world_T_scan, placed)
         limits_m = [self._limit_m(records, one) for one in sweeps]
-        beyond = sum(int((one.ranges_m >= limit_m).sum()) for one, limit_m in zip(sweeps, limits_m, strict=True))
+        beyond = sum(
+            int((one.ranges_m >= limit_m).sum())
+            for one, limit_m in zip(sweeps, limits_m, strict=True)
+        )
         beams = sum(len(one.ranges_m) for one in sweeps)
-        notes += (f"{beyond} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: no hits",)
+        notes += (
+            f"{beyond} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: no "
+            "hits",
+        )
         if self.corrected is None and not _repeated(records, sweeps):
             notes += (
-                "no reading of the odometry repeats a sweep's pose: is it a raw log? Then reader.corrected names its truth",
+                "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "
+                "reader.corrected names its truth",
             )
         known = np.flatnonzero(placed | np.isfinite(odom_T_scan).all(axis=(1, 2)))
 
         def points(row: int) -> NDArray[np.float64]:
             return sweep_points(sweeps[known[row]], limits_m[known[row]], self.lift_m)
 
-        return Log(stamps_ns[known], world_T_scan[known], odom_T_scan[known], points, +records.skipped, notes)
+        return Log(
+            stamps_ns[known],
+            world_T_scan[known],
+            odom_T_scan[known],
+            points,
+            +records.skipped,
+            notes,
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         found = sorted(self._files(root).items())
-        needed = {name: path.with_name((self.corrected or path.name).format(sequence=name)) for name, path in found}
+        needed = {
+            name: path.with_name((self.corrected or path.name).format(sequence=name))
+            for name, path in found
+        }
         return {name: [] if path.is_file() else [path.name] for name, path in needed.items()}
 
     def _files(self, root: Path) -> dict[str, Path]:
         """The logs below the root by their names; those of corrected poses are no sequences."""
-        paths = [(end, path) for end in carmen.SUFFIXES for place in ("*/*", "*") for path in root.glob(place + end)]
+        paths = [
+            (end, path)
+            for end in carmen.SUFFIXES
+            for place in ("*/*", "*")
+            for path in root.glob(place + end)
+        ]
         found = {path.name.removesuffix(end): path for end, path in paths if path.is_file()}
-        corrected = {self.corrected.format(sequence=name) for name in found} if self.corrected else set()
+        corrected = (
+            {self.corrected.format(sequence=name) for name in found} if self.corrected else set()
+        )
         return {name: path for name, path in found.items() if path.name not in corrected}
 
     def _stamps(
@@ -100,10 +134,17 @@ class Carmen:
         """Stamps that increase, the sweeps that have them, and what to tell of them."""
         stamps_s = np.array([one.stamp_s for one in sweeps])
         if not (np.abs(stamps_s) < log.LATEST_NS / 1e9).all():
-            raise LogError(f"{path}: a sweep is stamped {stamps_s[np.abs(stamps_s).argmax()]:g}, which is no time in s")
+            raise LogError(
+                f"{path}: a sweep is stamped {stamps_s[np.abs(stamps_s).argmax()]:g}, which is no "
+                "time in s"
+            )
         if stamps_s.min() == stamps_s.max() and len(sweeps) > 1:
             stamps_ns = np.rint(np.arange(len(sweeps)) * self.sweep_s * 1e9).astype(np.int64)
-            return stamps_ns, np.arange(len(sweeps)), (f"its stamps stand still: sweeps are counted, {self.sweep_s:g} s each",)
+            return (
+                stamps_ns,
+                np.arange(len(sweeps)),
+                (f"its stamps stand still: sweeps are counted, {self.sweep_s:g} s each",),
+            )
         stamps_ns = np.rint(stamps_s * 1e9).astype(np.int64)
         latest = np.maximum.accumulate(np.concatenate([[stamps_ns[0] - 1], stamps_ns[:-1]]))
         fresh = np.flatnonzero(stamps_ns > latest)
@@ -116,7 +157,10 @@ class Carmen:
         poses = _planar([one.robot_pose for one in sweeps])
         if by_order:
             if len(sweeps) != len(stamps_ns):
-                raise LogError(f"{path}: {len(sweeps)} corrected poses for {len(stamps_ns)} sweeps without stamps")
+                raise LogError(
+                    f"{path}: {len(sweeps)} corrected poses for {len(stamps_ns)} sweeps without "
+                    "stamps"
+                )
             return poses
         rows = {round(one.stamp_s * 1e3): row for row, one in enumerate(sweeps)}
         wanted = [rows.get(round(stamp / 1e6)) for stamp in stamps_ns.tolist()]
@@ -139,9 +183,11 @@ class Carmen:
 
 
 def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.float64]:
-    """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, all at height `lift_m`."""
+    """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, all at height
+    `lift_m`."""
     hit = (sweep.ranges_m > 0) & (sweep.ranges_m < limit_m)
-    ranges_m, angles_rad = sweep.ranges_m[hit], sweep.angles_rad[hit]
+    ranges_m = sweep.ranges_m[hit]
+    angles_rad = sweep.angles_rad[hit]
     robot_T_laser = np.linalg.inv(_planar([sweep.robot_pose])[0]) @ _planar([sweep.laser_pose])[0]
     across = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
     xy_m = across @ robot_T_laser[:2, :2].T + robot_T_laser[:2, 3]
@@ -156,22 +202,30 @@ def _planar(xy_heading: Sequence[NDArray[np.float64]]) -> Poses:
 
 
 def _repeated(records: Records, sweeps: Sequence[Sweep]) -> bool:
-    """Whether the odometry says again where a sweep was, as it does in corrected logs; true where there is none."""
-    after = [(one, records.odometry[one.odometry]) for one in sweeps if one.odometry < len(records.odometry)]
-    return not after or any(np.allclose(one.robot_pose, reading, atol=1e-4) for one, reading in after)
+    """Whether the odometry says again where a sweep was, as it does in corrected logs; true where
+    there is none."""
+    after = [
+        (one, records.odometry[one.odometry])
+        for one in sweeps
+        if one.odometry < len(records.odometry)
+    ]
+    return not after or any(
+        np.allclose(one.robot_pose, reading, atol=1e-4) for one, reading in after
+    )
 
 
 def _odometry(records: Records, sweeps: Sequence[Sweep], raw: bool) -> Poses:
     """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it.
 
-    In a raw log the sweeps' own poses are readings too. In a corrected one they are the truth, and the reading that follows
-    repeats it: that step is the correction, not the robot's.
+    In a raw log the sweeps' own poses are readings too. In a corrected one they are the truth, and
+    the reading that follows repeats it: that step is the correction, not the robot's.
     """
     if raw:
         return _planar([one.robot_pose for one in sweeps])
     if not records.odometry:
         return np.full((len(sweeps), 4, 4), np.nan)
-    readings, corrections = _planar(records.odometry), {one.odometry for one in records.sweeps}  # of either laser
+    readings = _planar(records.odometry)
+    corrections = {one.odometry for one in records.sweeps}  # of either laser
     steps = [np.eye(4), *(np.linalg.inv(a) @ b for a, b in pairwise(readings))]
     travelled = np.full((len(readings) + 1, 4, 4), np.nan)
     at = np.eye(4)

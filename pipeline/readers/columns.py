@@ -16,14 +16,18 @@ Table = dict[str, tuple[str, ...]]
 
 
 def columns(path: Path, names: Sequence[str]) -> Table:
-    """The text of the columns `names` (two or more) of a csv; raises LogError naming the missing ones, or a row cut short."""
+    """The text of the columns `names` (two or more) of a csv; raises LogError naming the missing
+    ones, or a row cut short."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
             header = [name.strip() for name in next(rows, [])]
             lacks = [name for name in names if name not in header]
             if lacks:
-                raise LogError(f"{path}: its first line names no column {', '.join(lacks)}; fetch the file anew")
+                raise LogError(
+                    f"{path}: its first line names no column {', '.join(lacks)}; fetch the file "
+                    "anew"
+                )
             wanted = itemgetter(*(header.index(name) for name in names))
             kept = [wanted(row) for row in _whole(path, rows, len(header))]
     except (FileNotFoundError, IsADirectoryError):
@@ -36,7 +40,8 @@ def columns(path: Path, names: Sequence[str]) -> Table:
 
 
 def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
-    """Columns of `table` as numbers (row, name); raises LogError naming the row with another word."""
+    """Columns of `table` as numbers (row, name); raises LogError naming the row with another
+    word."""
     found = np.empty((len(table[names[0]]), len(names)))
     for column, name in enumerate(names):
         values: list[float] = []
@@ -44,17 +49,22 @@ def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float6
             values.extend(map(float, table[name]))
         except ValueError:
             word = table[name][len(values)][:40]
-            raise LogError(f"{path}: row {len(values) + 1} has {name} {word!r}; expected a number") from None
+            raise LogError(
+                f"{path}: row {len(values) + 1} has {name} {word!r}; expected a number"
+            ) from None
         found[:, column] = values
     return found
 
 
 def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
-    """Stamps (n,) in ns from utimes in whole µs; raises LogError naming the first that is no utime or does not increase."""
+    """Stamps (n,) in ns from utimes in whole µs; raises LogError naming the first that is no utime
+    or does not increase."""
     stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
     broken = np.flatnonzero(stamps_ns % 1000)
     if len(broken):
-        raise LogError(f"{path}: row {broken[0] + 1} is stamped {utimes[broken[0]]:.16g}; expected whole µs")
+        raise LogError(
+            f"{path}: row {broken[0] + 1} is stamped {utimes[broken[0]]:.16g}; expected whole µs"
+        )
     return stamps_ns
 
 
@@ -62,5 +72,8 @@ def _whole(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[s
     """All rows but empty lines; raises LogError for a row that has not `width` columns."""
     for number, row in enumerate(filter(None, rows), 1):
         if len(row) != width:
-            raise LogError(f"{path}: row {number} has {len(row)} columns of {width}; the file is damaged or cut short")
+            raise LogError(
+                f"{path}: row {number} has {len(row)} columns of {width}; the file is damaged or "
+                "cut short"
+            )
         yield row

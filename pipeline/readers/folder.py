@@ -1,4 +1,5 @@
-"""A folder of the user's own robot: scan files and a pose file, with frames and units as in conf/dataset/folder.yaml.
+"""A folder of the user's own robot: scan files and a pose file, with frames and units as in
+conf/dataset/folder.yaml.
 
     ROOT/SEQUENCE/scans/1326652795.280148.pcd …    named by their stamps, with TUM poses of any rate
     ROOT/SEQUENCE/poses.txt
@@ -38,18 +39,23 @@ class Folder:
     """A root with one folder per sequence, each with scans and poses."""
 
     scans: str = "scans"
-    """Below the sequence: a subfolder with .bin, .npy and .pcd scans, or a pattern such as clouds/*.pcd."""
+    """Below the sequence: a subfolder with .bin, .npy and .pcd scans, or a pattern such as
+    clouds/*.pcd."""
     poses: str = "poses.txt"
     """Below the sequence: the true poses of the body."""
     poses_format: Literal["tum", "kitti"] = "tum"
     poses_frame: Literal["body", "camera"] = "body"
-    """Axes of both pose files: body is x forward, y left, z up; camera is x right, y down, z forward."""
+    """Axes of both pose files: body is x forward, y left, z up; camera is x right, y down, z
+    forward."""
     odometry: str | None = None
-    """Below the sequence: the body's poses by odometry, in the same format; rows of NaN are breaks in it."""
+    """Below the sequence: the body's poses by odometry, in the same format; rows of NaN are breaks
+    in it."""
     stamps: Literal["s", "us", "ns"] = "s"
-    """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from 0."""
+    """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from
+    0."""
     point_bytes: int = 0
-    """Bytes of a point in a .bin, which begins with x, y, z as 32-bit floats; 0: found from the first file."""
+    """Bytes of a point in a .bin, which begins with x, y, z as 32-bit floats; 0: found from the
+    first file."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
     lift_m: float = 0.0
@@ -60,17 +66,28 @@ class Folder:
     def __post_init__(self) -> None:
         check(self, "reader")
         if self.point_bytes and self.point_bytes < 12:
-            raise ConfigError(f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or 0")
+            raise ConfigError(
+                f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or "
+                "0"
+            )
         log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         for name in ("scans", "poses", "odometry"):
             place = getattr(self, name)
             if place is None and name == "odometry":
                 continue
-            if not isinstance(place, str) or not place or place[0] == "/" or {"..", "**"} & set(Path(place).parts):
-                raise ConfigError(f"reader.{name}={place}: expected a path below the sequence's folder")
+            if (
+                not isinstance(place, str)
+                or not place
+                or place[0] == "/"
+                or {"..", "**"} & set(Path(place).parts)
+            ):
+                raise ConfigError(
+                    f"reader.{name}={place}: expected a path below the sequence's folder"
+                )
 
     def open(self, root: Path, sequence: str) -> Log:
-        folder, skipped = root / sequence, Counter[str]()
+        folder = root / sequence
+        skipped = Counter[str]()
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of a sequence")
         truth = self._trajectory(folder, self.poses)
@@ -78,32 +95,52 @@ class Folder:
         paths, width, notes = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         apart = f"is reader.stamps={self.stamps} the unit of the scans' names?"
-        rows, world_T_body, odom_T_body, doubts = log.posed(folder, stamps_ns, truth, odometry, skipped, apart)
+        rows, world_T_body, odom_T_body, doubts = log.posed(
+            folder, stamps_ns, truth, odometry, skipped, apart
+        )
         kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
-        vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic(
+            "reader.body_T_lidar", self.body_T_lidar
+        )
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        return Log(stamps_ns[rows], *poses, lambda row: read_scan(kept[row], vehicle_T_lidar, width), +skipped, notes + doubts)
+        return Log(
+            stamps_ns[rows],
+            *poses,
+            lambda row: read_scan(kept[row], vehicle_T_lidar, width),
+            +skipped,
+            notes + doubts,
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
         needed = [self.poses, files.TIMES if self.poses_format == "kitti" else None, self.odometry]
-        return {name: [place for place in needed if place and not (root / name / place).is_file()] for name in names}
+        return {
+            name: [place for place in needed if place and not (root / name / place).is_file()]
+            for name in names
+        }
 
     def _files(self, folder: Path) -> list[Path]:
-        found = folder.glob(self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*")
+        found = folder.glob(
+            self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*"
+        )
         return [path for path in found if path.suffix in files.SCANS]
 
     def _paths(
         self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]
     ) -> tuple[dict[int, Path], int | None, tuple[str, ...]]:
-        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped` what is not used."""
+        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped`
+        what is not used."""
         found: dict[int, Path] = {}
         there = sorted(self._files(folder))
         width, notes = self._width(there)
         for path in there:
             stamp = self._stamp(path.stem, pose_stamps_ns)
             if stamp is None or not path.is_file():
-                skipped["file name is no stamp" if self.poses_format == "tum" else "file name is no row of the poses"] += 1
+                skipped[
+                    "file name is no stamp"
+                    if self.poses_format == "tum"
+                    else "file name is no row of the poses"
+                ] += 1
             elif not path.stat().st_size:
                 skipped["empty file"] += 1
             elif path.suffix == ".bin" and width and path.stat().st_size % width:
@@ -113,21 +150,33 @@ class Folder:
             else:
                 found[stamp] = path
         if not found:
-            names = f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
+            names = (
+                f"stamps in {self.stamps}"
+                if self.poses_format == "tum"
+                else "row numbers of the poses"
+            )
             odd = next((f"; {path.name} is none" for path in there), "")
             unit = files.unit_of(there[0].stem) if there else ""
             if unit in files.UNIT_NS and unit != self.stamps:
                 odd += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
-            raise LogError(f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy or .pcd{odd})")
+            raise LogError(
+                f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy "
+                f"or .pcd{odd})"
+            )
         return found, width, notes
 
     def _width(self, paths: Sequence[Path]) -> tuple[int | None, tuple[str, ...]]:
-        """Bytes of a point, None of none, by the first .bin that tells; and a note where none does, so that it is a guess.
+        """Bytes of a point, None of none, by the first .bin that tells; and a note where none does,
+        so that it is a guess.
 
         Raises LogError for a file that holds all x first.
         """
         whole = (
-            path for path in paths if path.suffix == ".bin" and path.is_file() and 0 < path.stat().st_size <= files.LARGEST_BYTES
+            path
+            for path in paths
+            if path.suffix == ".bin"
+            and path.is_file()
+            and 0 < path.stat().st_size <= files.LARGEST_BYTES
         )
         guess: tuple[int, Path] | None = None
         for path in islice(whole, LOOKED_AT):
@@ -143,25 +192,41 @@ class Folder:
         if self.point_bytes or guess is None:
             return self.point_bytes or None, ()
         width, path = guess
-        return width, (f"{path.name} fits points of several sizes: {width} bytes are assumed; say reader.point_bytes",)
+        return width, (
+            f"{path.name} fits points of several sizes: {width} bytes are assumed; say "
+            "reader.point_bytes",
+        )
 
     def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
-        if not stem.isascii() or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal() or len(stem) > 40:
+        if (
+            not stem.isascii()
+            or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal()
+            or len(stem) > 40
+        ):
             return None
         if self.poses_format == "tum":
             return files.stamp_ns(stem, self.stamps)
-        return int(pose_stamps_ns[int(stem)]) if stem.isdecimal() and int(stem) < len(pose_stamps_ns) else None
+        return (
+            int(pose_stamps_ns[int(stem)])
+            if stem.isdecimal() and int(stem) < len(pose_stamps_ns)
+            else None
+        )
 
     def _trajectory(self, folder: Path, place: str) -> Trajectory:
         path = folder / place
-        stamps_ns, poses = read_tum(path) if self.poses_format == "tum" else read_kitti(path, folder / files.TIMES)
+        stamps_ns, poses = (
+            read_tum(path) if self.poses_format == "tum" else read_kitti(path, folder / files.TIMES)
+        )
         if self.poses_frame == "camera":
             poses = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
         return Trajectory(stamps_ns, poses, self.max_gap_s)
 
 
-def read_scan(path: Path, vehicle_T_lidar: NDArray[np.float64], point_bytes: int | None = None) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; those not finite or beyond FARTHEST_M are dropped.
+def read_scan(
+    path: Path, vehicle_T_lidar: NDArray[np.float64], point_bytes: int | None = None
+) -> NDArray[np.float64]:
+    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; those not finite or
+    beyond FARTHEST_M are dropped.
 
     Raises LogError for a missing or damaged file.
     """
@@ -171,24 +236,31 @@ def read_scan(path: Path, vehicle_T_lidar: NDArray[np.float64], point_bytes: int
 
 
 def read_tum(path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row has NaN; raises LogError naming the wrong row."""
+    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row has NaN; raises LogError
+    naming the wrong row."""
     stamps, rows = files.tum(path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace"))
     if not stamps:
         raise LogError(f"{path}: holds no rows")
     stamps_ns = np.array(stamps, np.int64)
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
-        raise LogError(f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after the row before it")
+        raise LogError(
+            f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after "
+            "the row before it"
+        )
     return stamps_ns, from_quaternions(path, rows)
 
 
 def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN; raises LogError naming a wrong row."""
+    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN; raises
+    LogError naming a wrong row."""
     known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
     odd = np.flatnonzero(known & ~(np.abs(norms - 1) < 1e-3))
     if len(odd):
-        raise LogError(f"{path}: row {odd[0] + 1} has a quaternion qx qy qz qw whose length is not 1")
+        raise LogError(
+            f"{path}: row {odd[0] + 1} has a quaternion qx qy qz qw whose length is not 1"
+        )
     poses = np.full((len(rows), 4, 4), np.nan)
     poses[known] = np.eye(4)
     if known.any():
@@ -199,8 +271,10 @@ def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
 
 
 def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, NaN where a row has NaN, and its times.txt; raises LogError."""
-    rows, times_s = log.table(path, 12), log.table(times_path, 1)[:, 0]
+    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, NaN where a row has NaN, and its
+    times.txt; raises LogError."""
+    rows = log.table(path, 12)
+    times_s = log.table(times_path, 1)[:, 0]
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
     poses = kitti.matrix(rows)

@@ -1,7 +1,8 @@
 """KITTI odometry: Velodyne scans, times, calibration and ground-truth poses (METHODS 7.3).
 
-Each log has a world frame of its own, so two logs cannot be compared. A study therefore trains on the first part of one log,
-the sequence `00-a`, and tests on the rest, `00-b`; `00` is the whole log.
+Each log has a world frame of its own, so two logs cannot be compared. A study therefore trains on
+the first part of one log, the sequence `00-a`, and tests on the rest, `00-b`; `00` is the whole
+log.
 """
 
 import re
@@ -34,7 +35,8 @@ class Kitti:
     split: Share = 0.5
     """Share of the path of a log that belongs to its part `-a`."""
     root_per_sequence: bool = False
-    """Whether each sequence has a folder of its own with such a root inside, as in the simulated suburb."""
+    """Whether each sequence has a folder of its own with such a root inside, as in the simulated
+    suburb."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -43,21 +45,31 @@ class Kitti:
         root = root / sequence if self.root_per_sequence else root
         name, dash, part = sequence.partition("-")
         if part not in ("a", "b") and dash:
-            raise ConfigError(f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or 00-b")
+            raise ConfigError(
+                f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or "
+                "00-b"
+            )
         poses_path = log.located(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
         poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
         times_path = root / kitti.TIMES.format(log=name)
         times_s = log.table(times_path, 1)[:, 0]
         stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
         if len(times_s) != len(poses):
-            raise LogError(f"{times_path}: {len(times_s)} times for {len(poses)} poses in {poses_path}")
-        folder, skipped = root / kitti.SCANS.format(log=name), Counter[str]()
+            raise LogError(
+                f"{times_path}: {len(times_s)} times for {len(poses)} poses in {poses_path}"
+            )
+        folder = root / kitti.SCANS.format(log=name)
+        skipped = Counter[str]()
         rows = _scan_rows(folder, len(poses), skipped)
         notes: tuple[str, ...] = (
-            (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",) if len(rows) < len(poses) else ()
+            (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
+            if len(rows) < len(poses)
+            else ()
         )
         notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, USUAL_GAP_S))
-        path_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))])
+        path_m = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))]
+        )
         first = path_m <= self.split * path_m[-1]
         rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
@@ -71,26 +83,45 @@ class Kitti:
     def sequences(self, root: Path) -> dict[str, list[str]]:
         if self.root_per_sequence:
             single = replace(self, root_per_sequence=False)
-            folders = sorted(path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir())
-            found = {folder: single.sequences(folder).get(folder.name.partition("-")[0]) for folder in folders}
+            folders = sorted(
+                path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir()
+            )
+            found = {
+                folder: single.sequences(folder).get(folder.name.partition("-")[0])
+                for folder in folders
+            }
             return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
-        names = sorted(path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir())
-        needed = {name: [place.format(log=name) for place in (kitti.CALIB, kitti.TIMES)] for name in names}
+        names = sorted(
+            path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir()
+        )
+        needed = {
+            name: [place.format(log=name) for place in (kitti.CALIB, kitti.TIMES)] for name in names
+        }
         posed = {name: log.located(root, POSES_PLACES, name) is not None for name in names}
         lacking = {name: [] if posed[name] else [kitti.POSES.format(log=name)] for name in names}
-        return {name: lacking[name] + [file for file in needed[name] if not (root / file).is_file()] for name in names}
+        return {
+            name: lacking[name] + [file for file in needed[name] if not (root / file).is_file()]
+            for name in names
+        }
 
 
 def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one scan, raised by `lift_m`: x forward, y left, z up, origin in the sensor if not raised.
+    """Points (n, 3) in metres of one scan, raised by `lift_m`: x forward, y left, z up, origin in
+    the sensor if not raised.
 
-    Points that are not finite are dropped. Raises LogError for a missing file or one that ends within a record.
+    Points that are not finite are dropped. Raises LogError for a missing file or one that ends
+    within a record.
     """
-    return np.asarray(kitti.decode(np.frombuffer(log.read_bytes(Path(path), kitti.RECORD_BYTES, "points"), "<f4"), lift_m))
+    return np.asarray(
+        kitti.decode(
+            np.frombuffer(log.read_bytes(Path(path), kitti.RECORD_BYTES, "points"), "<f4"), lift_m
+        )
+    )
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
-    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne (METHODS 7.3).
+    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne
+    (METHODS 7.3).
 
     Raises LogError naming the row that is not a pose.
     """
@@ -113,19 +144,25 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (12,) or not np.isfinite(numbers).all():
-        raise LogError(f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's")
+        raise LogError(
+            f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
+        )
     cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
     R = cam_T_velo[:3, :3].clip(-2, 2)
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
-        raise LogError(f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file anew")
+        raise LogError(
+            f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file anew"
+        )
     return cam_T_velo
 
 
 def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.int64]:
-    """Rows of the pose file whose scan is on disk; counts in `skipped` the files that are not used."""
+    """Rows of the pose file whose scan is on disk; counts in `skipped` the files that are not
+    used."""
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of scans")
-    is_number, reason = re.compile("[0-9]{6}").fullmatch, "file name is no scan number"
+    is_number = re.compile("[0-9]{6}").fullmatch
+    reason = "file name is no scan number"
     numbers = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)[1]
     rows = numbers[numbers < poses]
     skipped["outside the poses' span"] += len(numbers) - len(rows)

@@ -1,4 +1,5 @@
-"""The result of every reader, a Log (the scans of one drive with stamps and poses), and what the readers share."""
+"""The result of every reader, a Log (the scans of one drive with stamps and poses), and what the
+readers share."""
 
 import os
 import warnings
@@ -18,20 +19,25 @@ from pipeline.readers import vehicle
 
 @dataclass(frozen=True)
 class Log:
-    """An opened log: its scans, or the sweeps of its 2-D LiDAR. Vehicle and world frames are x forward, y left, z up.
+    """An opened log: its scans, or the sweeps of its 2-D LiDAR.
 
-    The ground is at z = 0, except in the vehicle frame of a log whose sweeps will be accumulated: there the submap estimates the
-    ground. Each row has at least one of the two poses.
+    Vehicle and world frames are x forward, y left, z up.
+
+    The ground is at z = 0, except in the vehicle frame of a log whose sweeps will be accumulated:
+    there the submap estimates the ground. Each row has at least one of the two poses.
     """
 
     stamps_ns: Stamps
     """(scan,) strictly increasing."""
     world_T_scan: Poses
-    """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the INS."""
+    """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the
+    INS."""
     odom_T_scan: Poses
-    """(scan, 4, 4) odometry at the stamps; NaN where there is none, and in the first row after a break in the odometry."""
+    """(scan, 4, 4) odometry at the stamps; NaN where there is none, and in the first row after a
+    break in the odometry."""
     points: Callable[[int], NDArray[np.floating]]
-    """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is broken."""
+    """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is
+    broken."""
     skipped: Counter[str]
     """Scans of the log that were left out: reason to count."""
     notes: tuple[str, ...] = ()
@@ -39,7 +45,8 @@ class Log:
 
 
 EARTH_M = 1e8
-"""Positions further than this from the origin of their frame are damage: the centre of the Earth is 6.4e6 m away."""
+"""Positions further than this from the origin of their frame are damage: the centre of the Earth is
+6.4e6 m away."""
 LATEST_NS = 2**62
 """Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 
@@ -48,10 +55,12 @@ class Reader(Protocol):
     """A reader of one data set; its fields are the keys of the yaml of the data set."""
 
     def open(self, root: Path, sequence: str) -> Log:
-        """Open a sequence below the root of the data set; raises LogError for a log that cannot be read."""
+        """Open a sequence below the root of the data set; raises LogError for a log that cannot be
+        read."""
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        """The sequences below `root`, each with the files that it lacks; one that lacks nothing can be read."""
+        """The sequences below `root`, each with the files that it lacks; one that lacks nothing can
+        be read."""
 
 
 def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
@@ -61,28 +70,39 @@ def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
 
 
 def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
-    """The bytes of a file of records; raises LogError if it is missing or does not hold a whole number of records."""
+    """The bytes of a file of records; raises LogError if it is missing or does not hold a whole
+    number of records."""
     try:
         data = path.read_bytes()
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
     if len(data) % record_bytes:
-        raise LogError(f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {what}; the file is cut short")
+        raise LogError(
+            f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {what}; the "
+            "file is cut short"
+        )
     return data
 
 
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
     """The numbers of a text file (rows, columns); raises LogError naming the wrong row."""
     try:
-        with path.open(encoding="utf-8") as file, warnings.catch_warnings(action="ignore"):  # numpy warns of an empty file
+        with (
+            path.open(encoding="utf-8") as file,
+            warnings.catch_warnings(action="ignore"),
+        ):  # numpy warns of an empty file
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except ValueError as error:  # UnicodeDecodeError is one
-        raise LogError(f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}") from None
+        raise LogError(
+            f"{path}: expected {columns} numbers a row; {str(error).splitlines()[0]}"
+        ) from None
     if rows.size and rows.shape[1] != columns:
         is_tum = columns == 12 and rows.shape[1] == 8
-        hint = "; 8 numbers a row are a TUM trajectory's: reader.poses_format: tum" if is_tum else ""
+        hint = (
+            "; 8 numbers a row are a TUM trajectory's: reader.poses_format: tum" if is_tum else ""
+        )
         raise LogError(f"{path}: expected {columns} numbers a row, found {rows.shape[1]}{hint}")
     if not rows.size:
         raise LogError(f"{path}: holds no rows")
@@ -90,30 +110,45 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
 
 
 def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> None:
-    """Raise LogError naming the first of the stamps (n,) in `unit` of `unit_ns` ns that is no time."""
+    """Raise LogError naming the first of the stamps (n,) in `unit` of `unit_ns` ns that is no
+    time."""
     bad = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
     if len(bad):
-        raise LogError(f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}")
+        raise LogError(
+            f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}"
+        )
 
 
 def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first that does not increase."""
+    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first
+    that does not increase."""
     refuse_times(path, stamps, unit, unit_ns)
     whole = np.floor(stamps)
-    stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(np.int64)
+    stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(
+        np.int64
+    )
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
         before, after = stamps[back[0] : back[0] + 2]
-        raise LogError(f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; stamps must increase")
+        raise LogError(
+            f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; "
+            "stamps must increase"
+        )
     return np.asarray(stamps_ns)
 
 
 def refuse_poses(path: Path, poses: Poses, known: NDArray[np.bool_]) -> None:
-    """Raise LogError naming the first of the `known` (n,) rows of `poses` (n, 4, 4), read from `path`, that is not a pose."""
+    """Raise LogError naming the first of the `known` (n,) rows of `poses` (n, 4, 4), read from
+    `path`, that is not a pose."""
     far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
     R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
-    skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (np.linalg.det(R) < 0)
-    for wrong, why in ((far, "is not finite, or lies nowhere on Earth; positions are in metres"), (skew, "has no rotation")):
+    skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (
+        np.linalg.det(R) < 0
+    )
+    for wrong, why in (
+        (far, "is not finite, or lies nowhere on Earth; positions are in metres"),
+        (skew, "has no rotation"),
+    ):
         rows = np.flatnonzero(wrong & known)
         if len(rows):
             raise LogError(f"{path}: row {rows[0] + 1} {why}")
@@ -127,15 +162,21 @@ def raised(height_m: float) -> Poses:
 
 
 def lifted(world_T_body: Poses, height_m: float) -> Poses:
-    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down, so that the ground is at z = 0."""
+    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down, so that the
+    ground is at z = 0."""
     return raised(height_m) @ world_T_body @ np.linalg.inv(raised(height_m))
 
 
 def extrinsic(key: str, xyzrpy: object) -> Poses:
-    """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees; raises ConfigError naming `key`."""
+    """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees; raises
+    ConfigError naming `key`."""
     numbers = list(xyzrpy) if isinstance(xyzrpy, Sequence) else []
-    if len(numbers) != 6 or not all(isinstance(number, int | float) and np.isfinite(number) for number in numbers):
-        raise ConfigError(f"{key}={xyzrpy}: expected [x, y, z, roll, pitch, yaw] in metres and degrees")
+    if len(numbers) != 6 or not all(
+        isinstance(number, int | float) and np.isfinite(number) for number in numbers
+    ):
+        raise ConfigError(
+            f"{key}={xyzrpy}: expected [x, y, z, roll, pitch, yaw] in metres and degrees"
+        )
     row = np.array([numbers], np.float64)
     return np.asarray(pose(row[:, :3], np.radians(row[:, 3:]))[0])
 
@@ -146,13 +187,20 @@ def is_utime(stem: str) -> bool:
 
 
 def numbered_files(
-    folder: Path, record_bytes: int, is_number: Callable[[str], object], reason: str, skipped: Counter[str]
+    folder: Path,
+    record_bytes: int,
+    is_number: Callable[[str], object],
+    reason: str,
+    skipped: Counter[str],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers that the .bin files of a folder have as names, and of these the ones of whole records; both increase.
+    """The numbers that the .bin files of a folder have as names, and of these the ones of whole
+    records; both increase.
 
-    Counts in `skipped` the files whose name is not a number (under `reason`), the empty ones and the truncated ones.
+    Counts in `skipped` the files whose name is not a number (under `reason`), the empty ones and
+    the truncated ones.
     """
-    named, whole = [], []
+    named = []
+    whole = []
     with os.scandir(folder) as entries:
         for stem, _, suffix, entry in ((*entry.name.rpartition("."), entry) for entry in entries):
             if suffix != "bin":
@@ -178,10 +226,14 @@ def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -
     skipped["in a gap of the poses"] += int((~outside).sum())
 
 
-def refuse_unposed(where: Path, scans: str, stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str], apart: str) -> None:
-    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose: why, and when both were.
+def refuse_unposed(
+    where: Path, scans: str, stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str], apart: str
+) -> None:
+    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose:
+    why, and when both were.
 
-    `apart` is the question to ask where no scan lies in the time of the poses: on their clock, their unit, or the file.
+    `apart` is the question to ask where no scan lies in the time of the poses: on their clock,
+    their unit, or the file.
     """
     reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
     usual_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
@@ -189,9 +241,14 @@ def refuse_unposed(where: Path, scans: str, stamps_ns: Stamps, truth: Trajectory
     if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
         hint = f"; {apart}"
     elif usual_s > truth.max_gap_s:
-        hint = f"; poses are usually {usual_s:.3g} s apart, more than reader.max_gap_s={truth.max_gap_s:g}"
+        hint = (
+            f"; poses are usually {usual_s:.3g} s apart, more than "
+            f"reader.max_gap_s={truth.max_gap_s:g}"
+        )
     spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
-    raise LogError(f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}")
+    raise LogError(
+        f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}"
+    )
 
 
 def _span(stamps_ns: Stamps) -> str:
@@ -199,12 +256,18 @@ def _span(stamps_ns: Stamps) -> str:
 
 
 def posed(
-    where: Path, stamps_ns: Stamps, truth: Trajectory, odometry: Trajectory | None, skipped: Counter[str], apart: str
+    where: Path,
+    stamps_ns: Stamps,
+    truth: Trajectory,
+    odometry: Trajectory | None,
+    skipped: Counter[str],
+    apart: str,
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows of `stamps_ns` with a true pose, these poses, the odometry at these rows, and notes on what no vehicle does.
+    """Rows of `stamps_ns` with a true pose, these poses, the odometry at these rows, and notes on
+    what no vehicle does.
 
-    Counts the other rows in `skipped`. Raises LogError where there is none with a pose, with the question `apart` where no scan
-    lies in the time of the poses.
+    Counts the other rows in `skipped`. Raises LogError where there is none with a pose, with the
+    question `apart` where no scan lies in the time of the poses.
     """
     world_T_scan, known = truth.at(stamps_ns)
     count_unknown(stamps_ns[~known], truth, skipped)
@@ -215,4 +278,9 @@ def posed(
     if odometry is None:
         return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
     odometry, parted = vehicle.parted("the odometry", odometry)
-    return rows, world_T_scan[rows], vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry)), notes + parted
+    return (
+        rows,
+        world_T_scan[rows],
+        vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry)),
+        notes + parted,
+    )

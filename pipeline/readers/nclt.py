@@ -1,4 +1,5 @@
-"""NCLT: velodyne_sync scans, the packets of velodyne_hits.bin, ground truth and wheel odometry (METHODS 7.1).
+"""NCLT: velodyne_sync scans, the packets of velodyne_hits.bin, ground truth and wheel odometry
+(METHODS 7.1).
 
 The frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
 """
@@ -38,17 +39,25 @@ class Nclt:
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None:
             first = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
-            raise LogError(f"{first}: no ground truth there or in its other places; `yearloc fetch nclt DATE` brings it")
+            raise LogError(
+                f"{first}: no ground truth there or in its other places; `yearloc fetch nclt DATE` "
+                "brings it"
+            )
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()
-        utimes = log.numbered_files(folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped)[1]
+        utimes = log.numbered_files(
+            folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
+        )[1]
         if not len(utimes):
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
-        truth, apart = read_poses(truth_path, self.max_gap_s), f"is {truth_path.name} of this date?"
-        rows, world_T_scan, odom_T_scan, doubts = log.posed(folder, utimes * 1000, truth, odometry, skipped, apart)
+        truth = read_poses(truth_path, self.max_gap_s)
+        apart = f"is {truth_path.name} of this date?"
+        rows, world_T_scan, odom_T_scan, doubts = log.posed(
+            folder, utimes * 1000, truth, odometry, skipped, apart
+        )
         utimes = utimes[rows]
         notes = doubts if odometry_path is not None else (*doubts, "no odometry_mu_100hz.csv")
 
@@ -59,19 +68,28 @@ class Nclt:
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
-        return {name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"] for name in names}
+        return {
+            name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"]
+            for name in names
+        }
 
 
 def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one motion-compensated scan in the body frame, raised by `lift_m`: x forward, y left, z up.
+    """Points (n, 3) in metres of one motion-compensated scan in the body frame, raised by `lift_m`:
+    x forward, y left, z up.
 
     Raises LogError for a missing file or one that ends within a record.
     """
-    return np.asarray(nclt.decode(np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2"), lift_m))
+    return np.asarray(
+        nclt.decode(
+            np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2"), lift_m
+        )
+    )
 
 
 def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
-    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN are kept as gaps.
+    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN are kept as
+    gaps.
 
     Raises LogError naming the row that is not seven numbers or whose stamp does not increase.
     """
@@ -86,7 +104,8 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
 
 @dataclass(frozen=True)
 class Packets:
-    """Every packet of a velodyne_hits.bin: raw hits in the frame of the sensor, not motion compensated."""
+    """Every packet of a velodyne_hits.bin: raw hits in the frame of the sensor, not motion
+    compensated."""
 
     words: NDArray[np.uint16]
     """The file as 16-bit words, mapped from disk: it may have gigabytes."""
@@ -98,31 +117,45 @@ class Packets:
     """(packet,) microseconds since 1970."""
 
     def hits(self, packet: int) -> NDArray[np.uint16]:
-        """Records (n, 4) of one packet: x, y, z as `formats.nclt` encodes them, then intensity and laser in one word."""
-        start, count = self.starts[packet] + HEADER_WORDS, self.offsets[packet + 1] - self.offsets[packet]
+        """Records (n, 4) of one packet: x, y, z as `formats.nclt` encodes them, then intensity and
+        laser in one word."""
+        start = self.starts[packet] + HEADER_WORDS
+        count = self.offsets[packet + 1] - self.offsets[packet]
         return self.words[start : start + 4 * count].reshape(-1, 4)
 
 
 def read_packets(path: Path) -> Packets:
-    """Find the packets of a velodyne_hits.bin; raises LogError for an empty file, or naming the byte of a broken packet."""
+    """Find the packets of a velodyne_hits.bin; raises LogError for an empty file, or naming the
+    byte of a broken packet."""
     size = path.stat().st_size
     if not size:
         raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file anew")
     words = np.memmap(path, np.uint8, "r")[: size // 2 * 2].view("<u2")
     starts, offsets, end = _find_packets(words)
     if 2 * end != size:
-        raise LogError(f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short: fetch it anew")
+        raise LogError(
+            f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short: fetch "
+            "it anew"
+        )
     utimes = words[starts[:, None] + (6, 7, 8, 9)].view("<u8")[:, 0]
     if (utimes >= log.LATEST_NS // 1000).any():
-        raise LogError(f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is damaged")
+        raise LogError(
+            f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is "
+            "damaged"
+        )
     return Packets(words, starts, offsets, utimes.astype(np.int64))
 
 
 @njit(cache=True, nogil=True)
-def _find_packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """First word and first hit of each packet (of hits: one more, the end), and the word after the last whole packet."""
-    starts, offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64), np.empty(len(words) // HEADER_WORDS + 1, np.int64)
-    found, at = np.int64(0), np.int64(0)
+def _find_packets(
+    words: NDArray[np.uint16],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
+    """First word and first hit of each packet (of hits: one more, the end), and the word after the
+    last whole packet."""
+    starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
+    offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
+    found = np.int64(0)
+    at = np.int64(0)
     offsets[0] = 0
     while at + HEADER_WORDS <= len(words):
         magic = True
@@ -131,7 +164,8 @@ def _find_packets(words: NDArray[np.uint16]) -> tuple[NDArray[np.int64], NDArray
         hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
         if not magic or at + HEADER_WORDS + 4 * hits > len(words):
             break
-        starts[found], offsets[found + 1] = at, offsets[found] + hits
+        starts[found] = at
+        offsets[found + 1] = offsets[found] + hits
         found += 1
         at += HEADER_WORDS + 4 * hits
     return starts[:found].copy(), offsets[: found + 1].copy(), at

@@ -1,8 +1,10 @@
-"""Parts of a log: a single long log with revisits becomes a day to learn from and days to be tested on.
+"""Parts of a log: a single long log with revisits becomes a day to learn from and days to be tested
+on.
 
-Sequences of a log NAME: NAME+path1of2 is its first half by path, NAME+time2of3 its second third by time, NAME+until440m what
-comes before 440 m of path (or 440s) and NAME+from440m the rest, NAME+first the scans at places where the log has not been before
-and NAME+later those where it has. +60s at the end keeps so much time between parts.
+Sequences of a log NAME: NAME+path1of2 is its first half by path, NAME+time2of3 its second third by
+time, NAME+until440m what comes before 440 m of path (or 440s) and NAME+from440m the rest,
+NAME+first the scans at places where the log has not been before and NAME+later those where it has.
++60s at the end keeps so much time between parts.
 """
 
 import re
@@ -19,8 +21,13 @@ from pipeline.readers.log import Log, Reader
 
 SHARE = r"(?P<by>path|time)(?P<number>[1-9]\d?)of(?P<of>[1-9]\d?)"
 CUT = r"(?P<side>until|from)(?P<at>\d{1,9})(?P<unit>[ms])"
-NAME = re.compile(rf"(?P<log>.+?)\+(?:{SHARE}|{CUT}|(?P<visit>first|later))(?:\+(?P<apart>\d{{1,6}})s)?")
-RULE = re.compile(r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)(?::(?P<apart>\d{1,6}))?")
+NAME = re.compile(
+    rf"(?P<log>.+?)\+(?:{SHARE}|{CUT}|(?P<visit>first|later))(?:\+(?P<apart>\d{{1,6}})s)?"
+)
+RULE = re.compile(
+    r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)"
+    r"(?::(?P<apart>\d{1,6}))?"
+)
 APART_S = 30  # a robot at a walk is out of sight of most of what it saw, a car long before
 NEAR_M = 5.0
 """A place that the log was so near to before is visited again."""
@@ -38,46 +45,70 @@ class Part:
     at: float | None = None
     """Metres or seconds where the second of two parts begins; None: parts are equally long."""
     apart_s: int = APART_S
-    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out: they show what those show."""
+    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out:
+    they show what those show."""
 
     @classmethod
     def named(cls, sequence: str) -> tuple[str, Self | None]:
-        """The log that a sequence is of, and its part; None for the whole log. Raises ConfigError for a part that cannot be."""
+        """The log that a sequence is of, and its part; None for the whole log.
+
+        Raises ConfigError for a part that cannot be.
+        """
         found = NAME.fullmatch(sequence)
         if found is None:
             return sequence, None
         apart_s = int(found["apart"] or APART_S)
         if found["side"]:
             side = 1 if found["side"] == "until" else 2
-            part = cls("path" if found["unit"] == "m" else "time", side, at=float(found["at"]), apart_s=apart_s)
+            part = cls(
+                "path" if found["unit"] == "m" else "time",
+                side,
+                at=float(found["at"]),
+                apart_s=apart_s,
+            )
         else:
-            part = cls(found["visit"] or found["by"], int(found["number"] or 1), int(found["of"] or 2), apart_s=apart_s)
+            part = cls(
+                found["visit"] or found["by"],
+                int(found["number"] or 1),
+                int(found["of"] or 2),
+                apart_s=apart_s,
+            )
         if part.number > part.of:
-            raise ConfigError(f"sequence={sequence}: part {part.number} of {part.of}; expected 1 to {part.of}")
+            raise ConfigError(
+                f"sequence={sequence}: part {part.number} of {part.of}; expected 1 to {part.of}"
+            )
         return found["log"], part
 
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The rows of this part, given a log's stamps (n,) and positions (n, 3), NaN where unknown."""
+        """The rows of this part, given a log's stamps (n,) and positions (n, 3), NaN where
+        unknown."""
         apart_ns = self.apart_s * 10**9
         if self.by in ("first", "later"):
             again = revisited(stamps_ns, xyz_m, apart_ns)
-            return np.flatnonzero(again & _away(stamps_ns, ~again, apart_ns) if self.by == "later" else ~again)
+            return np.flatnonzero(
+                again & _away(stamps_ns, ~again, apart_ns) if self.by == "later" else ~again
+            )
         along = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
         at = along[-1] * np.arange(1, self.of) / self.of if self.at is None else np.array([self.at])
         part = 1 + np.searchsorted(at, along, side="right")
-        return np.flatnonzero((part == self.number) & _away(stamps_ns, part < self.number, apart_ns))
+        return np.flatnonzero(
+            (part == self.number) & _away(stamps_ns, part < self.number, apart_ns)
+        )
 
 
 def names(log: str, rule: str) -> list[str]:
-    """The sequences that a rule makes of a log: path:2 and time:3 make equal parts, cut:440m and cut:400s two, visits the first
-    and the later visits.
+    """The sequences that a rule makes of a log: path:2 and time:3 make equal parts, cut:440m and
+    cut:400s two, visits the first and the later visits.
 
-    A number at the end, as in path:2:60, is the time in seconds between parts. Raises ConfigError for another rule.
+    A number at the end, as in path:2:60, is the time in seconds between parts. Raises ConfigError
+    for another rule.
     """
     found = RULE.fullmatch(rule)
     if found is None:
         known = "path:2, time:3, cut:440m, cut:400s or visits"
-        raise ConfigError(f"parts={rule}: expected {known}, and seconds between parts after another colon")
+        raise ConfigError(
+            f"parts={rule}: expected {known}, and seconds between parts after another colon"
+        )
     own = ["first", "later"]
     if found["by"]:
         own = [f"{found['by']}{number + 1}of{found['of']}" for number in range(int(found["of"]))]
@@ -87,7 +118,8 @@ def names(log: str, rule: str) -> list[str]:
 
 
 def open_part(reader: Reader, root: Path, sequence: str) -> Log:
-    """Open a log, or the part of it that the sequence's name ends in; the odometry breaks where a part does.
+    """Open a log, or the part of it that the sequence's name ends in; the odometry breaks where a
+    part does.
 
     Raises LogError for a log that cannot be read, or a part without scans.
     """
@@ -97,31 +129,48 @@ def open_part(reader: Reader, root: Path, sequence: str) -> Log:
         return log
     rows = part.rows(log.stamps_ns, log.world_T_scan[:, :3, 3])
     if not len(rows):
-        raise LogError(f"{root / name}: no scan is in its part {sequence[len(name) + 1 :]}; the log has {len(log.stamps_ns)}")
+        raise LogError(
+            f"{root / name}: no scan is in its part {sequence[len(name) + 1 :]}; the log has "
+            f"{len(log.stamps_ns)}"
+        )
     odom_T_scan = log.odom_T_scan[rows]
     odom_T_scan[1:][np.diff(rows) > 1] = np.nan
     notes = (*log.notes, f"{len(rows)} of the {len(log.stamps_ns)} scans of {name}")
     return replace(
-        log, stamps_ns=log.stamps_ns[rows], world_T_scan=log.world_T_scan[rows], odom_T_scan=odom_T_scan,
-        points=lambda row: log.points(rows[row]), notes=notes,
-    )  # fmt: skip
+        log,
+        stamps_ns=log.stamps_ns[rows],
+        world_T_scan=log.world_T_scan[rows],
+        odom_T_scan=odom_T_scan,
+        points=lambda row: log.points(rows[row]),
+        notes=notes,
+    )
 
 
-def revisited(stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64], apart_ns: int) -> NDArray[np.bool_]:
+def revisited(
+    stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64], apart_ns: int
+) -> NDArray[np.bool_]:
     """Which rows (n,) lie within NEAR_M of a row more than `apart_ns` earlier."""
-    found, known = np.zeros(len(stamps_ns), bool), np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
+    found = np.zeros(len(stamps_ns), bool)
+    known = np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
     near = KDTree(xyz_m[known]).query_ball_point(xyz_m[known], NEAR_M)
-    found[known] = [stamps_ns[known[rows]].min() < stamps_ns[row] - apart_ns for row, rows in zip(known, near, strict=True)]
+    found[known] = [
+        stamps_ns[known[rows]].min() < stamps_ns[row] - apart_ns
+        for row, rows in zip(known, near, strict=True)
+    ]
     return found
 
 
-def _away(stamps_ns: NDArray[np.int64], others: NDArray[np.bool_], apart_ns: int) -> NDArray[np.bool_]:
+def _away(
+    stamps_ns: NDArray[np.int64], others: NDArray[np.bool_], apart_ns: int
+) -> NDArray[np.bool_]:
     """Which rows (n,) are at least so long before and after all `others` (n,)."""
     away = np.ones(len(stamps_ns), bool)
     if others.any():
         theirs = stamps_ns[others]
         after = np.searchsorted(theirs, stamps_ns)
-        away &= (after == len(theirs)) | (theirs[np.minimum(after, len(theirs) - 1)] - stamps_ns >= apart_ns)
+        away &= (after == len(theirs)) | (
+            theirs[np.minimum(after, len(theirs) - 1)] - stamps_ns >= apart_ns
+        )
         away &= (after == 0) | (stamps_ns - theirs[np.maximum(after - 1, 0)] >= apart_ns)
     return away
 

@@ -23,33 +23,47 @@ class Recorded:
     reader: Reader
     root: str
     events: str | None = None
-    """A csv of the changes on site after training, in the format of `formats.changes`; None: not recorded."""
+    """A csv of the changes on site after training, in the format of `formats.changes`; None: not
+    recorded."""
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress) -> str:
-        """Open the log below `root` and write folder/inventory.csv; returns one line of text with the counts.
+        """Open the log below `root` and write folder/inventory.csv; returns one line of text with
+        the counts.
 
-        The csv has a line per scan with a digest of its poses and points, so that it changes whenever the log does. Raises
-        LogError for a log that cannot be opened; scans that cannot be read are counted.
+        The csv has a line per scan with a digest of its poses and points, so that it changes
+        whenever the log does. Raises LogError for a log that cannot be opened; scans that cannot be
+        read are counted.
         """
         log = open_part(self.reader, Path(self.root), sequence)
-        skipped, rows = Counter(log.skipped), ["stamp_ns,points,digest\n"]
-        for row, stamp in enumerate(watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")):
+        skipped = Counter(log.skipped)
+        rows = ["stamp_ns,points,digest\n"]
+        for row, stamp in enumerate(
+            watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")
+        ):
             try:
                 points = log.points(row)
             except LogError:
                 skipped["unreadable scan"] += 1
                 continue
-            data = b"".join(np.ascontiguousarray(part).data for part in (log.world_T_scan[row], log.odom_T_scan[row], points))
+            data = b"".join(
+                np.ascontiguousarray(part).data
+                for part in (log.world_T_scan[row], log.odom_T_scan[row], points)
+            )
             rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows), encoding="utf-8")
-        left_out = "".join(f", {count} skipped ({reason})" for reason, count in sorted(skipped.items()))
+        left_out = "".join(
+            f", {count} skipped ({reason})" for reason, count in sorted(skipped.items())
+        )
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes visible on the day of `sequence` but not of `train`; raises LogError for a bad csv or bad logs."""
+        """The changes visible on the day of `sequence` but not of `train`; raises LogError for a
+        bad csv or bad logs."""
         if self.events is None:
             return []
         root = Path(self.root)
-        trained, driven = (open_part(self.reader, root, name).stamps_ns[0] for name in (train, sequence))
+        trained, driven = (
+            open_part(self.reader, root, name).stamps_ns[0] for name in (train, sequence)
+        )
         return visible(read_changes(Path(self.events)), days_between(trained, driven))

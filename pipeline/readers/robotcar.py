@@ -1,7 +1,9 @@
-"""Oxford RobotCar: the sweeps of its 2-D lasers, posed by visual odometry and inertial navigation (METHODS 7.2, 2.9).
+"""Oxford RobotCar: the sweeps of its 2-D lasers, posed by visual odometry and inertial navigation
+(METHODS 7.2, 2.9).
 
-A row is one sweep, or two sweeps with the same stamp. The frames in the files are z-down; all results are x forward, y left, z
-up. The origin of the vehicle is the stereo camera, so the ground lies below 0; the world is UTM (x north, y west).
+A row is one sweep, or two sweeps with the same stamp. The frames in the files are z-down; all
+results are x forward, y left, z up. The origin of the vehicle is the stereo camera, so the ground
+lies below 0; the world is UTM (x north, y west).
 """
 
 from collections import Counter
@@ -21,7 +23,8 @@ from pipeline.readers.log import Log
 from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
 from pipeline.running.settings import Positive, check
 
-NEAREST_M, FARTHEST_M = 0.01, 1000.0
+NEAREST_M = 0.01
+FARTHEST_M = 1000.0
 """The lasers reach 50 m: a nearer point means no return, a farther one a damaged file."""
 
 
@@ -32,19 +35,29 @@ class RobotCar:
     lasers: Sequence[str] = robotcar.LASERS[:1]
     """lms_front, lms_rear or both; the sweeps of both are merged in order of time."""
     extrinsics: str = "extrinsics"
-    """Folder below the root with the SDK's pose files of the sensors; {sequence} is replaced by the name of the sequence."""
+    """Folder below the root with the SDK's pose files of the sensors; {sequence} is replaced by the
+    name of the sequence."""
     max_vo_gap_s: Positive = 0.5
-    """Poses of the visual odometry further apart than this are a gap; a sweep in it has no odometry."""
+    """Poses of the visual odometry further apart than this are a gap; a sweep in it has no
+    odometry."""
     max_ins_gap_s: Positive = 0.5
-    """Good rows of the inertial navigation further apart than this are an outage; a sweep in it has no true pose."""
+    """Good rows of the inertial navigation further apart than this are an outage; a sweep in it has
+    no true pose."""
     lift_m: float = 0.0
     """Added to z."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
         lasers = list(self.lasers) if isinstance(self.lasers, Iterable) else []
-        if not lasers or not all(laser in robotcar.LASERS for laser in lasers) or len(set(lasers)) < len(lasers):
-            raise ConfigError(f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, or of both")
+        if (
+            not lasers
+            or not all(laser in robotcar.LASERS for laser in lasers)
+            or len(set(lasers)) < len(lasers)
+        ):
+            raise ConfigError(
+                f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, "
+                "or of both"
+            )
 
     def open(self, root: Path, sequence: str) -> Log:
         skipped: Counter[str] = Counter()
@@ -67,48 +80,76 @@ class RobotCar:
             outages = int((~placed & np.append(True, placed[:-1])).sum())
             notes.append(f"{lost:,} of {len(rows):,} sweeps have no place (INS outages: {outages})")
         if len(odometry.breaks_ns):
-            notes.append(f"the visual odometry breaks off {len(odometry.breaks_ns)} times: no submap reaches across")
+            notes.append(
+                f"the visual odometry breaks off {len(odometry.breaks_ns)} times: no submap "
+                "reaches across"
+            )
         lift = np.array([0.0, 0.0, self.lift_m])
         swept = np.stack([np.isin(rows, found) for found in utimes])
 
         def points(row: int) -> NDArray[np.float64]:
             clouds = [
                 read_sweep(root / sequence / laser / f"{rows[row]}.bin", zup_T_laser)
-                for laser, zup_T_laser, here in zip(self.lasers, zup_T_lasers, swept[:, row], strict=True)
+                for laser, zup_T_laser, here in zip(
+                    self.lasers, zup_T_lasers, swept[:, row], strict=True
+                )
                 if here
             ]
             return np.asarray(np.concatenate(clouds) + lift)
 
-        return Log(rows * 1000, world_T_scan[kept], odom_T_scan[kept], points, +skipped, tuple(notes))
+        return Log(
+            rows * 1000, world_T_scan[kept], odom_T_scan[kept], points, +skipped, tuple(notes)
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        names = sorted({path.parent.name for laser in robotcar.LASERS for path in root.glob(f"*/{laser}") if path.is_dir()})
+        names = sorted(
+            {
+                path.parent.name
+                for laser in robotcar.LASERS
+                for path in root.glob(f"*/{laser}")
+                if path.is_dir()
+            }
+        )
         files = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
         files += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
         needed = {name: [file.replace("{sequence}", name) for file in files] for name in names}
-        return {name: [place for place in places if not (root / place).exists()] for name, places in needed.items()}
+        return {
+            name: [place for place in places if not (root / place).exists()]
+            for name, places in needed.items()
+        }
 
 
 def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one sweep in the z-up vehicle frame; `zup_T_laser` (4, 4) is NED_FLIP @ the file's extrinsics.
+    """Points (n, 3) in metres of one sweep in the z-up vehicle frame; `zup_T_laser` (4, 4) is
+    NED_FLIP @ the file's extrinsics.
 
-    Beams without a return (range 0, or not finite) are dropped, so there may be fewer rows than the 541 beams. Raises LogError
-    for a missing file, one that ends within a record, or a return beyond the reach of any laser.
+    Beams without a return (range 0, or not finite) are dropped, so there may be fewer rows than the
+    541 beams. Raises LogError for a missing file, one that ends within a record, or a return beyond
+    the reach of any laser.
     """
     data = log.read_bytes(Path(path), robotcar.RECORD_BYTES, "returns")
     xy = robotcar.decode_sweep(data)[:, :2]
     xy = xy[np.isfinite(xy).all(axis=1) & (np.abs(xy) > NEAREST_M).any(axis=1)]
     if (np.abs(xy) > FARTHEST_M).any():
-        raise LogError(f"{path}: a return lies {np.abs(xy).max():.3g} m away, where no laser reaches; the file is damaged")
+        raise LogError(
+            f"{path}: a return lies {np.abs(xy).max():.3g} m away, where no laser reaches; the "
+            "file is damaged"
+        )
     return xy @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
 
 
-def _paired(root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]) -> NDArray[np.int64]:
-    """Utimes (n,) of the whole sweep files that the list of stamps names too; counts files without a stamp and the reverse."""
-    folder, path = root / sequence / laser, root / sequence / robotcar.STAMPS.format(laser=laser)
+def _paired(
+    root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]
+) -> NDArray[np.int64]:
+    """Utimes (n,) of the whole sweep files that the list of stamps names too; counts files without
+    a stamp and the reverse."""
+    folder = root / sequence / laser
+    path = root / sequence / robotcar.STAMPS.format(laser=laser)
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of sweeps")
-    named, whole = log.numbered_files(folder, robotcar.RECORD_BYTES, log.is_utime, "file name is no utime", skipped)
+    named, whole = log.numbered_files(
+        folder, robotcar.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
+    )
     if path.is_file():
         stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
         skipped["stamp without a file"] += int((~np.isin(stamps, named)).sum())

@@ -6,15 +6,21 @@ from scipy.ndimage import uniform_filter
 
 
 def spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex64]:
-    """Along the sectors (view, ring, frequency), of heights (view, ring, sector) a little blurred."""
+    """Along the sectors (view, ring, frequency), of heights (view, ring, sector) a little
+    blurred."""
     clipped = np.clip(heights_m, 0.0, 15.0).astype(np.float64)  # as in the colour images
     blurred = uniform_filter(clipped, (0, 3, 3), mode=("nearest", "nearest", "wrap"))
-    found: NDArray[np.complex64] = np.fft.rfft(blurred - blurred.mean(axis=(1, 2), keepdims=True), axis=2).astype(np.complex64)
+    found: NDArray[np.complex64] = np.fft.rfft(
+        blurred - blurred.mean(axis=(1, 2), keepdims=True), axis=2
+    ).astype(np.complex64)
     return found
 
 
-def best_shifts(queries: NDArray[np.complex64], views: NDArray[np.complex64], sectors: int) -> NDArray[np.int64]:
-    """Columns (view,) to roll each view by so that it correlates best with its query; both are given by their spectra."""
+def best_shifts(
+    queries: NDArray[np.complex64], views: NDArray[np.complex64], sectors: int
+) -> NDArray[np.int64]:
+    """Columns (view,) to roll each view by so that it correlates best with its query; both are
+    given by their spectra."""
     correlation = np.fft.irfft((queries * views.conj()).sum(axis=1), sectors, axis=1)
     best: NDArray[np.int64] = correlation.round(6).argmax(axis=1)
     return best

@@ -1,4 +1,5 @@
-"""The results in a few lines: how often each method is right on the first and last day, and how often it dares to answer."""
+"""The results in a few lines: how often each method is right on the first and last day, and how
+often it dares to answer."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -17,22 +18,31 @@ from pipeline.report.summary import Row, Summary
 from pipeline.report.table import MISSING, average, fixed
 from pipeline.studies.courses import LIFELONG
 
-LINES, WIDEST = 30, 78
+LINES = 30
+WIDEST = 78
 AROUND = 5
 """Lines of a study besides its methods; the last line of all says where the rest is."""
 SHORT = 7  # strategies of a study of learning further days
-NARROW, NARROWEST = 72, 64
+NARROW = 72
+NARROWEST = 64
 """Below these widths the columns that matter less are left out."""
 
 
 def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: int) -> str:
-    """At most LINES lines of at most `width` columns, WIDEST if that is more, for the studies whose table of results this is;
-    recorded ones come first."""
+    """At most LINES lines of at most `width` columns, WIDEST if that is more, for the studies whose
+    table of results this is; recorded ones come first."""
     each = [(name, grid) for name, study in studies.items() for grid in study["grids"]]
     each.sort(key=lambda one: studies[one[0]]["source"] == "world")
     most = max((LINES - 1) // max(len(each), 1) - AROUND, 2)
     with StringIO() as file:
-        console = Console(file=file, width=min(width, WIDEST), color_system=None, highlight=False, emoji=False, markup=False)
+        console = Console(
+            file=file,
+            width=min(width, WIDEST),
+            color_system=None,
+            highlight=False,
+            emoji=False,
+            markup=False,
+        )
         for name, grid in each:
             own = table[(table["study"] == name) & (table["grid"] == grid)]
             if studies[name].get("question") == LIFELONG:
@@ -42,43 +52,70 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: 
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
-def _print_learning(console: Console, name: str, grid: str, rows: pd.DataFrame, study: Mapping[str, Any], most: int) -> None:
-    """One study of learning further days: recall and forgetting after the last step of each order, means over the seeds."""
+def _print_learning(
+    console: Console, name: str, grid: str, rows: pd.DataFrame, study: Mapping[str, Any], most: int
+) -> None:
+    """One study of learning further days: recall and forgetting after the last step of each order,
+    means over the seeds."""
     every = strategies(rows)
-    orders, found = by_order(every), by_strategy(every)
+    orders = by_order(every)
+    found = by_strategy(every)
     numbers = ("recall_of_all", "forgetting")[: 1 if console.width < NARROW else 2]
     name += ", simulated" if study["source"] == "world" else ", recorded"
     correct_m = rows.loc[rows["number"] == "correct_m", "value"].max()
-    title = f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within {correct_m:g} m"
+    title = (
+        f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within "
+        f"{correct_m:g} m"
+    )
     console.print(title, overflow="ellipsis", no_wrap=True)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
-    lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True
+    lines.columns[0].ratio = 1
+    lines.columns[0].no_wrap = True
     for order in orders:
         for heading in (f"{order}:\nof all", "for-\ngetting")[: len(numbers)]:
             lines.add_column(Text(heading), justify="right", no_wrap=True)
     shown = min(most, SHORT)
     for (model, strategy), of in [*found.items()][:shown]:
-        cells = [average(of[order].last(key, PROTOCOL)) if order in of else np.nan for order in orders for key in numbers]
+        cells = [
+            average(of[order].last(key, PROTOCOL)) if order in of else np.nan
+            for order in orders
+            for key in numbers
+        ]
         lines.add_row(Text(f"{model} {strategy}"), *(fixed(cell, 3) for cell in cells))
     console.print(lines)
     left = len(found) - shown
     return console.print(f"  … and {left} more\n" if left > 0 else "")
 
 
-def _print(console: Console, name: str, grid: str, found: Summary, study: Mapping[str, Any], most: int) -> None:
+def _print(
+    console: Console, name: str, grid: str, found: Summary, study: Mapping[str, Any], most: int
+) -> None:
     """One study at one cell size."""
     name += ", simulated" if study["source"] == "world" else ", recorded"
     if not found.rows:
-        return console.print(f"{name}: judged by viewpoints alone; `yearloc results --full`\n", overflow="ellipsis", no_wrap=True)
+        return console.print(
+            f"{name}: judged by viewpoints alone; `yearloc results --full`\n",
+            overflow="ellipsis",
+            no_wrap=True,
+        )
     days = "1 test day" if len(found.tests) == 1 else f"{len(found.tests)} test days"
-    title = f"{name}: learned {day(study['train'].split()[0])}, {days}, cells of {grid.removesuffix('m')} m"
+    title = (
+        f"{name}: learned {day(study['train'].split()[0])}, {days}, cells of "
+        f"{grid.removesuffix('m')} m"
+    )
     console.print(title, overflow="ellipsis", no_wrap=True)
     ends = [0, -1] if len(found.tests) > 1 else [0]
-    heads = [f"{'' if n else f'within {found.within_m:g} m'}\n{day(found.tests[at])}" for n, at in enumerate(ends)]
-    heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (console.width >= NARROWEST)
+    heads = [
+        f"{'' if n else f'within {found.within_m:g} m'}\n{day(found.tests[at])}"
+        for n, at in enumerate(ends)
+    ]
+    heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (
+        console.width >= NARROWEST
+    )
     heads += ["ms a\nquery"] * (console.width >= NARROW and found.is_timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
-    lines.columns[0].ratio, lines.columns[0].no_wrap = 1, True
+    lines.columns[0].ratio = 1
+    lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
     for row in found.rows[:most]:

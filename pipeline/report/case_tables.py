@@ -1,11 +1,25 @@
-"""Tables of altered queries, sequences of stress and cell sizes: means and deviations over sequences, seeds and repeats."""
+"""Tables of altered queries, sequences of stress and cell sizes: means and deviations over
+sequences, seeds and repeats."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from pipeline.report.comparison import AUC, AUROC, FAR, FAR_AUC, FAR_AUROC, KEPT, OFF, RECALL, WITHIN, Comparison, Kind, Measure
+from pipeline.report.comparison import (
+    AUC,
+    AUROC,
+    FAR,
+    FAR_AUC,
+    FAR_AUROC,
+    KEPT,
+    OFF,
+    RECALL,
+    WITHIN,
+    Comparison,
+    Kind,
+    Measure,
+)
 from pipeline.report.table import Cell, Table, count, number, spread, table
 
 BY_CELLS = (AUC, KEPT, RECALL, AUROC)
@@ -17,14 +31,18 @@ def _over_sequences(comparison: Comparison, model: str, kind: Kind, measure: Mea
 
 
 def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
-    """A row a model and kind of case: means ± deviation over the sequences; of the first measure, over repeats and seeds too."""
-    first, rows = measures[0], []
+    """A row a model and kind of case: means ± deviation over the sequences; of the first measure,
+    over repeats and seeds too."""
+    first = measures[0]
+    rows = []
     for model in comparison.ordered(comparison.kinds[-1], first):
         for kind in comparison.kinds:
             found = comparison.found(model, kind, first)
             cells = [_over_sequences(comparison, model, kind, one) for one in measures]
             chance = (number(found.over_repeats, 3), number(found.over_seeds, 3))
-            rows.append((model, kind.label, count(comparison.seeds[model]), cells[0], *chance, *cells[1:]))
+            rows.append(
+                (model, kind.label, count(comparison.seeds[model]), cells[0], *chance, *cells[1:])
+            )
     titles = [one.title for one in measures]
     header = ("model", "queries", "seeds", titles[0], "± over repeats", "± over seeds", *titles[1:])
     return table("every_case", header, rows, words=2, protocol=first.protocol)
@@ -34,31 +52,51 @@ def over_kinds(comparison: Comparison, measure: Measure) -> Table:
     """One measure: a row a model, a column a kind of case; means ± deviation over the sequences."""
     kinds = [kind for kind in comparison.kinds if kind.change or not measure.relative]
     models = comparison.ordered(kinds[-1], measure)
-    rows = [(model, *(_over_sequences(comparison, model, kind, measure) for kind in kinds)) for model in models]
-    return table("over_kinds", ("model", *(kind.label for kind in kinds)), rows, title=measure.title)
+    rows = [
+        (model, *(_over_sequences(comparison, model, kind, measure) for kind in kinds))
+        for model in models
+    ]
+    return table(
+        "over_kinds", ("model", *(kind.label for kind in kinds)), rows, title=measure.title
+    )
 
 
 def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
-    """One measure in one kind of case: a row a model, a column a sequence; means over seeds ± deviation over the repeats."""
+    """One measure in one kind of case: a row a model, a column a sequence; means over seeds ±
+    deviation over the repeats."""
     rows = []
     for model in comparison.ordered(kind, measure):
-        each = (comparison.found(model, kind, measure).on(i) for i in range(len(comparison.sequences)))
+        each = (
+            comparison.found(model, kind, measure).on(i) for i in range(len(comparison.sequences))
+        )
         rows.append((model, *(spread(one.by_repeat, measure.digits) for one in each)))
-    return table("on_sequences", ("model", *comparison.sequences), rows, title=measure.title, kind=kind)
+    return table(
+        "on_sequences", ("model", *comparison.sequences), rows, title=measure.title, kind=kind
+    )
 
 
 def stress(comparison: Comparison, named: Mapping[str, str]) -> Table:
     """As driven: a row a sequence and model; means over seeds ± deviation over them."""
-    measures, rows = (RECALL, AUC, AUROC, FAR, FAR_AUROC), []
+    measures = (RECALL, AUC, AUROC, FAR, FAR_AUROC)
+    rows = []
     for i, sequence in enumerate(comparison.sequences):
         for model in comparison.ordered(Kind(), RECALL):
-            cells = [spread(comparison.found(model, Kind(), one).on(i).by_seed, one.digits) for one in measures]
+            cells = [
+                spread(comparison.found(model, Kind(), one).on(i).by_seed, one.digits)
+                for one in measures
+            ]
             rows.append((named[sequence], model, count(comparison.seeds[model]), *cells))
-    return table("stress", ("sequence", "model", "seeds", *(one.title for one in measures)), rows, words=2)
+    return table(
+        "stress", ("sequence", "model", "seeds", *(one.title for one in measures)), rows, words=2
+    )
 
 
 def cells(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Table:
-    """One number: a row a model, the best at the largest cells above; a column a size; means ± deviation over the sequences."""
-    order = sorted(values, key=lambda model: -float(np.mean(values[model][-1])) if len(values[model][-1]) else np.inf)
+    """One number: a row a model, the best at the largest cells above; a column a size; means ±
+    deviation over the sequences."""
+    order = sorted(
+        values,
+        key=lambda model: -float(np.mean(values[model][-1])) if len(values[model][-1]) else np.inf,
+    )
     rows = [(model, *(spread(one, 3) for one in values[model])) for model in order]
     return table("cells", ("model", *(f"{size_m:g} m" for size_m in sizes_m)), rows, title=title)

@@ -1,4 +1,5 @@
-"""Models compared over cases, sequences, seeds and repeats: values picked from the table of results, never computed anew."""
+"""Models compared over cases, sequences, seeds and repeats: values picked from the table of
+results, never computed anew."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,8 +12,8 @@ from pipeline.report.found import Found, deviation
 from pipeline.studies.expansion import ModelName
 
 ONE_SEED = 0.02
-"""What another seed may do to a model of one seed: means over a simulated year of three seeds deviate by .003 to .016 for SCI
-trained with one or two headings and for its ring."""
+"""What another seed may do to a model of one seed: means over a simulated year of three seeds
+deviate by .003 to .016 for SCI trained with one or two headings and for its ring."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,9 @@ class Measure:
     name: str
     title: str
     digits: int = 3
-    relative: bool = False  # as a share of the same model's, of the same seed and sequence, as driven
+    relative: bool = (
+        False  # as a share of the same model's, of the same seed and sequence, as driven
+    )
 
 
 AUC = Measure("cells", "auc_top1", "AUC top-1 by cells")
@@ -61,10 +64,11 @@ MEASURES = (AUC, RECALL, AUROC, FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
 
 @dataclass(frozen=True)
 class Margin:
-    """By how much one model is ahead of another on the same sequences and repeats, in means over seeds.
+    """By how much one model is ahead of another on the same sequences and repeats, in means over
+    seeds.
 
-    Clear on every one of several sequences, and by more than the deviation over them and over either's seeds, or, of one seed,
-    than another might differ by.
+    Clear on every one of several sequences, and by more than the deviation over them and over
+    either's seeds, or, of one seed, than another might differ by.
     """
 
     value: float
@@ -76,21 +80,33 @@ class Comparison:
     """Models compared on the rows of some sequences and cases."""
 
     def __init__(self, table: pd.DataFrame, n_way: Mapping[str, int]) -> None:
-        """Rows of the table of results, and model to the N of its N-way training; raises InputError for no rows."""
+        """Rows of the table of results, and model to the N of its N-way training; raises InputError
+        for no rows."""
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
         own = table[table["number"].isin({one.name for one in MEASURES}) & (table["kind"] == "")]
-        families = [ModelName(*names).family for names in zip(own["method"], own["variant"], strict=True)]
+        families = [
+            ModelName(*names).family for names in zip(own["method"], own["variant"], strict=True)
+        ]
         cases = [Kind(*key) for key in own[["change", "level", "shadow"]].itertuples(index=False)]
         days = dict(zip(own["sequence"], own["days"], strict=True))
         self.models = list(dict.fromkeys(families))  # methods and variants, in the order they come
-        self.kinds = sorted(dict.fromkeys(cases), key=lambda kind: kind.change != "")  # as driven comes first
+        self.kinds = sorted(
+            dict.fromkeys(cases), key=lambda kind: kind.change != ""
+        )  # as driven comes first
         self.changes = [kind for kind in self.kinds if kind.change]
         self.sequences = sorted(days, key=lambda name: (days[name], name))
-        self.seeds: dict[str, int] = (own.groupby(families)["seed"].max() + 1).to_dict()  # how many each model has
+        self.seeds: dict[str, int] = (
+            own.groupby(families)["seed"].max() + 1
+        ).to_dict()  # how many each model has
         self.repeats = int(own["repeat"].max()) + 1  # the most that a kind of case has
-        self._methods, self._n_way = dict(zip(families, own["method"], strict=True)), n_way
-        columns = (families, cases, *(own[name] for name in ("protocol", "number", "seed", "sequence", "repeat")))
+        self._methods = dict(zip(families, own["method"], strict=True))
+        self._n_way = n_way
+        columns = (
+            families,
+            cases,
+            *(own[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
+        )
         self._values = dict(zip(zip(*columns, strict=True), own["value"], strict=True))
 
     def ways(self) -> dict[int, str]:
@@ -105,7 +121,15 @@ class Comparison:
         """One number of one model in one kind of case."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            key = (model, kind, measure.protocol, measure.name, seed, self.sequences[sequence], repeat)
+            key = (
+                model,
+                kind,
+                measure.protocol,
+                measure.name,
+                seed,
+                self.sequences[sequence],
+                repeat,
+            )
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
             return Found(values)
@@ -119,12 +143,14 @@ class Comparison:
 
     def ahead(self, one: str, other: str, kind: Kind, measure: Measure) -> Margin:
         """Of one model over another."""
-        ours, theirs = self.found(one, kind, measure), self.found(other, kind, measure)
+        ours = self.found(one, kind, measure)
+        theirs = self.found(other, kind, measure)
         apart = ours.by_sequence - theirs.by_sequence
         apart = apart[np.isfinite(apart)]
         if not len(apart):
             return Margin(np.nan, 0, False)
         seeds = (ONE_SEED if np.isnan(one.over_seeds) else one.over_seeds for one in (ours, theirs))
-        value, noise = float(apart.mean()), np.nanmax([deviation(apart), *seeds])
+        value = float(apart.mean())
+        noise = np.nanmax([deviation(apart), *seeds])
         same = bool((apart > 0).all() or (apart < 0).all())
         return Margin(value, len(apart), len(apart) > 1 and same and abs(value) > noise)

@@ -13,7 +13,14 @@ from pipeline.report.table import Cell, Table, number, table
 from pipeline.studies.expansion import ModelName
 
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
-POSES = ("within_2m_5deg", "within_05m_2deg", "error_m", "error_deg", "recall_99", "wrong_of_accepted_99")
+POSES = (
+    "within_2m_5deg",
+    "within_05m_2deg",
+    "error_m",
+    "error_deg",
+    "recall_99",
+    "wrong_of_accepted_99",
+)
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
@@ -23,19 +30,33 @@ def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) ->
         for grid in study["grids"]:
             own = results[(results["study"] == name) & (results["grid"] == grid)]
             if (summary := Summary.of(own, study)).rows:
-                shown.append({"name": name, "study": study, "grid": grid, "tables": list(_tables(own, summary))})
+                shown.append(
+                    {
+                        "name": name,
+                        "study": study,
+                        "grid": grid,
+                        "tables": list(_tables(own, summary)),
+                    }
+                )
     return template("results.md.j2", studies=shown)
 
 
 def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """The first table of each study alone: the shares that are right, by day, without what a query costs."""
+    """The first table of each study alone: the shares that are right, by day, without what a query
+    costs."""
     tables = []
     for name, study in studies.items():
         for grid in study["grids"]:
-            own = results[(results["study"] == name) & (results["grid"] == grid) & (results["number"] != "query_ms")]
+            own = results[
+                (results["study"] == name)
+                & (results["grid"] == grid)
+                & (results["number"] != "query_ms")
+            ]
             summary = Summary.of(own, study)
             if summary.rows:
-                tables.append(scorecard(summary, [day(sequence) for sequence in summary.tests]).markdown())
+                tables.append(
+                    scorecard(summary, [day(sequence) for sequence in summary.tests]).markdown()
+                )
     return "\n".join(tables)
 
 
@@ -44,22 +65,46 @@ def _tables(own: pd.DataFrame, summary: Summary) -> Iterator[Table]:
     yield scorecard(summary, dates)
     driven = own[(own["change"] == "") & (own["kind"] == "") & (own["seed"] == 0)]
     known = indexed(driven, "method", "variant", "protocol", "number", "sequence")
-    values = {(ModelName(method, variant).name, *of): value for (method, variant, *of), value in known.items()}
+    values = {
+        (ModelName(method, variant).name, *of): value
+        for (method, variant, *of), value in known.items()
+    }
     models = [row.model for row in summary.rows]
     for protocol, name in SHOWN:
-        rows = [(model, *(_cell(values, model, protocol, name, test, 3) for test in summary.tests)) for model in models]
+        rows = [
+            (model, *(_cell(values, model, protocol, name, test, 3) for test in summary.tests))
+            for model in models
+        ]
         yield table(f"by_{protocol}_{name}", ("method", *dates), rows)
-    posed = [model for model in models if (model, "distance", POSES[0], summary.tests[-1]) in values]
+    posed = [
+        model for model in models if (model, "distance", POSES[0], summary.tests[-1]) in values
+    ]
     rows = [
-        (model, date, *(_cell(values, model, "distance", name, test, 2 if "error" in name else 3) for name in POSES))
+        (
+            model,
+            date,
+            *(
+                _cell(values, model, "distance", name, test, 2 if "error" in name else 3)
+                for name in POSES
+            ),
+        )
         for model in posed
         for test, date in zip(summary.tests, dates, strict=True)
     ]
-    heads = ("within 2 m, 5°", "within .5 m, 2°", "error [m]", "error [°]", "accepted and right at .99", "wrong of accepted")
+    heads = (
+        "within 2 m, 5°",
+        "within .5 m, 2°",
+        "error [m]",
+        "error [°]",
+        "accepted and right at .99",
+        "wrong of accepted",
+    )
     if rows:
         yield table("posed", ("method", "day", *heads), rows, words=2)
 
 
-def _cell(values: Mapping[Any, Values], model: str, protocol: str, name: str, test: str, digits: int) -> Cell:
+def _cell(
+    values: Mapping[Any, Values], model: str, protocol: str, name: str, test: str, digits: int
+) -> Cell:
     value, low, high = values.get((model, protocol, name, test), NONE)
     return number(value, digits, (low, high))

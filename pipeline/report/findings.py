@@ -1,6 +1,9 @@
-"""What the numbers show, as data: who is compared, by how much, and whether that is clear. Templates make the sentences.
+"""What the numbers show, as data: who is compared, by how much, and whether that is clear.
 
-Every value is a row of the table of results, or a mean of such rows over the test sequences; names of models come from there too.
+Templates make the sentences.
+
+Every value is a row of the table of results, or a mean of such rows over the test sequences; names
+of models come from there too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,86 +30,160 @@ class Finding:
     """One verdict."""
 
     kind: str  # its key in templates/words.yaml, which holds the sentence
-    values: Mapping[str, Any]  # what the sentence is filled with: names of models, differences, intervals, whether they are clear
+    values: Mapping[
+        str, Any
+        # what the sentence is filled with: names of models, differences, intervals, whether they
+        # clear
+    ]
 
     def __init__(self, kind: str, /, **values: Any) -> None:
         vars(self).update(kind=kind, values=values)
 
 
 def answer(study: Study) -> Finding:
-    """The study in a paragraph: how often the best model finds the right place, how that ages, and how the others fare."""
+    """The study in a paragraph: how often the best model finds the right place, how that ages, and
+    how the others fare."""
     groups = by_model(study.results)
 
     def shares(model: str) -> dict[str, Any]:
         group = groups[model]
-        means = {by: average([one.number(by, "recall_at_1") for one in group]) for by in ("cells", "distance")}
+        means = {
+            by: average([one.number(by, "recall_at_1") for one in group])
+            for by in ("cells", "distance")
+        }
         ends = [(one.number("distance", "recall_at_1"), one.days) for one in (group[0], group[-1])]
-        at = {of: average([one.number("distance", f"{of}_at_threshold") for one in group]) for of in ("precision", "recall")}
-        return {"model": model, "mean": means, "ends": ends, "at": at, "wanted": group[0].wanted_precision, "kept": group[0].kept}
+        at = {
+            of: average([one.number("distance", f"{of}_at_threshold") for one in group])
+            for of in ("precision", "recall")
+        }
+        return {
+            "model": model,
+            "mean": means,
+            "ends": ends,
+            "at": at,
+            "wanted": group[0].wanted_precision,
+            "kept": group[0].kept,
+        }
 
-    learned, (first, *others) = study.models[study.best], map(shares, study.ranked)
-    budget = float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
-    about = {"where": study.where, "train": day(study.train), "tests": len(groups[study.best]), "budget": budget}
-    return Finding("answer", **about, near_m=study.distance.correct_m, cell_m=study.cell_m, first=first, others=others)
+    learned = study.models[study.best]
+    (first, *others) = map(shares, study.ranked)
+    budget = (
+        float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
+    )
+    about = {
+        "where": study.where,
+        "train": day(study.train),
+        "tests": len(groups[study.best]),
+        "budget": budget,
+    }
+    return Finding(
+        "answer",
+        **about,
+        near_m=study.distance.correct_m,
+        cell_m=study.cell_m,
+        first=first,
+        others=others,
+    )
 
 
 def doubts(study: Study) -> list[Finding]:
-    """A finding a model, or two where protocols differ: what makes its numbers say little or nothing, and on which tests."""
+    """A finding a model, or two where protocols differ: what makes its numbers say little or
+    nothing, and on which tests."""
     found = []
     for model, group in by_model(study.results).items():
-        every = {by: [one for name in (VOID, *DOUBTS) if (one := _doubted(group, by, name))["on"]] for by in PROTOCOLS}
+        every = {
+            by: [one for name in (VOID, *DOUBTS) if (one := _doubted(group, by, name))["on"]]
+            for by in PROTOCOLS
+        }
         same = every["cells"] == every["distance"]
         for by, listed in {"both protocols": every["cells"]}.items() if same else every.items():
-            blind = max(one.number(protocol, BLIND) for one in group for protocol in PROTOCOLS if same or protocol == by)
+            blind = max(
+                one.number(protocol, BLIND)
+                for one in group
+                for protocol in PROTOCOLS
+                if same or protocol == by
+            )
             about = {"wanted": group[0].wanted_precision, "tests": len(group), "blind": blind}
-            found += [Finding("doubts", model=model, protocol=by, listed=listed, **about)] if listed else []
+            found += (
+                [Finding("doubts", model=model, protocol=by, listed=listed, **about)]
+                if listed
+                else []
+            )
     return found
 
 
 def _doubted(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
     """On which test sequences a doubt applies, and its largest value."""
-    found = {one.sequence: one.number(protocol, name) for one in group if (protocol, name) in one.numbers}
+    found = {
+        one.sequence: one.number(protocol, name) for one in group if (protocol, name) in one.numbers
+    }
     return {"name": name, "on": list(found), "value": max(found.values(), key=abs, default=0)}
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
-    """A finding a model: where it is clearly better than the reference on the same queries, and where worse."""
+    """A finding a model: where it is clearly better than the reference on the same queries, and
+    where worse."""
     found = []
     for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
-        verdicts, known = [], group.set_index(["number", "sequence"])["value"]
+        verdicts = []
+        known = group.set_index(["number", "sequence"])["value"]
         for number in COMPARED:
-            values, p = known[f"{number}_difference"], known[f"{number}_difference_p"]
-            better, worse = ([day(one) for one in values.index[(p < LEVEL) & (sign * values > 0)]] for sign in (1, -1))
-            verdicts.append(
-                {"title": TITLES[number], "mean": values.mean(), "better": better, "worse": worse, "tests": len(values)}
+            values = known[f"{number}_difference"]
+            p = known[f"{number}_difference_p"]
+            better, worse = (
+                [day(one) for one in values.index[(p < LEVEL) & (sign * values > 0)]]
+                for sign in (1, -1)
             )
-        found.append(Finding("paired", model=model, reference=reference, protocol=protocol, verdicts=verdicts))
+            verdicts.append(
+                {
+                    "title": TITLES[number],
+                    "mean": values.mean(),
+                    "better": better,
+                    "worse": worse,
+                    "tests": len(values),
+                }
+            )
+        found.append(
+            Finding(
+                "paired", model=model, reference=reference, protocol=protocol, verdicts=verdicts
+            )
+        )
     return found
 
 
 def novelties(study: Study, protocol: str) -> list[Finding]:
-    """A finding a model: which kind of novelty rejects best, and whose thresholds kept the wanted precision best."""
+    """A finding a model: which kind of novelty rejects best, and whose thresholds kept the wanted
+    precision best."""
     found = []
     for model, group in by_model(study.results).items():
-        kinds, wanted = group[0].evaluation.kinds, group[0].wanted_precision
-        values = np.stack([one.evaluation.protocol(protocol).rejection for one in group])  # (sequence, kind, measure, 3)
+        kinds = group[0].evaluation.kinds
+        wanted = group[0].wanted_precision
+        values = np.stack(
+            [one.evaluation.protocol(protocol).rejection for one in group]
+        )  # (sequence, kind, measure, 3)
         auroc, area, _, precision, recall = np.moveaxis(values[..., 0], 2, 0)
         there = np.isfinite(auroc).all(axis=1)
         if not there.any():
             continue
         means = zip(kinds, auroc[there].mean(axis=0), area[there].mean(axis=0), strict=True)
-        every: list[dict[str, Any]] = [{"kind": kind, "auroc": one, "auc": other} for kind, one, other in means]
+        every: list[dict[str, Any]] = [
+            {"kind": kind, "auroc": one, "auc": other} for kind, one, other in means
+        ]
         ranked = sorted(every, key=lambda one: -one["auroc"])
         first = kinds.index(ranked[0]["kind"])
-        low, high = values[there][:, first, 0, 1], values[there][:, 0, 0, 2]
+        low = values[there][:, first, 0, 1]
+        high = values[there][:, 0, 0, 2]
         about: dict[str, Any] = {
             "ahead": int((auroc[there][:, first] > auroc[there][:, 0]).sum()),
             "clearly": int((low > high).sum()),
         }
-        less = np.array(group[0].evaluation.kept) < wanted  # chosen for what could be kept, not for what was wanted
+        less = (
+            np.array(group[0].evaluation.kept) < wanted
+        )  # chosen for what could be kept, not for what was wanted
         chosen = np.isfinite(precision).all(axis=0) & ~less
         miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
-        best, kept = int(miss.argmin()), {}
+        best = int(miss.argmin())
+        kept = {}
         if protocol == "cells" and np.isfinite(miss[best]):
             kept = {"kind": kinds[best], "miss": miss[best], "wanted": wanted}
             kept |= {"lowest": precision[:, best].min(), "recall": recall[:, best].mean()}
@@ -117,12 +194,24 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
 
 
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
-    """Which models clearly lose of one number with the days, when to train them again, and what the others may lose."""
-    slopes, lost = (_lines(rows, protocol, f"{number}_{end}") for end in (f"per_{PER_DAYS}_days", "retrain_after_days"))
-    falls = [{"model": model, "slope": slope, "days": lost[model]} for model, slope in slopes.items() if model in lost]
+    """Which models clearly lose of one number with the days, when to train them again, and what the
+    others may lose."""
+    slopes, lost = (
+        _lines(rows, protocol, f"{number}_{end}")
+        for end in (f"per_{PER_DAYS}_days", "retrain_after_days")
+    )
+    falls = [
+        {"model": model, "slope": slope, "days": lost[model]}
+        for model, slope in slopes.items()
+        if model in lost
+    ]
     others = {model: least for model, (_, least, most) in slopes.items() if most >= 0}
     low = min(others.values(), default=0.0)
-    worst = {"model": min(others, key=lambda model: others[model]), "slope": low} if low < -SLIGHT else {}
+    worst = (
+        {"model": min(others, key=lambda model: others[model]), "slope": low}
+        if low < -SLIGHT
+        else {}
+    )
     counts = {"known": len(slopes), "others": len(others), "last": last_day, "per": PER_DAYS}
     return Finding("ageing", title=title, falls=falls, worst=worst, **counts)
 
@@ -131,40 +220,71 @@ def newer(rows: pd.DataFrame) -> Finding:
     """To which models the seen places clearly look newer with the days."""
     slopes = _lines(rows, "distance", f"novelty_percentile_per_{PER_DAYS}_days")
     sure = [{"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0]
-    return Finding("newer", known=len(slopes), sure=sure, all=len(sure) == len(slopes), per=PER_DAYS)
+    return Finding(
+        "newer", known=len(slopes), sure=sure, all=len(sure) == len(slopes), per=PER_DAYS
+    )
 
 
 def confounders(study: Study) -> Finding:
-    """What else differs between the sequences: the shares of unseen queries, and of seen ones that drive another way."""
+    """What else differs between the sequences: the shares of unseen queries, and of seen ones that
+    drive another way."""
     first = by_model(study.results)[study.families[0]]
     days = np.array([one.days for one in first], np.float64)
-    unseen = np.array([one.number("cells", "unseen") / max(one.number("cells", "queries"), 1) for one in first])
+    unseen = np.array(
+        [one.number("cells", "unseen") / max(one.number("cells", "queries"), 1) for one in first]
+    )
     turned = np.array([one.number("cells", "turned_share") for one in first])
 
     def change(shares: Any) -> dict[str, float]:
-        there = len(days) > 2 and np.isfinite(shares).all() and min(np.ptp(shares), np.ptp(days)) > 1e-6
+        there = (
+            len(days) > 2 and np.isfinite(shares).all() and min(np.ptp(shares), np.ptp(days)) > 1e-6
+        )
         correlation = float(np.corrcoef(days, shares)[0, 1]) if there else np.nan
         return {"first": shares[0], "last": shares[-1], "correlation": correlation}
 
     return Finding("confounders", tests=len(days), unseen=change(unseen), turned=change(turned))
 
 
-def slopes_counted(rows: pd.DataFrame, shown: Sequence[tuple[str, str]], level: float = 0.95) -> Finding:
-    """How many of the slopes that are drawn clearly mean ageing, against how many would by chance; and the oracle's."""
-    slopes = [(name, one) for by, name in shown for one in _lines(rows, by, f"{name}_per_{PER_DAYS}_days").values()]
-    worse = sum(low > 0 if name == "novelty_percentile" else high < 0 for name, (_, low, high) in slopes)
-    own = rows[(rows["method"] == ORACLE) & (rows["number"] == f"recall_at_1_same_heading_per_{PER_DAYS}_days")]
+def slopes_counted(
+    rows: pd.DataFrame, shown: Sequence[tuple[str, str]], level: float = 0.95
+) -> Finding:
+    """How many of the slopes that are drawn clearly mean ageing, against how many would by chance;
+    and the oracle's."""
+    slopes = [
+        (name, one)
+        for by, name in shown
+        for one in _lines(rows, by, f"{name}_per_{PER_DAYS}_days").values()
+    ]
+    worse = sum(
+        low > 0 if name == "novelty_percentile" else high < 0 for name, (_, low, high) in slopes
+    )
+    own = rows[
+        (rows["method"] == ORACLE)
+        & (rows["number"] == f"recall_at_1_same_heading_per_{PER_DAYS}_days")
+    ]
     oracle = indexed(own, "method").get(ORACLE, ())
     chance = len(slopes) * (1 - level) / 2
-    return Finding("slopes_counted", worse=worse, number=len(slopes), chance=chance, oracle=oracle, per=PER_DAYS)
+    return Finding(
+        "slopes_counted",
+        worse=worse,
+        number=len(slopes),
+        chance=chance,
+        oracle=oracle,
+        per=PER_DAYS,
+    )
 
 
 def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
-    """By cells, in the nearest band with enough seen queries: which models clearly do worse there once a change shows."""
+    """By cells, in the nearest band with enough seen queries: which models clearly do worse there
+    once a change shows."""
     own = indexed(rows[rows["protocol"] == "cells"], "number", "level", "change", "method")
-    models = list(dict.fromkeys(model for name, _, change, model in own if name == number and change == SHOWN))
+    models = list(
+        dict.fromkeys(model for name, _, change, model in own if name == number and change == SHOWN)
+    )
     for edge in sorted(names):
-        counts = [int(own.get(("seen", edge, when, models[0]), (0,))[0]) for when in (SHOWN, TO_COME)]
+        counts = [
+            int(own.get(("seen", edge, when, models[0]), (0,))[0]) for when in (SHOWN, TO_COME)
+        ]
         if np.isfinite(edge) and min(counts) >= few:
             break
     else:
@@ -172,37 +292,60 @@ def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], fe
     verdicts = []
     for model in models:
         shown, before = (own[number, edge, when, model] for when in (SHOWN, TO_COME))
-        verdicts.append({"model": model, "shown": shown[0], "before": before[0], "lower": shown[2] < before[1]})
-    return Finding("near_changes", title=TITLES[number], band=names[edge], counts=counts, verdicts=verdicts)
+        verdicts.append(
+            {"model": model, "shown": shown[0], "before": before[0], "lower": shown[2] < before[1]}
+        )
+    return Finding(
+        "near_changes", title=TITLES[number], band=names[edge], counts=counts, verdicts=verdicts
+    )
 
 
 def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -> Finding:
     """How much there is to see: the changes, and the seen queries near one."""
-    counts = {kind: int(rows.loc[rows["number"] == f"{kind}_changes", "value"].sum()) for kind in kinds}
+    counts = {
+        kind: int(rows.loc[rows["number"] == f"{kind}_changes", "value"].sum()) for kind in kinds
+    }
     near = rows[rows["number"] == "seen_near_a_change"].set_index("sequence")["value"]
-    most = {} if near.empty or not near.max() else {"sequence": day(near.idxmax()), "seen": int(near.max())}
-    return Finding("changes_counted", counts=counts, seen=int(near.sum()), within_m=within_m, most=most)
+    most = (
+        {}
+        if near.empty or not near.max()
+        else {"sequence": day(near.idxmax()), "seen": int(near.max())}
+    )
+    return Finding(
+        "changes_counted", counts=counts, seen=int(near.sum()), within_m=within_m, most=most
+    )
 
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
-    """Which way a number goes from the smallest cells to the largest, model by model, on the same sequences."""
+    """Which way a number goes from the smallest cells to the largest, model by model, on the same
+    sequences."""
     same = {model: found for model, found in values.items() if len(found[0]) == len(found[-1])}
     apart = {model: np.asarray(found[-1]) - np.asarray(found[0]) for model, found in same.items()}
     ways = [
         {
             "way": way,
-            "models": [{"model": m, "mean": float(d.mean())} for m, d in apart.items() if len(d) and (sign * d > 0).all()],
+            "models": [
+                {"model": m, "mean": float(d.mean())}
+                for m, d in apart.items()
+                if len(d) and (sign * d > 0).all()
+            ],
         }
         for way, sign in (("rises", 1), ("falls", -1))
     ]
-    return Finding("trend", title=title, first_m=sizes_m[0], last_m=sizes_m[-1], models=len(apart), ways=ways)
+    return Finding(
+        "trend", title=title, first_m=sizes_m[0], last_m=sizes_m[-1], models=len(apart), ways=ways
+    )
 
 
-def best_at_each_size(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
+def best_at_each_size(
+    values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]
+) -> Finding:
     """The first model at each size."""
     listed = []
     for i, size_m in enumerate(sizes_m):
-        means = {model: float(np.mean(found[i])) for model, found in values.items() if len(found[i])}
+        means = {
+            model: float(np.mean(found[i])) for model, found in values.items() if len(found[i])
+        }
         if means:
             best = max(means, key=lambda one: means[one])
             listed.append({"model": best, "size_m": size_m, "mean": means[best]})
@@ -210,12 +353,21 @@ def best_at_each_size(values: Mapping[str, Sequence[Any]], title: str, sizes_m: 
 
 
 def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding:
-    """What a section rests on: where, cells, how many sequences, repeats and seeds, and the budget."""
-    rests = {"sequences": sequences, "seeds": seeds, "repeats": repeats, "budget": study.words["budget"]}
+    """What a section rests on: where, cells, how many sequences, repeats and seeds, and the
+    budget."""
+    rests = {
+        "sequences": sequences,
+        "seeds": seeds,
+        "repeats": repeats,
+        "budget": study.words["budget"],
+    }
     return Finding("scope", where=study.where, grid=study.grid, **rests)
 
 
 def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Values]:
-    """One number of the whole year and its interval, by model; the oracle, and those without an interval, left out."""
-    own = rows[(rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)]
+    """One number of the whole year and its interval, by model; the oracle, and those without an
+    interval, left out."""
+    own = rows[
+        (rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)
+    ]
     return indexed(own[np.isfinite(own["low"])], "method")

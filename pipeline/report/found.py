@@ -1,4 +1,5 @@
-"""One number of one model over its seeds, the test sequences and the repeats: means and deviations."""
+"""One number of one model over its seeds, the test sequences and the repeats: means and
+deviations."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +10,21 @@ class Found:
 
     def __init__(self, values: NDArray[np.float64]) -> None:
         """Values (seed, sequence, repeat), NaN where there is none."""
-        self.values, each = values, _mean(values, 2)
+        self.values = values
+        each = _mean(values, 2)
         self.by_sequence = _mean(each, 0)  # (sequence,) means over repeats, then over seeds
         self.by_seed = _mean(each, 1)  # (seed,) means over repeats, then over sequences
-        self.by_repeat = _mean(_mean(values, 0), 0)  # (repeat,) means over seeds, then over sequences
+        self.by_repeat = _mean(
+            _mean(values, 0), 0
+        )  # (repeat,) means over seeds, then over sequences
         self.mean = float(_mean(self.by_sequence, 0))
-        # standard deviations, NaN of fewer than two: over the sequences; over the seeds of what each has on average; over the
-        # repeats of one seed on one sequence, on average
-        self.over_sequences, self.over_seeds = deviation(self.by_sequence), deviation(self.by_seed)
-        self.over_repeats = float(_mean(np.ma.filled(np.ma.masked_invalid(values).std(axis=2, ddof=1), np.nan), None))
+        # standard deviations, NaN of fewer than two: over the sequences; over the seeds of what
+        # each has on average; over the repeats of one seed on one sequence, on average
+        self.over_sequences = deviation(self.by_sequence)
+        self.over_seeds = deviation(self.by_seed)
+        self.over_repeats = float(
+            _mean(np.ma.filled(np.ma.masked_invalid(values).std(axis=2, ddof=1), np.nan), None)
+        )
 
     def on(self, sequence: int) -> "Found":
         """The same on one sequence alone."""

@@ -1,4 +1,5 @@
-"""Published numbers: blocks of README.md and docs/RESULTS.md that are written from the studies' tables of results."""
+"""Published numbers: blocks of README.md and docs/RESULTS.md that are written from the studies'
+tables of results."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +12,9 @@ from pipeline.report.brief import WIDEST, brief
 from pipeline.report.document import document, scores
 
 PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
-MARK = re.compile(r"(<!-- results: (?P<words>[^>]*?) -->\n)(?P<text>.*?)(<!-- end of results -->)", re.DOTALL)
+MARK = re.compile(
+    r"(<!-- results: (?P<words>[^>]*?) -->\n)(?P<text>.*?)(<!-- end of results -->)", re.DOTALL
+)
 PICTURE = "picture"
 KINDS = "brief", "tables", "bfloat16", "float32", PICTURE
 
@@ -23,7 +26,8 @@ class Block(NamedTuple):
     budget: str
     """As the study was trained: a file of conf/budget."""
     kind: str
-    """One of KINDS: a few lines, all tables, the moving picture, or the table as a processor of that arithmetic gives it."""
+    """One of KINDS: a few lines, all tables, the moving picture, or the table as a processor of
+    that arithmetic gives it."""
     model: str = ""
     """Whose answers a picture shows, such as sci_ring-pose; the other kinds name none."""
 
@@ -36,14 +40,16 @@ def blocks(page: str) -> list[Block]:
         kind = words[2] if len(words) > 2 else ""
         if kind not in KINDS or len(words) != 3 + (kind == PICTURE):
             raise ConfigError(
-                f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and {', '.join(KINDS[:-1])} or {KINDS[-1]} MODEL"
+                f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and "
+                f"{', '.join(KINDS[:-1])} or {KINDS[-1]} MODEL"
             )
         found.append(Block(*words))
     return found
 
 
 def filled(page: str, texts: Mapping[Block, str]) -> str:
-    """The page with the text of each of these blocks between its marks; other blocks stay as they are."""
+    """The page with the text of each of these blocks between its marks; other blocks stay as they
+    are."""
 
     def text(mark: re.Match[str]) -> str:
         block = Block(*mark["words"].split())
@@ -52,8 +58,11 @@ def filled(page: str, texts: Mapping[Block, str]) -> str:
     return MARK.sub(text, page)
 
 
-def table_texts(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str) -> dict[Block, str]:
-    """The text of every block of tables that these studies can fill, on a processor of this `arithmetic`."""
+def table_texts(
+    results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str
+) -> dict[Block, str]:
+    """The text of every block of tables that these studies can fill, on a processor of this
+    `arithmetic`."""
     texts = {}
     for name, study in studies.items():
         own = {name: study}

@@ -6,18 +6,29 @@ from pipeline.report.result import Result, dates
 from pipeline.report.table import Table, number, table
 
 POSES = (
-    ("within 2 m, 5°", "within_2m_5deg", 3), ("training's heading", "within_2m_5deg_same_heading", 3),
-    ("turned", "within_2m_5deg_turned", 3), ("2 m or more beside", "within_2m_5deg_beside", 3),
-    ("within .5 m, 2°", "within_05m_2deg", 3), ("error [m]", "error_m", 2), ("error [°]", "error_deg", 2),
-    ("all poses, RMS [m]", "trajectory_m", 2), ("wrong of accepted at .99", "wrong_of_accepted_99", 4),
+    ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("training's heading", "within_2m_5deg_same_heading", 3),
+    ("turned", "within_2m_5deg_turned", 3),
+    ("2 m or more beside", "within_2m_5deg_beside", 3),
+    ("within .5 m, 2°", "within_05m_2deg", 3),
+    ("error [m]", "error_m", 2),
+    ("error [°]", "error_deg", 2),
+    ("all poses, RMS [m]", "trajectory_m", 2),
+    ("wrong of accepted at .99", "wrong_of_accepted_99", 4),
     ("recall at .99", "recall_99", 3),
-)  # fmt: skip
+)
 
 
 def poses(posed: Sequence[Result]) -> Table:
     """A row a model and test sequence: how near its poses are, and what became of the promise."""
-    rows, days = [], dates(posed)
+    rows = []
+    days = dates(posed)
     for one in posed:
-        cells = [number(one.number("distance", name), digits, one.interval("distance", name)) for _, name, digits in POSES]
+        cells = [
+            number(one.number("distance", name), digits, one.interval("distance", name))
+            for _, name, digits in POSES
+        ]
         rows.append((one.model, days[one.sequence], *cells))
-    return table("poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2)
+    return table(
+        "poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2
+    )

@@ -1,4 +1,5 @@
-"""Fills the templates: words.yaml holds titles, captions and sentences, the *.j2 files the markdown report and the page."""
+"""Fills the templates: words.yaml holds titles, captions and sentences, the *.j2 files the markdown
+report and the page."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +19,9 @@ from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Table, fixed, signed
 
 UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank that no line breaks at
-BLANKS = re.compile(r"(?<=\S) {2,}")  # left between two parts of a sentence; those that begin a line mean something
+BLANKS = re.compile(
+    r"(?<=\S) {2,}"
+)  # left between two parts of a sentence; those that begin a line mean something
 
 
 def part(name: str) -> str:
@@ -32,7 +35,8 @@ def template(name: str, **values: Any) -> str:
 
 
 def texts(one: Section | Illustration) -> tuple[str, str, str]:
-    """Title, question and remarks of a section; of a figure its title, nothing, and how to read it."""
+    """Title, question and remarks of a section; of a figure its title, nothing, and how to read
+    it."""
     if isinstance(one, Section):
         title, question, remarks = f"{words('sections', one.kind, **one.values)}\n\n".split("\n", 2)
         return title, question, remarks.strip()
@@ -60,11 +64,16 @@ def words(*path: str, **values: Any) -> str:
     found: Any = _words()
     for key in path:
         found = found.get(key, "") if isinstance(found, Mapping) else ""
-    return BLANKS.sub(" ", _environment(False).from_string(found).render(**values)).strip() if found else ""
+    return (
+        BLANKS.sub(" ", _environment(False).from_string(found).render(**values)).strip()
+        if found
+        else ""
+    )
 
 
 def prose(text: str) -> Markup:
-    """The little markdown that the words are written in, as HTML: paragraphs, lists, **strong**, *emphasis* and `code`."""
+    """The little markdown that the words are written in, as HTML: paragraphs, lists, **strong**,
+    *emphasis* and `code`."""
     blocks = []
     for block in re.split(r"\n\s*\n", text.strip()):
         first, *items = re.split(r"(?m)^- ", block)
@@ -105,7 +114,8 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 class _Numbers(Formatter):
-    """`{mean:3}` and `{apart:+3}` are numbers of three digits, `{share:%1}` is percent of one, `{clear:yes|no}` a choice."""
+    """`{mean:3}` and `{apart:+3}` are numbers of three digits, `{share:%1}` is percent of one,
+    `{clear:yes|no}` a choice."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if "|" in format_spec:
@@ -120,7 +130,10 @@ class _Numbers(Formatter):
 def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
     """A pattern filled with each item, a mapping or a sequence."""
     filled = (
-        _Numbers().vformat(pattern, (), one) if isinstance(one, Mapping) else _Numbers().format(pattern, *one) for one in items
+        _Numbers().vformat(pattern, (), one)
+        if isinstance(one, Mapping)
+        else _Numbers().format(pattern, *one)
+        for one in items
     )
     return between.join(filled)
 
@@ -135,14 +148,36 @@ class _Filled(Environment):
     """`one.clear` is the entry of a mapping that has one, not the method that empties it."""
 
     def getattr(self, obj: Any, attribute: str) -> Any:
-        return obj[attribute] if isinstance(obj, Mapping) and attribute in obj else super().getattr(obj, attribute)
+        return (
+            obj[attribute]
+            if isinstance(obj, Mapping) and attribute in obj
+            else super().getattr(obj, attribute)
+        )
 
 
 @cache
 def _environment(html: bool) -> Environment:
-    whole: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True, "undefined": StrictUndefined}
+    whole: Any = {
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+        "keep_trailing_newline": True,
+        "undefined": StrictUndefined,
+    }
     env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
-    for own in (fixed, signed, listing, percent, each, prose, inline, sentence, caption, title, texts, day):
+    for own in (
+        fixed,
+        signed,
+        listing,
+        percent,
+        each,
+        prose,
+        inline,
+        sentence,
+        caption,
+        title,
+        texts,
+        day,
+    ):
         env.filters[own.__name__] = own
     env.filters |= {
         "g": "{:g}".format,

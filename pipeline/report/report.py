@@ -20,43 +20,65 @@ from pipeline.studies.courses import LIFELONG
 from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 from pipeline.views.birdview import BirdView
 
-MANIFEST = "figures.json"  # which figure files a study has, and whose they are: MLflow shows them beside model and sequence
+# which figure files a study has, and whose they are: MLflow shows them beside model and sequence
+MANIFEST = "figures.json"
 
 
 def write(
-    folder: Path, artifacts: Path, studies: Mapping[str, Any], table: pd.DataFrame, few: int, view: Callable[[str], BirdView]
+    folder: Path,
+    artifacts: Path,
+    studies: Mapping[str, Any],
+    table: pd.DataFrame,
+    few: int,
+    view: Callable[[str], BirdView],
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a line that says what.
 
-    `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real change say little.
+    `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real
+    change say little.
     """
     entries = []
     for name, words in studies.items():
         for grid in words["grids"]:
-            study, own = Study(artifacts, name, words, grid, table[table["study"] == name]), folder / name / grid
+            study = Study(artifacts, name, words, grid, table[table["study"] == name])
+            own = folder / name / grid
             own.mkdir(parents=True)
             found = list(_sections(study, own, few, view))
-            (own / "report.md").write_text(template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8")
+            (own / "report.md").write_text(
+                template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8"
+            )
             files = [
-                {"file": one.path.name} | {name: one.values.get(name, "") for name in ("model", "sequence")}
+                {"file": one.path.name}
+                | {name: one.values.get(name, "") for name in ("model", "sequence")}
                 for section in found
                 for one in section.illustrations
             ]
-            (own / "results.txt").write_text(terminal.text(study, len(list(own.glob("*.svg")))) + "\n", encoding="utf-8")
+            (own / "results.txt").write_text(
+                terminal.text(study, len(list(own.glob("*.svg")))) + "\n", encoding="utf-8"
+            )
             (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n", encoding="utf-8")
-            entries.append(page.Entry(study, found, Front(study) if asks_about_the_year(words) else None))
+            entries.append(
+                page.Entry(study, found, Front(study) if asks_about_the_year(words) else None)
+            )
     if not entries:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
-    path.write_text(page.html(entries, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8")
+    path.write_text(
+        page.html(entries, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8"
+    )
     sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)
     counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6
-    return f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} MB"
+    return (
+        f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} "
+        "MB"
+    )
 
 
-def _sections(study: Study, folder: Path, few: int, view: Callable[[str], BirdView]) -> Iterator[Section]:
+def _sections(
+    study: Study, folder: Path, few: int, view: Callable[[str], BirdView]
+) -> Iterator[Section]:
     if asks_about_the_year(study.words):
         yield from year.sections(study, folder)
         yield from poses.sections(study, folder)

@@ -10,7 +10,9 @@ from pipeline.errors import InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import Evaluation
 
-Values = tuple[float, float, float]  # a number and its 95 % interval, lowest and highest; NaN where there is none
+Values = tuple[
+    float, float, float
+]  # a number and its 95 % interval, lowest and highest; NaN where there is none
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 NONE: Values = (np.nan, np.nan, np.nan)
 
@@ -38,11 +40,13 @@ class Result:
 
     @property
     def kept(self) -> float:
-        """The precision that the threshold in use keeps on these blocks; NaN where it is not known, or accepts nothing."""
+        """The precision that the threshold in use keeps on these blocks; NaN where it is not known,
+        or accepts nothing."""
         return self.evaluation.kept[0]
 
     def void(self, protocol: str) -> bool:
-        """Whether the numbers by that protocol mean nothing: one answer to every query would do as well, or none is seen."""
+        """Whether the numbers by that protocol mean nothing: one answer to every query would do as
+        well, or none is seen."""
         return (protocol, VOID) in self.numbers
 
     def number(self, protocol: str, name: str) -> float:
@@ -56,9 +60,13 @@ class Result:
 
 
 def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results of each model in the order of their days, models in the order they come; raises InputError of none."""
+    """The results of each model in the order of their days, models in the order they come; raises
+    InputError of none."""
     ordered = _by_day(results)
-    return {model: [one for one in ordered if one.model == model] for model in dict.fromkeys(one.model for one in results)}
+    return {
+        model: [one for one in ordered if one.model == model]
+        for model in dict.fromkeys(one.model for one in results)
+    }
 
 
 def of_one_model(results: Sequence[Result]) -> list[Result]:
@@ -67,9 +75,13 @@ def of_one_model(results: Sequence[Result]) -> list[Result]:
 
 
 def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results on each test sequence in the order of its days, models in the order they come; raises InputError of none."""
+    """The results on each test sequence in the order of its days, models in the order they come;
+    raises InputError of none."""
     ordered = _by_day(results)
-    return {name: [one for one in ordered if one.sequence == name] for name in dict.fromkeys(one.sequence for one in ordered)}
+    return {
+        name: [one for one in ordered if one.sequence == name]
+        for name in dict.fromkeys(one.sequence for one in ordered)
+    }
 
 
 def _by_day(results: Sequence[Result]) -> list[Result]:
@@ -79,7 +91,8 @@ def _by_day(results: Sequence[Result]) -> list[Result]:
 
 
 def day(sequence: str) -> str:
-    """The date that a sequence is named by, without its time of day; of a part of a log the part, else its whole name."""
+    """The date that a sequence is named by, without its time of day; of a part of a log the part,
+    else its whole name."""
     return sequence[:10] if DATE.match(sequence) else sequence.partition("+")[2] or sequence
 
 

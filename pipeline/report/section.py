@@ -1,4 +1,7 @@
-"""A section of a report: a question, what was found, figures, tables, and where the numbers lie. Templates write its words."""
+"""A section of a report: a question, what was found, figures, tables, and where the numbers lie.
+
+Templates write its words.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +19,9 @@ class Illustration:
     kind: str  # its key in templates/words.yaml: title and how to read it
     path: Path  # the SVG
     findings: Sequence[Finding] = ()  # what it shows here
-    values: Mapping[str, Any] = field(default_factory=dict)  # what its words are filled with, such as the model and the sequence
+    values: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # what its words are filled with, such as the model and the sequence
     on_page: bool = True  # whether the HTML page shows it too; the markdown report shows all
 
 

@@ -1,4 +1,5 @@
-"""One study as a report sees it: its rows of the table of results, and the artifacts whose arrays are drawn."""
+"""One study as a report sees it: its rows of the table of results, and the artifacts whose arrays
+are drawn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,7 +26,9 @@ class Learned:
     """How a model was trained, as its file keeps it."""
 
     recipe: Mapping[str, str]  # the parameters that it was trained with
-    curves: Mapping[str, NDArray[np.float64]]  # name to values (round,), a round lying between two looks at held-out blocks
+    curves: Mapping[
+        str, NDArray[np.float64]
+    ]  # name to values (round,), a round lying between two looks at held-out blocks
     best_round: int | None  # the one that was kept, 0-based; None where the model does not say
     megabytes: float
 
@@ -38,21 +41,38 @@ class Learned:
     def read(cls, path: Path) -> Self:
         """From the file of a model."""
         model = store.read_model(path)
-        curves = {name.removeprefix("curves/"): model[name] for name in sorted(model) if name.startswith("curves/")}
+        curves = {
+            name.removeprefix("curves/"): model[name]
+            for name in sorted(model)
+            if name.startswith("curves/")
+        }
         kept = int(model["best_epoch"]) if "best_epoch" in model else None
-        return cls(store.read_recipe(path), curves, kept, sum(array.nbytes for array in model.values()) / 1e6)
+        return cls(
+            store.read_recipe(path),
+            curves,
+            kept,
+            sum(array.nbytes for array in model.values()) / 1e6,
+        )
 
 
 def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
     """Rows of the table of results, by what stands in some columns."""
-    keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[name] for name in columns), strict=True)
-    return dict(zip(keys, rows[["value", "low", "high"]].itertuples(index=False, name=None), strict=True))
+    keys = (
+        rows[columns[0]]
+        if len(columns) == 1
+        else zip(*(rows[name] for name in columns), strict=True)
+    )
+    return dict(
+        zip(keys, rows[["value", "low", "high"]].itertuples(index=False, name=None), strict=True)
+    )
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
     """The rows of paired tests by one protocol, with the column `model`."""
     own = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
-    return own.assign(model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)])
+    return own.assign(
+        model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)]
+    )
 
 
 @dataclass(frozen=True)
@@ -87,14 +107,22 @@ class Study:
 
     @cached_property
     def driven(self) -> pd.DataFrame:
-        """Those of queries as they were driven, and models of the first seed; numbers of single kinds of novelty left out."""
-        return self.rows[(self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)]
+        """Those of queries as they were driven, and models of the first seed; numbers of single
+        kinds of novelty left out."""
+        return self.rows[
+            (self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)
+        ]
 
     @cached_property
     def families(self) -> list[str]:
-        """The models that the year is reported of: each method's own, and in a study of the year its variants."""
+        """The models that the year is reported of: each method's own, and in a study of the year
+        its variants."""
         every = [model for model in answerers(self.words) if not model.seed]
-        return [model.name for model in every if model.posed or not model.variant or self.words["question"] == "year"]
+        return [
+            model.name
+            for model in every
+            if model.posed or not model.variant or self.words["question"] == "year"
+        ]
 
     @cached_property
     def models(self) -> dict[str, Learned]:
@@ -114,21 +142,40 @@ class Study:
     @cached_property
     def results(self) -> list[Result]:
         """Each of the families on each test sequence."""
-        found, numbers = [], {}
-        for (method, variant, sequence), group in self.driven.groupby(["method", "variant", "sequence"]):
-            numbers[ModelName(method, variant).name, sequence] = indexed(group, "protocol", "number")
+        found = []
+        numbers = {}
+        for (method, variant, sequence), group in self.driven.groupby(
+            ["method", "variant", "sequence"]
+        ):
+            numbers[ModelName(method, variant).name, sequence] = indexed(
+                group, "protocol", "number"
+            )
         for model in self.families:
             for sequence in self.words["tests"]:
                 artifact = self.artifact("evaluate", sequence, model)
-                evaluation, wanted = Evaluation.read(artifact), float(artifact.attrs["wanted_precision"])
-                found.append(Result(model, sequence, evaluation.days, evaluation, wanted, numbers[model, sequence]))
+                evaluation = Evaluation.read(artifact)
+                wanted = float(artifact.attrs["wanted_precision"])
+                found.append(
+                    Result(
+                        model,
+                        sequence,
+                        evaluation.days,
+                        evaluation,
+                        wanted,
+                        numbers[model, sequence],
+                    )
+                )
         return [one for group in by_model(found).values() for one in group]
 
     @cached_property
     def ranked(self) -> list[str]:
-        """The models, those that place most right by distance first, on average over the test sequences."""
+        """The models, those that place most right by distance first, on average over the test
+        sequences."""
         groups = by_model(self.results).items()
-        means = {model: average([one.number("distance", "recall_at_1") for one in group]) for model, group in groups}
+        means = {
+            model: average([one.number("distance", "recall_at_1") for one in group])
+            for model, group in groups
+        }
         return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
 
     @property
@@ -155,24 +202,29 @@ class Study:
     @cached_property
     def distance(self) -> Distance:
         """What the evaluations were judged by."""
-        return Distance(**self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["distance"])
+        return Distance(
+            **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["distance"]
+        )
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """How their intervals were computed."""
-        return Bootstrap(**self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["bootstrap"])
+        return Bootstrap(
+            **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["bootstrap"]
+        )
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
-        """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model, the others of both; what a
-        model with poses answered lies with the poses."""
+        """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model,
+        the others of both; what a model with poses answered lies with the poses."""
         views = {method["name"]: method["view"] for method in self.words["methods"]}
         answers = {one.name: one for one in answerers(self.words)}.get(model)
         if kind == "localize" and answers:
             return self.artifacts / folder(self.name, self.grid, answers) / f"{sequence}.zarr"
+        learner = replace(answers, posed=False, path="").name if answers else model
         within = {
             "labels": f"{self.grid}/{sequence}.zarr",
             "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",
-            "train": f"{self.grid}/{replace(answers, posed=False, path='').name if answers else model}.safetensors",
+            "train": f"{self.grid}/{learner}.safetensors",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
         return self.artifacts / kind / self.name / within
 

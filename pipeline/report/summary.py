@@ -1,4 +1,5 @@
-"""A study in one table: how often each model is right on each test day, how often it dares to answer, and how long it takes."""
+"""A study in one table: how often each model is right on each test day, how often it dares to
+answer, and how long it takes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,17 +20,20 @@ class Row:
 
     model: str
     right: Sequence[float]
-    """A share a test day: of the seen queries, those whose first answer lies within the tolerance; NaN where none is seen."""
+    """A share a test day: of the seen queries, those whose first answer lies within the tolerance;
+    NaN where none is seen."""
     bounds: Sequence[tuple[float, float]]
     """Their 95 % intervals."""
     void: Sequence[bool]
     """Whether a share means nothing, as one answer to every query would do as well."""
     answers: Sequence[float]
-    """A share a test day: of the judged queries, seen or not, those that the model answers at its own threshold."""
+    """A share a test day: of the judged queries, seen or not, those that the model answers at its
+    own threshold."""
     kept: Sequence[float]
     """A share a test day: of these answers, those that are right; NaN of none."""
     promised: float
-    """The precision that the threshold keeps on held-out blocks of training; NaN of one that accepts nothing."""
+    """The precision that the threshold keeps on held-out blocks of training; NaN of one that
+    accepts nothing."""
     wanted: float
     """The precision that was wanted there."""
     query_ms: float
@@ -38,7 +42,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Summary:
-    """The models of one study at one cell size, by distance, as driven, of the first seed; the best first."""
+    """The models of one study at one cell size, by distance, as driven, of the first seed; the best
+    first."""
 
     tests: Sequence[str]
     days: Sequence[int]
@@ -54,39 +59,73 @@ class Summary:
     def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
         """From the rows of the table of results that are of this study and cell size.
 
-        Raises ArtifactError for a table of an earlier version, which does not say how near is right.
+        Raises ArtifactError for a table of an earlier version, which does not say how near is
+        right.
         """
-        own = results[(results["change"] == "") & (results["kind"] == "") & (results["stress"] == "") & (results["seed"] == 0)]
+        own = results[
+            (results["change"] == "")
+            & (results["kind"] == "")
+            & (results["stress"] == "")
+            & (results["seed"] == 0)
+        ]
         asked = own[own["sequence"].isin(study["tests"]) & (own["protocol"] == "distance")]
-        days = asked.drop_duplicates("sequence").sort_values(["days", "sequence"]).set_index("sequence")["days"]
-        found = asked.set_index(["method", "variant", "number", "sequence"])[["value", "low", "high"]]
+        days = (
+            asked.drop_duplicates("sequence")
+            .sort_values(["days", "sequence"])
+            .set_index("sequence")["days"]
+        )
+        found = asked.set_index(["method", "variant", "number", "sequence"])[
+            ["value", "low", "high"]
+        ]
         known = dict(zip(found.index, found.itertuples(index=False, name=None), strict=True))
         cost = own[own["number"] == "query_ms"].set_index(["method", "variant"])["value"].to_dict()
         rows = []
         for method, variant in (
-            asked[asked["number"] == "answered"][["method", "variant"]].drop_duplicates().itertuples(index=False)
+            asked[asked["number"] == "answered"][["method", "variant"]]
+            .drop_duplicates()
+            .itertuples(index=False)
         ):
             of = {
                 name: [known.get((method, variant, name, day), (np.nan,) * 3) for day in days.index]
-                for name in ("recall_at_1", "answered", "precision_at_threshold", "kept_precision", "wanted_precision")
+                for name in (
+                    "recall_at_1",
+                    "answered",
+                    "precision_at_threshold",
+                    "kept_precision",
+                    "wanted_precision",
+                )
             }
-            right, answers, of_those, promised, wanted = ([value for value, *_ in values] for values in of.values())
+            right, answers, of_those, promised, wanted = (
+                [value for value, *_ in values] for values in of.values()
+            )
             void = [(method, variant, VOID, day) in known for day in days.index]
             bounds = [(low, high) for _, low, high in of["recall_at_1"]]
             ms = float(cost.get((method, variant), np.nan))
             rows.append(
-                Row(ModelName(method, variant).name, right, bounds, void, answers, of_those, promised[-1], wanted[-1], ms)
+                Row(
+                    ModelName(method, variant).name,
+                    right,
+                    bounds,
+                    void,
+                    answers,
+                    of_those,
+                    promised[-1],
+                    wanted[-1],
+                    ms,
+                )
             )
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
         within_m = own.loc[(own["number"] == "correct_m") & (own["sequence"] == ""), "value"].max()
         if rows and np.isnan(within_m):
-            raise ArtifactError("the tables of results do not say how near is right; `dvc repro` gathers them anew")
+            raise ArtifactError(
+                "the tables of results do not say how near is right; `dvc repro` gathers them anew"
+            )
         return cls(list(days.index), [int(day) for day in days], float(within_m), rows)
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
-    """A row a model, a column a test day; then what it answers of the last day, how much of it is right, how much was promised by
-    held-out blocks, and its time."""
+    """A row a model, a column a test day; then what it answers of the last day, how much of it is
+    right, how much was promised by held-out blocks, and its time."""
 
     def share(row: Row, i: int) -> Cell:
         cell = number(row.right[i], 3, row.bounds[i])
@@ -95,7 +134,11 @@ def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
     timed = summary.is_timed
     rows = []
     for row in summary.rows:
-        answered = (number(row.answers[-1], 3), number(row.kept[-1], 3), kept(row.promised, row.wanted))
+        answered = (
+            number(row.answers[-1], 3),
+            number(row.kept[-1], 3),
+            kept(row.promised, row.wanted),
+        )
         last = (*answered, *([number(row.query_ms, 1)] if timed else []))
         rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
     heads = ("answers", "right of those", "keeps", *(["ms a query"] if timed else []))

@@ -1,4 +1,5 @@
-"""A sweep at a glance: a row a job, which job held-out blocks choose, and how the numbers move with what was swept."""
+"""A sweep at a glance: a row a job, which job held-out blocks choose, and how the numbers move with
+what was swept."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,23 +26,40 @@ ALSO_DRAWN = (("cells", "oracle"), ("distance", "oracle"))
 
 
 def write(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> str:
-    """Write sweep.md, sweep.txt and, if any job went well, sweep.svg into `folder`; returns the text for a terminal."""
+    """Write sweep.md, sweep.txt and, if any job went well, sweep.svg into `folder`; returns the
+    text for a terminal."""
     jobs = [_job(one, usual) for one in records]
     names = dict.fromkeys(name for job in jobs for name in job.values)
     swept = tuple(name for name in names if len({job.values.get(name) for job in jobs}) > 1)
-    listed, found = _table(jobs, swept), _findings(jobs, swept)
-    first, where = records[0], f"{'simulated ' * records[0].simulated}{records[0].dataset}"
-    fixed = "".join(f", {name}={value}" for name, value in jobs[0].values.items() if name not in swept)
+    listed = _table(jobs, swept)
+    found = _findings(jobs, swept)
+    first = records[0]
+    where = f"{'simulated ' * records[0].simulated}{records[0].dataset}"
+    fixed = "".join(
+        f", {name}={value}" for name, value in jobs[0].values.items() if name not in swept
+    )
     head = f"{where}: {len(jobs)} job{'s' * (len(jobs) != 1)}{fixed}"
     text = "\n\n".join([head, listed.text().rstrip(), *map(sentence, found)]) + "\n"
     (folder / "sweep.txt").write_text(text, encoding="utf-8")
     drawn = []
     if any(job.numbers for job in jobs):
-        drawn.append(Illustration("sweep", save(response(jobs, swept), folder / "sweep.svg", first.simulated)))
+        drawn.append(
+            Illustration(
+                "sweep", save(response(jobs, swept), folder / "sweep.svg", first.simulated)
+            )
+        )
     about = {"where": where, "simulated": first.simulated}
-    section = Section(anchor(first.dataset, "sweep"), "sweep", values=about, findings=found, illustrations=drawn, tables=[listed])
+    section = Section(
+        anchor(first.dataset, "sweep"),
+        "sweep",
+        values=about,
+        findings=found,
+        illustrations=drawn,
+        tables=[listed],
+    )
     (folder / "sweep.md").write_text(
-        template("section.md.j2", section=section, simulated=first.simulated, folder=folder), encoding="utf-8"
+        template("section.md.j2", section=section, simulated=first.simulated, folder=folder),
+        encoding="utf-8",
     )
     return text
 
@@ -54,23 +72,32 @@ def _job(record: Record, usual: Mapping[str, str]) -> SweepJob:
 
 
 def _table(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Table:
-    """A row a job: means over the test sequences ± standard deviation; dashes for a job that failed."""
+    """A row a job: means over the test sequences ± standard deviation; dashes for a job that
+    failed."""
     rows = []
     for job in jobs:
         cells = [spread(job.numbers.get(key, ()), digits) for key, (_, digits) in SHOWN.items()]
-        held_out = "failed" if job.error else number(np.nan if job.held_out_auc is None else job.held_out_auc, 3)
+        held_out = (
+            "failed"
+            if job.error
+            else number(np.nan if job.held_out_auc is None else job.held_out_auc, 3)
+        )
         rows.append((str(job.number), *map(job.value, swept), *cells, held_out))
     return table(
-        "sweep", ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC"), rows, words=1 + len(swept)
+        "sweep",
+        ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC"),
+        rows,
+        words=1 + len(swept),
     )
 
 
 def _findings(jobs: Sequence[SweepJob], swept: Sequence[str]) -> list[Finding]:
-    """Failures, and for each grid, since the held-out AUC is by cells, which job it chooses and how that job fared."""
-    found, groups = (
-        [Finding("sweep_failed", number=one.number, error=one.error) for one in jobs if one.error],
-        dict[str, list[Any]](),
-    )
+    """Failures, and for each grid, since the held-out AUC is by cells, which job it chooses and how
+    that job fared."""
+    found = [
+        Finding("sweep_failed", number=one.number, error=one.error) for one in jobs if one.error
+    ]
+    groups = dict[str, list[Any]]()
     grid = [name for name in swept if name.partition(".")[0] == "grid"]
     others = [name for name in swept if name not in grid]
     for job in jobs:
@@ -78,8 +105,17 @@ def _findings(jobs: Sequence[SweepJob], swept: Sequence[str]) -> list[Finding]:
             groups.setdefault(_settings(job, grid), []).append((job.held_out_auc, -job.number, job))
     for key, group in groups.items():
         held_out, _, job = max(group, key=lambda one: one[:2])
-        auc, recall = (average(job.numbers.get(one, ())) for one in (("cells", "auc_top1"), ("distance", "recall_at_1")))
-        about = {"grid": key, "settings": _settings(job, others), "held_out": held_out, "auc": auc, "recall": recall}
+        auc, recall = (
+            average(job.numbers.get(one, ()))
+            for one in (("cells", "auc_top1"), ("distance", "recall_at_1"))
+        )
+        about = {
+            "grid": key,
+            "settings": _settings(job, others),
+            "held_out": held_out,
+            "auc": auc,
+            "recall": recall,
+        }
         found.append(Finding("sweep_choice", number=job.number, **about))
     return found
 

@@ -17,9 +17,14 @@ class Cell:
 
     text: str
     key: float | None = None  # what the column is sorted by; None for a word or a missing number
-    small: str = ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
+    small: str = (
+        ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
+    )
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
-    of: tuple[str, str] = ("", "")  # model and sequence, where the page's map can show what the number is of
+    of: tuple[str, str] = (
+        "",
+        "",
+    )  # model and sequence, where the page's map can show what the number is of
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -27,7 +32,8 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """A header and rows of cells; the first `words` columns are words, flush left, the others numbers, flush right."""
+    """A header and rows of cells; the first `words` columns are words, flush left, the others
+    numbers, flush right."""
 
     kind: str  # its key in templates/words.yaml, which holds its caption
     header: Sequence[str]
@@ -39,45 +45,75 @@ class Table:
     def markdown(self) -> str:
         """A GitHub table, padded so that it can be read as it stands."""
         header, *rows = self._padded(range(len(self.header)), least=3)
-        rule = [f":{'-' * (len(c) - 1)}" if i < self.words else f"{'-' * (len(c) - 1)}:" for i, c in enumerate(header)]
+        rule = [
+            f":{'-' * (len(c) - 1)}" if i < self.words else f"{'-' * (len(c) - 1)}:"
+            for i, c in enumerate(header)
+        ]
         return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, rule, *rows))
 
     def text(self) -> str:
-        """The same for a terminal: two blanks between columns; a table that is too wide goes on below, beside its words."""
+        """The same for a terminal: two blanks between columns; a table that is too wide goes on
+        below, beside its words."""
         widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
-        parts, texts, room = [list(range(self.words))], [], WIDEST + 2 - sum(widths[: self.words])
+        parts = [list(range(self.words))]
+        texts = []
+        room = WIDEST + 2 - sum(widths[: self.words])
         for column in range(self.words, len(widths)):
-            if len(parts[-1]) > self.words and sum(widths[c] for c in [*parts[-1][self.words :], column]) > room:
+            if (
+                len(parts[-1]) > self.words
+                and sum(widths[c] for c in [*parts[-1][self.words :], column]) > room
+            ):
                 parts.append(list(range(self.words)))
             parts[-1].append(column)
         for part in parts:
             header, *rows = self._padded(part, least=1)
             rule = ["─" * len(cell) for cell in header]
-            texts.append("".join("  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows)))
+            texts.append(
+                "".join("  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows))
+            )
         return "\n".join(texts)
 
     def _padded(self, columns: Iterable[int], least: int) -> list[list[str]]:
         """The header and the rows, in some of the columns."""
-        lines, padded = [list(self.header), *([str(cell) for cell in row] for row in self.rows)], []
+        lines = [list(self.header), *([str(cell) for cell in row] for row in self.rows)]
+        padded = []
         for i in columns:
             width = max(least, *(len(line[i]) for line in lines))
-            padded.append([line[i].ljust(width) if i < self.words else line[i].rjust(width) for line in lines])
+            padded.append(
+                [line[i].ljust(width) if i < self.words else line[i].rjust(width) for line in lines]
+            )
         return [list(line) for line in zip(*padded, strict=True)]
 
 
-def table(kind: str, header: Iterable[str], rows: Iterable[Iterable[object]], /, words: int = 1, **values: object) -> Table:
+def table(
+    kind: str,
+    header: Iterable[str],
+    rows: Iterable[Iterable[object]],
+    /,
+    words: int = 1,
+    **values: object,
+) -> Table:
     """A table in whose rows all but cells is words."""
-    cells = tuple(tuple(one if isinstance(one, Cell) else Cell(str(one)) for one in row) for row in rows)
+    cells = tuple(
+        tuple(one if isinstance(one, Cell) else Cell(str(one)) for one in row) for row in rows
+    )
     return Table(kind, tuple(header), cells, words, values=values)
 
 
-def number(value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = "") -> Cell:
+def number(
+    value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = ""
+) -> Cell:
     """A number and its interval; a dash for NaN."""
-    return Cell(fixed(value, digits), float(value), bracket(interval, digits), mark) if np.isfinite(value) else Cell(MISSING)
+    return (
+        Cell(fixed(value, digits), float(value), bracket(interval, digits), mark)
+        if np.isfinite(value)
+        else Cell(MISSING)
+    )
 
 
 def kept(precision: float, wanted: float) -> Cell:
-    """The precision that a threshold keeps on held-out blocks; where that is less than wanted: `0.731 of 0.9`."""
+    """The precision that a threshold keeps on held-out blocks; where that is less than wanted:
+    `0.731 of 0.9`."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 
@@ -94,11 +130,16 @@ def difference(value: float, digits: int, interval: tuple[float, float] = (np.na
 
 
 def spread(values: Iterable[float], digits: int) -> Cell:
-    """Mean and standard deviation of the finite numbers: `0.772 ± .025`; the number alone if there is one."""
+    """Mean and standard deviation of the finite numbers: `0.772 ± .025`; the number alone if there
+    is one."""
     finite = [float(value) for value in values if np.isfinite(value)]
     if not finite:
         return Cell(MISSING)
-    return Cell(fixed(fmean(finite), digits), fmean(finite), f"± {short(stdev(finite), digits)}" if len(finite) > 1 else "")
+    return Cell(
+        fixed(fmean(finite), digits),
+        fmean(finite),
+        f"± {short(stdev(finite), digits)}" if len(finite) > 1 else "",
+    )
 
 
 def average(values: Any) -> float:
@@ -118,14 +159,22 @@ def signed(value: float, digits: int) -> str:
 
 
 def short(value: float, digits: int) -> str:
-    """Without the 0 before the point where there are two digits or more behind it: `.025`, `−.02`, `1.3`."""
+    """Without the 0 before the point where there are two digits or more behind it: `.025`, `−.02`,
+    `1.3`."""
     text = fixed(value, digits)
-    return text.replace("0.", ".", 1) if digits > 1 and abs(value) < 1 and text.lstrip("−").startswith("0.") else text
+    return (
+        text.replace("0.", ".", 1)
+        if digits > 1 and abs(value) < 1 and text.lstrip("−").startswith("0.")
+        else text
+    )
 
 
 def bracket(interval: tuple[float, float] | None, digits: int) -> str:
     """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; nothing for none."""
     if interval is None or not np.isfinite(interval[0]):
         return ""
-    shown = ("1.0" if digits > 1 and 0.995 < value <= 1 else short(value, min(digits, 2)) for value in interval)
+    shown = (
+        "1.0" if digits > 1 and 0.995 < value <= 1 else short(value, min(digits, 2))
+        for value in interval
+    )
     return f"[{', '.join(shown)}]"

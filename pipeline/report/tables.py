@@ -1,4 +1,5 @@
-"""The tables of a report, from the table of results: every cell is a row of it, or a mean and deviation over some rows."""
+"""The tables of a report, from the table of results: every cell is a row of it, or a mean and
+deviation over some rows."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,63 +16,104 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
 from pipeline.report.result import NONE, Result, by_model, by_sequence, dates, day
 from pipeline.report.study import Study, against, indexed
-from pipeline.report.table import MISSING, Cell, Table, average, count, difference, kept, number, spread, table
+from pipeline.report.table import (
+    MISSING,
+    Cell,
+    Table,
+    average,
+    count,
+    difference,
+    kept,
+    number,
+    spread,
+    table,
+)
 from pipeline.studies import catalogue
 from pipeline.studies.expansion import ModelName
 
 # heading, number, digits: what is shown without intervals
 SHOWN_MEANS = (
-    ("AUC exact", "auc_exact_top1", 3), ("F1max", "f1_max", 3), ("R@99%P", "recall_at_99_precision", 3), ("AUROC", "auroc", 3),
-    ("precision", "precision_at_threshold", 3), ("keeps", "kept_precision", 3), ("recall", "recall_at_threshold", 3),
+    ("AUC exact", "auc_exact_top1", 3),
+    ("F1max", "f1_max", 3),
+    ("R@99%P", "recall_at_99_precision", 3),
+    ("AUROC", "auroc", 3),
+    ("precision", "precision_at_threshold", 3),
+    ("keeps", "kept_precision", 3),
+    ("recall", "recall_at_threshold", 3),
     ("error [m]", "median_error_m", 1),
-    ("heading error [°]", "median_heading_error_deg", 1), ("within 10°", "heading_within_10deg", 3),
-)  # fmt: skip
+    ("heading error [°]", "median_heading_error_deg", 1),
+    ("within 10°", "heading_within_10deg", 3),
+)
 HEADINGS = SHOWN_MEANS[-2:]
 MAIN = {
     "recall_at_1": ("recall@1", "oracle", "oracle", "recall_at_1"),
     "auc_top1": ("AUC top-1", "oracle_auc_exact_top1", "oracle, exact", "auc_exact_top1"),
 }
-"""Number of the models: its heading, the oracle's number beside it and its heading, and the number of the paired test whose mark
-stands behind it: the papers' area and the exact one differ little."""
+"""Number of the models: its heading, the oracle's number beside it and its heading, and the number
+of the paired test whose mark stands behind it: the papers' area and the exact one differ little."""
 BOTH = PROTOCOLS[::-1]
 """In the order in which people ask."""
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
 COSTS = (
-    ("CPU [s] to train", "train_cpu_s", 1), ("wall [s]", "train_wall_s", 1), ("peak memory [MB]", "train_peak_memory_mb", 0),
-    ("model [MB]", "model_mb", 1), ("view [ms]", "generation_ms", 2), ("ranking [ms]", "retrieval_ms", 2),
-    ("query [ms]", "query_ms", 2), ("query, 95 % [ms]", "query_ms_p95", 2),
-)  # fmt: skip
+    ("CPU [s] to train", "train_cpu_s", 1),
+    ("wall [s]", "train_wall_s", 1),
+    ("peak memory [MB]", "train_peak_memory_mb", 0),
+    ("model [MB]", "model_mb", 1),
+    ("view [ms]", "generation_ms", 2),
+    ("ranking [ms]", "retrieval_ms", 2),
+    ("query [ms]", "query_ms", 2),
+    ("query, 95 % [ms]", "query_ms_p95", 2),
+)
 
 
 def setup(study: Study, longest: int = 400) -> Table:
-    """A row a model: what it is, what it looks at, how much of its own full training it had, and its size."""
+    """A row a model: what it is, what it looks at, how much of its own full training it had, and
+    its size."""
     rows = []
-    for model, learned in ((model, study.models[model]) for model in study.families if model in study.trained):
+    for model, learned in (
+        (model, study.models[model]) for model in study.families if model in study.trained
+    ):
         recipe = learned.recipe
-        what = shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …") or MISSING
+        what = (
+            shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …")
+            or MISSING
+        )
         best = "" if learned.best_round is None else f", no. {learned.best_round + 1} kept"
-        budget, trained = recipe.get("budget", MISSING), f"{learned.rounds} rounds{best}"
+        budget = recipe.get("budget", MISSING)
+        trained = f"{learned.rounds} rounds{best}"
         own = (budget, trained) if learned.rounds else (MISSING, "nothing")
         rows.append((model, what, recipe.get("view", MISSING), *own, number(learned.megabytes, 1)))
-    return table("setup", ("model", "what it is", "looks at", "budget", "trained", "model [MB]"), rows, words=5)
+    return table(
+        "setup",
+        ("model", "what it is", "looks at", "budget", "trained", "model [MB]"),
+        rows,
+        words=5,
+    )
 
 
 def sequences(study: Study) -> Table:
-    """Table II of the SCI paper: each test sequence's age, and how much of it lies where training went, by both protocols."""
+    """Table II of the SCI paper: each test sequence's age, and how much of it lies where training
+    went, by both protocols."""
     rows = []
     for name, (first, *_) in by_sequence(study.results).items():
         queries = first.number("cells", "queries")
-        (near, far), (seen, unseen) = ([first.number(by, one) for one in ("seen", "unseen")] for by in BOTH)
+        (near, far), (seen, unseen) = (
+            [first.number(by, one) for one in ("seen", "unseen")] for by in BOTH
+        )
         counts = [first.days, queries, near, far, queries - near - far, seen, unseen]
         rows.append((name, *map(count, counts), number(unseen / queries if queries else np.nan, 3)))
-    distance, cells = ("distance: seen", "unseen", "not judged"), ("cells: seen", "unseen", "share unseen")
+    distance = ("distance: seen", "unseen", "not judged")
+    cells = ("cells: seen", "unseen", "share unseen")
     return table("sequences", ("sequence", "days", "queries", *distance, *cells), rows)
 
 
 def main(study: Study, protocol: str, name: str) -> Table:
-    """One number of MAIN by one protocol, a row a model and a column a test day, with intervals; the oracle last."""
+    """One number of MAIN by one protocol, a row a model and a column a test day, with intervals;
+    the oracle last."""
     heading, oracle, beside, tested = MAIN[name]
-    marks, days, models = _marks(study, protocol, tested), dates(study.results), by_model(study.results)
+    marks = _marks(study, protocol, tested)
+    days = dates(study.results)
+    models = by_model(study.results)
     several = len(days) > 1
 
     def entry(one: Result) -> Cell:
@@ -80,24 +122,45 @@ def main(study: Study, protocol: str, name: str) -> Table:
         return Cell(VOID) if one.void(protocol) else known
 
     best = [group[0].number(protocol, oracle) for group in by_sequence(study.results).values()]
-    means = {model: [spread([one.number(protocol, name) for one in group], 3)] * several for model, group in models.items()}
+    means = {
+        model: [spread([one.number(protocol, name) for one in group], 3)] * several
+        for model, group in models.items()
+    }
     rows = [(model, *map(entry, models[model]), *means[model]) for model in study.ranked]
     rows.append((beside, *(number(value, 3) for value in best), *[spread(best, 3)] * several))
     about: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
-    return replace(table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **about), foot=True)
+    return replace(
+        table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **about),
+        foot=True,
+    )
 
 
 def _marks(study: Study, protocol: str, tested: str) -> dict[tuple[str, str], str]:
-    """Model and sequence to + or −: clearly better or worse than the study's first method in the paired test."""
+    """Model and sequence to + or −: clearly better or worse than the study's first method in the
+    paired test."""
     known = indexed(against(study.rows, protocol), "number", "model", "sequence")
-    clear = [key for (name, *key), (p, *_) in known.items() if name == f"{tested}_difference_p" and p < LEVEL]
-    return {(model, day): "+" if known[f"{tested}_difference", model, day][0] > 0 else "−" for model, day in clear}
+    clear = [
+        key
+        for (name, *key), (p, *_) in known.items()
+        if name == f"{tested}_difference_p" and p < LEVEL
+    ]
+    return {
+        (model, day): "+" if known[f"{tested}_difference", model, day][0] > 0 else "−"
+        for model, day in clear
+    }
 
 
 def means(study: Study) -> Table:
     """The other numbers of each model by both protocols: means over the test sequences."""
     rows = [
-        (model, by, *(number(average([one.number(by, key) for one in group]), digits) for _, key, digits in SHOWN_MEANS))
+        (
+            model,
+            by,
+            *(
+                number(average([one.number(by, key) for one in group]), digits)
+                for _, key, digits in SHOWN_MEANS
+            ),
+        )
         for by in BOTH
         for model, group in by_model(study.results).items()
     ]
@@ -106,49 +169,89 @@ def means(study: Study) -> Table:
 
 def everything(study: Study, protocol: str) -> Table:
     """The numbers of each sequence and model by one protocol."""
-    columns = (("recall@1", "recall_at_1", 3), ("oracle", "oracle", 3), ("AUC top-1", "auc_top1", 3), *SHOWN_MEANS[:-2])
+    columns = (
+        ("recall@1", "recall_at_1", 3),
+        ("oracle", "oracle", 3),
+        ("AUC top-1", "auc_top1", 3),
+        *SHOWN_MEANS[:-2],
+    )
     rows = [
-        (name, one.model, *(number(one.number(protocol, key), digits) for _, key, digits in columns))
+        (
+            name,
+            one.model,
+            *(number(one.number(protocol, key), digits) for _, key, digits in columns),
+        )
         for name, group in by_sequence(study.results).items()
         for one in group
     ]
-    return table("everything", ("sequence", "model", *(heading for heading, *_ in columns)), rows, words=2, protocol=protocol)
+    return table(
+        "everything",
+        ("sequence", "model", *(heading for heading, *_ in columns)),
+        rows,
+        words=2,
+        protocol=protocol,
+    )
 
 
 def headings(study: Study) -> Table | None:
     """How well headings were found, by both protocols; None where no model gives one."""
     rows: list[tuple[Cell | str, ...]] = []
-    columns = [(f"{heading}, by {by}", by, key, digits) for by in BOTH for heading, key, digits in HEADINGS]
+    columns = [
+        (f"{heading}, by {by}", by, key, digits) for by in BOTH for heading, key, digits in HEADINGS
+    ]
     for model, group in by_model(study.results).items():
         if not any(np.isfinite(one.evaluation.heading_error_deg).any() for one in group):
             continue
         for one in group:
-            cells = [number(one.number(by, key), digits, one.interval(by, key)) for _, by, key, digits in columns]
+            cells = [
+                number(one.number(by, key), digits, one.interval(by, key))
+                for _, by, key, digits in columns
+            ]
             rows.append((model, one.sequence, *cells))
         if len(group) > 1:
-            found = [spread([one.number(by, key) for one in group], digits) for _, by, key, digits in columns]
+            found = [
+                spread([one.number(by, key) for one in group], digits)
+                for _, by, key, digits in columns
+            ]
             rows.append((model, "mean", *found))
-    return table("headings", ("model", "sequence", *(heading for heading, *_ in columns)), rows, words=2) if rows else None
+    return (
+        table(
+            "headings", ("model", "sequence", *(heading for heading, *_ in columns)), rows, words=2
+        )
+        if rows
+        else None
+    )
 
 
 def novelties(study: Study, protocol: str) -> Table:
-    """How each kind of novelty rejects by one protocol: means over the test sequences, and the sequence it does worst in."""
-    shown, rows = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps"), []
+    """How each kind of novelty rejects by one protocol: means over the test sequences, and the
+    sequence it does worst in."""
+    shown = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps")
+    rows = []
     for model, group in by_model(study.results).items():
-        values = np.stack([one.evaluation.protocol(protocol).rejection[:, :, 0] for one in group])  # (sequence, kind, measure)
+        values = np.stack(
+            [one.evaluation.protocol(protocol).rejection[:, :, 0] for one in group]
+        )  # (sequence, kind, measure)
         for k, kind in enumerate(group[0].evaluation.kinds):
             auroc = values[:, k, MEASURES.index("auroc")]
             at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
-            worst = replace(number(auroc[at], 3), small=f"on {day(group[at].sequence)}" * bool(np.isfinite(auroc[at])))
+            worst = replace(
+                number(auroc[at], 3),
+                small=f"on {day(group[at].sequence)}" * bool(np.isfinite(auroc[at])),
+            )
             cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
             keeps = kept(group[0].evaluation.kept[k], group[0].wanted_precision)
             rows.append((model, kind + ("" if k else ", in use"), *cells, keeps, worst))
-    return table("novelties", ("model", "novelty", *shown, "worst AUROC"), rows, words=2, protocol=protocol)
+    return table(
+        "novelties", ("model", "novelty", *shown, "worst AUROC"), rows, words=2, protocol=protocol
+    )
 
 
 def paired(study: Study, protocol: str) -> Table | None:
-    """Every model against the first: differences with intervals, p, and who alone was right; None where there is one model."""
-    rows, reference = [], study.families[0]
+    """Every model against the first: differences with intervals, p, and who alone was right; None
+    where there is one model."""
+    rows = []
+    reference = study.families[0]
     known = indexed(against(study.rows, protocol), "model", "sequence", "number")
     for model, sequence in dict.fromkeys((model, sequence) for model, sequence, _ in known):
         cells: list[Cell | str] = [model, sequence]
@@ -157,15 +260,29 @@ def paired(study: Study, protocol: str) -> Table | None:
             p, *_ = known[model, sequence, f"{name}_difference_p"]
             verdict = "undecided" if not p < LEVEL else "better" if value > 0 else "worse"
             cells += [difference(value, 3, (interval[0], interval[1])), number(p, 3), verdict]
-        rows.append((*cells, *(count(known[model, sequence, f"only_{who}_right"][0]) for who in ("this", "reference"))))
+        rows.append(
+            (
+                *cells,
+                *(
+                    count(known[model, sequence, f"only_{who}_right"][0])
+                    for who in ("this", "reference")
+                ),
+            )
+        )
     columns = [text for name in COMPARED for text in (f"Δ {TITLES[name]}", "p", "verdict")]
     header = ("model", "sequence", *columns, "only it right", f"only {reference} right")
-    return table("paired", header, rows, words=2, protocol=protocol, reference=reference) if rows else None
+    return (
+        table("paired", header, rows, words=2, protocol=protocol, reference=reference)
+        if rows
+        else None
+    )
 
 
 def costs(study: Study) -> Table | None:
-    """A row a model, variants and seeds too: what training cost where it was done here, and a query's time; None of none."""
-    known, rows = indexed(study.rows, "method", "variant", "seed", "number"), []
+    """A row a model, variants and seeds too: what training cost where it was done here, and a
+    query's time; None of none."""
+    known = indexed(study.rows, "method", "variant", "seed", "number")
+    rows = []
     numbers = {(ModelName(*names).name, key): value for (*names, key), (value, *_) in known.items()}
     for model in study.trained:
         cells = [number(numbers.get((model, key), np.nan), digits) for _, key, digits in COSTS]
@@ -176,21 +293,41 @@ def costs(study: Study) -> Table | None:
 
 def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
     """The line through one number over the days, a row a model and the oracle."""
-    own, found = indexed(rows[rows["protocol"] == protocol], "method", "number"), []
+    own = indexed(rows[rows["protocol"] == protocol], "method", "number")
+    found = []
     digits = 1 if name == "novelty_percentile" else 3
-    ends = ("day_0", f"per_{PER_DAYS}_days", f"theil_sen_per_{PER_DAYS}_days", "slope_p", "retrain_after_days")
+    ends = (
+        "day_0",
+        f"per_{PER_DAYS}_days",
+        f"theil_sen_per_{PER_DAYS}_days",
+        "slope_p",
+        "retrain_after_days",
+    )
     for model in dict.fromkeys(rows.loc[rows["number"] == f"{name}_line", "method"]):
         first, slope, middle, p, lost = (own.get((model, f"{name}_{end}"), NONE) for end in ends)
         slopes = difference(slope[0], digits, slope[1:]), difference(middle[0], digits)
         again = number(np.nan if model == ORACLE else lost[0], 0, lost[1:])
         found.append((model, number(first[0], digits), *slopes, number(p[0], 3), again))
-    header = ("model", "on day 0", f"per {PER_DAYS} days", "Theil–Sen", "p", "train again after [days]")
+    header = (
+        "model",
+        "on day 0",
+        f"per {PER_DAYS} days",
+        "Theil–Sen",
+        "p",
+        "train again after [days]",
+    )
     return table("ageing", header, found, title=title, per=PER_DAYS)
 
 
 def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[float, str]) -> Table:
-    """One number by one protocol: a row a model, a column a band of distance, with intervals; then the oracle and the queries."""
-    own = indexed(rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)], "number", "method", "level")
+    """One number by one protocol: a row a model, a column a band of distance, with intervals; then
+    the oracle and the queries."""
+    own = indexed(
+        rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)],
+        "number",
+        "method",
+        "level",
+    )
     models = list(dict.fromkeys(model for _, model, _ in own))
     lines = [(model, name, model, 3) for model in models]
     lines += [("oracle", "oracle", models[0], 3)] if name == "recall_at_1" else []
@@ -199,4 +336,10 @@ def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[fl
     for text, key, model, digits in lines:
         values = (own[key, model, edge] for edge in bands)
         found.append((text, *(number(value, digits, (low, high)) for value, low, high in values)))
-    return table("near_changes", ("nearest change", *bands.values()), found, title=TITLES[name], protocol=protocol)
+    return table(
+        "near_changes",
+        ("nearest change", *bands.values()),
+        found,
+        title=TITLES[name],
+        protocol=protocol,
+    )

@@ -1,4 +1,5 @@
-"""The results as plain text for a terminal: a study's methods and main numbers, and where its report lies."""
+"""The results as plain text for a terminal: a study's methods and main numbers, and where its
+report lies."""
 
 import textwrap
 from collections.abc import Iterator
@@ -32,9 +33,15 @@ def _blocks(study: Study) -> Iterator[str]:
     if study.words["question"] == LIFELONG:
         yield f"{study.where}: after the last step of learning, means over the seeds\n"
         for order, found in by_order(strategies(study.rows)).items():
-            yield from (_wrapped(caption(one)) + "\n" + one.text() for one in lifelong_tables.of_order(order, found))
+            yield from (
+                _wrapped(caption(one)) + "\n" + one.text()
+                for one in lifelong_tables.of_order(order, found)
+            )
     elif on_bird_views(study.words["methods"]):
-        yield f"{study.where}: each sequence matched with itself, from headings between the reference's\n"
+        yield (
+            f"{study.where}: each sequence matched with itself, from headings between the "
+            "reference's\n"
+        )
         yield from (one.text() for one in viewpoint_tables.over(study))
 
 

@@ -1,4 +1,5 @@
-"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, and at every heading."""
+"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, and at every
+heading."""
 
 import numpy as np
 import pandas as pd
@@ -11,16 +12,24 @@ HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")
 
 
 def over(study: Study) -> list[Table]:
-    """A row a sequence and method: means over the headings, and of several seeds over these; without rows, no table."""
-    about = indexed(study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number")
-    of_headings, of_seeds = [], []
+    """A row a sequence and method: means over the headings, and of several seeds over these;
+    without rows, no table."""
+    about = indexed(
+        study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number"
+    )
+    of_headings = []
+    of_seeds = []
     for key, wide in _numbers(study).items():
         headings, seeds = (wide.groupby(by).mean() for by in ("level", "seed"))
         there = f"{int(np.isfinite(headings['roc_auc']).sum())} of {len(headings)}"
         queries, cost = (count(about[(*key, name)][0]) for name in ("queries", "bytes_per_place"))
-        of_headings.append((*key, *(spread(headings[name], 3) for name in NUMBERS), there, queries, cost))
+        of_headings.append(
+            (*key, *(spread(headings[name], 3) for name in NUMBERS), there, queries, cost)
+        )
         if len(seeds) > 1:
-            of_seeds.append((*key, *(spread(seeds[name], 3) for name in NUMBERS), count(len(seeds))))
+            of_seeds.append(
+                (*key, *(spread(seeds[name], 3) for name in NUMBERS), count(len(seeds)))
+            )
     header = ("sequence", "method", *HEADINGS)
     last = ("headings with ROC-AUC", "queries", "bytes a place")
     found = (
@@ -34,7 +43,10 @@ def every_heading(study: Study, name: str) -> Table:
     """One of paper 2's numbers, a column a heading; means over seeds."""
     found = {key: wide.groupby("level")[name] for key, wide in _numbers(study).items()}
     degrees = sorted({deg for groups in found.values() for deg in groups.groups})
-    rows = [(*key, *(spread(groups.get_group(deg), 3) for deg in degrees)) for key, groups in found.items()]
+    rows = [
+        (*key, *(spread(groups.get_group(deg), 3) for deg in degrees))
+        for key, groups in found.items()
+    ]
     header = ("sequence", "method", *(f"{deg:g}°" for deg in degrees))
     return table("every_heading", header, rows, words=2, title=HEADINGS[NUMBERS.index(name)])
 
@@ -43,4 +55,7 @@ def _numbers(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
     """Sequence and method to its numbers, a column each, at every seed and heading (`level`)."""
     own = study.rows[study.rows["change"] == "viewpoint"]
     groups = own.groupby(["sequence", "method"], sort=False)
-    return {key: group.pivot(index=["seed", "level"], columns="number", values="value") for key, group in groups}
+    return {
+        key: group.pivot(index=["seed", "level"], columns="number", values="value")
+        for key, group in groups
+    }

@@ -1,4 +1,5 @@
-"""Whether DVC works in a project, by its own locks: a lock file between stages, a table of holders while one runs."""
+"""Whether DVC works in a project, by its own locks: a lock file between stages, a table of holders
+while one runs."""
 
 import fcntl
 import json
@@ -17,9 +18,12 @@ LOCK = ".dvc/tmp/lock"
 
 
 def refuse_at_work(root: Path) -> None:
-    """Raise ConfigError if DVC works in the project: what it has begun must end with the studies that it began with."""
+    """Raise ConfigError if DVC works in the project: what it has begun must end with the studies
+    that it began with."""
     if _held(root / LOCK) or has_holders(root):
-        raise ConfigError("`dvc` works in this folder, and nothing was changed: wait until it ends, or end it")
+        raise ConfigError(
+            "`dvc` works in this folder, and nothing was changed: wait until it ends, or end it"
+        )
 
 
 def has_holders(root: Path) -> bool:
@@ -27,7 +31,9 @@ def has_holders(root: Path) -> bool:
     table = root / TABLE
     try:
         written_s = table.stat().st_mtime
-        return any(_lived(pid, written_s) for pid in _pids(json.loads(table.read_text(encoding="utf-8"))))
+        return any(
+            _lived(pid, written_s) for pid in _pids(json.loads(table.read_text(encoding="utf-8")))
+        )
     except (OSError, ValueError):
         return False
 
@@ -45,7 +51,8 @@ def _pids(node: Any) -> Iterator[int]:
 
 
 def _lived(pid: int, time_s: float) -> bool:
-    """Whether a process runs and did so at a time in seconds since 1970; a killed one that nobody has waited for yet does not."""
+    """Whether a process runs and did so at a time in seconds since 1970; a killed one that nobody
+    has waited for yet does not."""
     try:
         process = psutil.Process(pid)
         return bool(process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= time_s)

@@ -1,4 +1,5 @@
-"""Objects as a yaml or a file describes them: `_target_` names a class of this project, the other keys are its fields."""
+"""Objects as a yaml or a file describes them: `_target_` names a class of this project, the other
+keys are its fields."""
 
 import ast
 from collections.abc import Mapping
@@ -13,10 +14,12 @@ TARGET = "_target_"
 
 
 def build(spec: Any, roots: tuple[str, ...]) -> Any:
-    """The object that a mapping with `_target_` describes; mappings and lists within it are built first.
+    """The object that a mapping with `_target_` describes; mappings and lists within it are built
+    first.
 
-    Only dataclasses of modules below `roots`, such as pipeline.views., are made: a file may come from anywhere. Keys that the
-    class has no field for are left out. Raises ConfigError for any other class.
+    Only dataclasses of modules below `roots`, such as pipeline.views., are made: a file may come
+    from anywhere. Keys that the class has no field for are left out. Raises ConfigError for any
+    other class.
     """
     if isinstance(spec, list):
         return [build(one, roots) for one in spec]
@@ -26,11 +29,18 @@ def build(spec: Any, roots: tuple[str, ...]) -> Any:
     if TARGET not in found:
         return found
     kind = target_class(str(found[TARGET]), roots)
-    return kind(**{field.name: found[field.name] for field in fields(kind) if field.init and field.name in found})
+    return kind(
+        **{
+            field.name: found[field.name]
+            for field in fields(kind)
+            if field.init and field.name in found
+        }
+    )
 
 
 def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
-    """The dataclass of a module below `roots` that a name stands for; raises ConfigError for anything else."""
+    """The dataclass of a module below `roots` that a name stands for; raises ConfigError for
+    anything else."""
     module, _, name = target.rpartition(".")
     kind = None
     if module.startswith(roots) and name.isidentifier():
@@ -41,12 +51,16 @@ def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
                 needed = f"{error.name}: not installed, and {module} needs it"
                 raise NotInstalledError(f"{needed}; `pip install 'yearloc[site]'`") from None
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
-        raise ConfigError(f"{TARGET}={target}: expected a class of {' or '.join(root.rstrip('.') for root in roots)}")
+        raise ConfigError(
+            f"{TARGET}={target}: expected a class of "
+            f"{' or '.join(root.rstrip('.') for root in roots)}"
+        )
     return kind
 
 
 def plain(text: object) -> Any:
-    """A value from its text in a model's recipe: `0.002` a number, `True` a switch, `jet` a word."""
+    """A value from its text in a model's recipe: `0.002` a number, `True` a switch, `jet` a
+    word."""
     with suppress(ValueError, SyntaxError):
         return ast.literal_eval(str(text))
     return text

@@ -1,4 +1,5 @@
-"""Dask's workers in processes of their own: on this machine, of a scheduler that runs already, of SLURM or of Kubernetes."""
+"""Dask's workers in processes of their own: on this machine, of a scheduler that runs already, of
+SLURM or of Kubernetes."""
 
 import logging
 import os
@@ -27,11 +28,13 @@ NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 
 
 @contextmanager
-def connected(scheduler: str, workers: int, wait_s: float, settings: Mapping[str, Any]) -> Iterator[Any]:
+def connected(
+    scheduler: str, workers: int, wait_s: float, settings: Mapping[str, Any]
+) -> Iterator[Any]:
     """Dask's client of one of CLUSTERS once it has a worker; both are closed at the end.
 
-    Raises ConfigError for settings that are none of that cluster's, NotInstalledError, and ComputeError where no worker is there
-    in time.
+    Raises ConfigError for settings that are none of that cluster's, NotInstalledError, and
+    ComputeError where no worker is there in time.
     """
     import dask
     from distributed import Client
@@ -43,7 +46,8 @@ def connected(scheduler: str, workers: int, wait_s: float, settings: Mapping[str
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
         "distributed.admin.large-graph-warning-threshold": "1 TB",
-        "distributed.client.direct-to-workers": scheduler == "local",  # else each result passes through the scheduler
+        "distributed.client.direct-to-workers": scheduler
+        == "local",  # else each result passes through the scheduler
     }
     with ExitStack() as held:
         held.enter_context(dask.config.set(limits))
@@ -54,34 +58,51 @@ def connected(scheduler: str, workers: int, wait_s: float, settings: Mapping[str
         except TypeError as error:
             raise ConfigError(f"compute={scheduler}: settings: {error}") from error
         except (OSError, RuntimeError, ValueError) as error:
-            raise ComputeError(f"compute={scheduler}: no workers: {' '.join(str(error).split())}") from error
+            raise ComputeError(
+                f"compute={scheduler}: no workers: {' '.join(str(error).split())}"
+            ) from error
         yield client
 
 
 def in_order(
-    client: Any, scheduler: str, workers: int, fn: Callable[[int, int], Result], spans: Sequence[tuple[int, int]]
+    client: Any,
+    scheduler: str,
+    workers: int,
+    fn: Callable[[int, int], Result],
+    spans: Sequence[tuple[int, int]],
 ) -> Iterator[Result]:
-    """Yield fn(start, stop) of each span, in order; two a worker are computed ahead, and each is fetched as soon as it is done.
+    """Yield fn(start, stop) of each span, in order; two a worker are computed ahead, and each is
+    fetched as soon as it is done.
 
-    A block whose worker ends is computed again by another. Raises ComputeError for one at which four workers ended, or where no
-    worker is left, and ConfigError where a worker has other versions or another disk.
+    A block whose worker ends is computed again by another. Raises ComputeError for one at which
+    four workers ended, or where no worker is left, and ConfigError where a worker has other
+    versions or another disk.
     """
     import cloudpickle
     from distributed import as_completed
 
-    call, asked, sent = uuid4().hex, (os.getcwd(), versions()), 0
-    done, running = dict[int, Result](), as_completed(loop=client.loop, with_results=True)
-    job = client.submit(bytes, cloudpickle.dumps(fn), key=("job", call))  # goes to each worker once, not with each block
+    call = uuid4().hex
+    asked = (os.getcwd(), versions())
+    sent = 0
+    done = dict[int, Result]()
+    running = as_completed(loop=client.loop, with_results=True)
+    job = client.submit(
+        bytes, cloudpickle.dumps(fn), key=("job", call)
+    )  # goes to each worker once, not with each block
     with _said(scheduler):
         for row in range(len(spans)):
             ahead = 2 * max(workers, len(client.nthreads()))
             while sent < min(row + ahead, len(spans)):
-                running.add(client.submit(there, job, *asked, *spans[sent], key=("rows", call, sent)))
+                running.add(
+                    client.submit(there, job, *asked, *spans[sent], key=("rows", call, sent))
+                )
                 sent += 1
             while row not in done:
                 future, result = next(running)
                 if future.cancelled():
-                    raise ComputeError(f"compute={scheduler}: the connection to the scheduler is lost")
+                    raise ComputeError(
+                        f"compute={scheduler}: the connection to the scheduler is lost"
+                    )
                 done[future.key[2]] = result
             yield done.pop(row)
 
@@ -97,22 +118,32 @@ def _said(scheduler: str) -> Iterator[None]:
         yield
     except KilledWorker:
         raise ComputeError(
-            f"compute={scheduler}: four workers ended while they computed a block; had they memory enough?"
+            f"compute={scheduler}: four workers ended while they computed a block; had they memory "
+            "enough?"
         ) from None
     except NoValidWorkerError:
         raise ComputeError(f"compute={scheduler}: no worker is left") from None
     except CommClosedError:
-        raise ComputeError(f"compute={scheduler}: the connection to the scheduler is lost") from None
+        raise ComputeError(
+            f"compute={scheduler}: the connection to the scheduler is lost"
+        ) from None
     except ModuleNotFoundError as error:
-        raise ConfigError(f"compute={scheduler}: a worker has no {error.name}; install the same there as here") from None
+        raise ConfigError(
+            f"compute={scheduler}: a worker has no {error.name}; install the same there as here"
+        ) from None
 
 
 def there(job: bytes, folder: str, wanted: str, start: int, stop: int) -> Any:
     """A block, by a worker: in the stage's folder, for DVC's paths are relative to it."""
     if (own := versions()) != wanted:
-        raise ConfigError(f"compute: a worker has {own}, the stage {wanted}; install the same on both")
+        raise ConfigError(
+            f"compute: a worker has {own}, the stage {wanted}; install the same on both"
+        )
     if not Path(folder).is_dir():
-        raise ConfigError(f"compute: {platform.node()} has no {folder}; a worker needs the project's disk at the same path")
+        raise ConfigError(
+            f"compute: {platform.node()} has no {folder}; a worker needs the project's disk at the "
+            "same path"
+        )
     os.chdir(folder)
     return _function(job)(start, stop)
 
@@ -128,13 +159,16 @@ def _function(job: bytes) -> Callable[[int, int], Any]:
 @cache
 def versions() -> str:
     """Of what decides an artifact's bytes, the source of this library among it."""
-    source = sha256(b"".join(path.read_bytes() for path in sorted(LIBRARY.rglob("*.py")))).hexdigest()[:12]
+    source = sha256(
+        b"".join(path.read_bytes() for path in sorted(LIBRARY.rglob("*.py")))
+    ).hexdigest()[:12]
     named = [f"{name} {version(name)}" for name in ("numba", "numpy", "scipy", "zarr")]
     return ", ".join([f"Python {platform.python_version()}", *named, f"yearloc {source}"])
 
 
 def _local(workers: int) -> AbstractContextManager[Any]:
-    """Processes of this machine, which end with the stage; nothing outside the machine can reach them."""
+    """Processes of this machine, which end with the stage; nothing outside the machine can reach
+    them."""
     from distributed import LocalCluster
 
     own: AbstractContextManager[Any] = LocalCluster(
@@ -153,26 +187,50 @@ def _local(workers: int) -> AbstractContextManager[Any]:
 def _running(workers: int, address: str | None = None) -> AbstractContextManager[Any]:
     address = address or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if not address:
-        raise ConfigError("compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as tcp://host:8786")
+        raise ConfigError(
+            "compute=cluster: set DASK_SCHEDULER_ADDRESS to the scheduler's address, such as "
+            "tcp://host:8786"
+        )
     return nullcontext(address)
 
 
 def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager[Any]:
-    """A job each worker, of one process with one thread; the jobs' logs and the keys of the run lie in a shared folder."""
+    """A job each worker, of one process with one thread; the jobs' logs and the keys of the run lie
+    in a shared folder."""
     within("compute.workers", workers, Count)
     try:
         from dask_jobqueue import SLURMCluster
     except ImportError:
-        raise NotInstalledError("compute=slurm: dask-jobqueue is not installed; `pip install 'yearloc[slurm]'`") from None
+        raise NotInstalledError(
+            "compute=slurm: dask-jobqueue is not installed; `pip install 'yearloc[slurm]'`"
+        ) from None
     Path(folder).mkdir(mode=0o700, exist_ok=True)
-    own = {"cores": 1, "processes": 1, "python": sys.executable, "worker_extra_args": ["--no-dashboard"], "security": True}
-    where = {"scheduler_options": NO_DASHBOARD, "log_directory": folder, "shared_temp_directory": folder, "silence_logs": SILENT}
+    own = {
+        "cores": 1,
+        "processes": 1,
+        "python": sys.executable,
+        "worker_extra_args": ["--no-dashboard"],
+        "security": True,
+    }
+    where = {
+        "scheduler_options": NO_DASHBOARD,
+        "log_directory": folder,
+        "shared_temp_directory": folder,
+        "silence_logs": SILENT,
+    }
     cluster: Any = SLURMCluster(**own, **where, **settings)
-    ask = {"input": cluster.job_script(), "capture_output": True, "encoding": "utf-8", "errors": "replace"}
+    ask = {
+        "input": cluster.job_script(),
+        "capture_output": True,
+        "encoding": "utf-8",
+        "errors": "replace",
+    }
     tested: Any = subprocess.run(["sbatch", "--test-only"], **ask)
     if tested.returncode:
         cluster.close()
-        raise ConfigError(f"compute=slurm: no job like these is taken: {' '.join(tested.stderr.split())}")
+        raise ConfigError(
+            f"compute=slurm: no job like these is taken: {' '.join(tested.stderr.split())}"
+        )
     cluster.scale(workers)
     cluster.adapt(minimum=workers, maximum=workers, interval="5 s")
     return cast(AbstractContextManager[Any], cluster)
@@ -185,7 +243,8 @@ def _kubernetes(workers: int, **settings: Any) -> AbstractContextManager[Any]:
         from dask_kubernetes.operator import KubeCluster
     except ImportError:
         raise NotInstalledError(
-            "compute=kubernetes: dask-kubernetes is not installed; `pip install 'yearloc[kubernetes]'`"
+            "compute=kubernetes: dask-kubernetes is not installed; `pip install "
+            "'yearloc[kubernetes]'`"
         ) from None
     namespace = settings.pop("namespace", None)
     cluster: AbstractContextManager[Any] = KubeCluster(
@@ -194,8 +253,11 @@ def _kubernetes(workers: int, **settings: Any) -> AbstractContextManager[Any]:
     return cluster
 
 
-def pods(workers: int, folder: str, image: str, claim: str, mounted: str, cpu: float, memory: str) -> dict[str, Any]:
-    """The DaskCluster that Kubernetes is asked for: its workers see the disk of a claim at `mounted` and start in `folder`."""
+def pods(
+    workers: int, folder: str, image: str, claim: str, mounted: str, cpu: float, memory: str
+) -> dict[str, Any]:
+    """The DaskCluster that Kubernetes is asked for: its workers see the disk of a claim at
+    `mounted` and start in `folder`."""
     from dask_kubernetes.operator import make_cluster_spec
 
     limits = {"cpu": str(cpu), "memory": memory}
@@ -206,7 +268,10 @@ def pods(workers: int, folder: str, image: str, claim: str, mounted: str, cpu: f
     )
     pod = spec["spec"]["worker"]["spec"]
     pod["volumes"] = [{"name": "project", "persistentVolumeClaim": {"claimName": claim}}]
-    pod["containers"][0] |= {"workingDir": folder, "volumeMounts": [{"name": "project", "mountPath": mounted}]}
+    pod["containers"][0] |= {
+        "workingDir": folder,
+        "volumeMounts": [{"name": "project", "mountPath": mounted}],
+    }
     return spec
 
 

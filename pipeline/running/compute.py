@@ -26,10 +26,13 @@ Run = Callable[[Callable[[int, int], Any], Sequence[Span]], Iterator[Any]]
 class Compute:
     """How blocks of rows are computed; results and their order are the same in every mode.
 
-    Within a `with` block its processes stay for all calls, and end with it; else each call has its own.
+    Within a `with` block its processes stay for all calls, and end with it; else each call has its
+    own.
     """
 
-    scheduler: Literal["threads", "processes", "local", "cluster", "slurm", "kubernetes"] = "threads"
+    scheduler: Literal["threads", "processes", "local", "cluster", "slurm", "kubernetes"] = (
+        "threads"
+    )
     """All but the first two are Dask's distributed (`clusters`)."""
     workers: Whole = 0
     """How many blocks at a time; 0 means one for each core of this machine."""
@@ -47,14 +50,20 @@ class Compute:
         self._run = self._held.enter_context(self._started(self.workers or os.cpu_count() or 1))
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
         self._run = None
         self._held.close()
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
 
-        At most two blocks a worker are in memory at a time. Raises ComputeError where workers end or cannot be had.
+        At most two blocks a worker are in memory at a time. Raises ComputeError where workers end
+        or cannot be had.
         """
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
         if self._run:
@@ -68,12 +77,14 @@ class Compute:
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     def apart(self) -> Self:
-        """The same, but for threads one block at a time: for blocks whose libraries have settings of the whole process."""
+        """The same, but for threads one block at a time: for blocks whose libraries have settings
+        of the whole process."""
         return replace(self, workers=1) if self.scheduler == "threads" else self
 
     @contextmanager
     def _started(self, workers: int) -> Iterator[Run]:
-        """What computes the blocks; a scheduler that Dask is given by name would import distributed each time."""
+        """What computes the blocks; a scheduler that Dask is given by name would import distributed
+        each time."""
         if self.scheduler == "threads":
             from dask.threaded import get
 
@@ -81,9 +92,13 @@ class Compute:
         elif self.scheduler == "processes":
             from dask.multiprocessing import get, get_context, initialize_worker_process
 
-            with ProcessPoolExecutor(workers, get_context(), _initialize, (initialize_worker_process,)) as pool:
+            with ProcessPoolExecutor(
+                workers, get_context(), _initialize, (initialize_worker_process,)
+            ) as pool:
                 try:
-                    yield partial(_groups, partial(get, pool=pool, chunksize=1), workers)  # Dask's own 6 would leave some idle
+                    yield partial(
+                        _groups, partial(get, pool=pool, chunksize=1), workers
+                    )  # Dask's own 6 would leave some idle
                 except (KeyboardInterrupt, SystemExit):  # nobody waits for the blocks under way
                     for worker in multiprocessing.active_children():
                         worker.kill()
@@ -93,7 +108,9 @@ class Compute:
                 yield partial(in_order, client, self.scheduler, workers)
 
 
-def _groups(get: Callable[..., object], workers: int, fn: Callable[[int, int], Any], spans: Sequence[Span]) -> Iterator[Any]:
+def _groups(
+    get: Callable[..., object], workers: int, fn: Callable[[int, int], Any], spans: Sequence[Span]
+) -> Iterator[Any]:
     """Blocks two a worker at a time, by Dask's function that computes a graph."""
     import dask
 
@@ -103,7 +120,8 @@ def _groups(get: Callable[..., object], workers: int, fn: Callable[[int, int], A
 
 
 def _initialize(dask_s: Callable[[], None]) -> None:
-    """Dask's own start of a worker; and the worker ends when its stage is killed, else it would keep its memory for ever."""
+    """Dask's own start of a worker; and the worker ends when its stage is killed, else it would
+    keep its memory for ever."""
 
     def end_with(stage: Any) -> None:
         stage.join()

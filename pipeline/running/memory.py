@@ -2,14 +2,16 @@
 
 import ctypes
 
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of malloc.h
+M_TRIM_THRESHOLD = -1
+M_MMAP_THRESHOLD = -3  # of malloc.h
 
 
 def keep_freed_memory() -> None:
     """Let glibc reuse large arrays instead of asking the kernel for zeroed pages each time.
 
-    That is a fifth of a training's CPU time, and half of what it takes to read a scan of 2 MB and draw it. For the whole process,
-    which then stays as large as it once was; without glibc nothing is done.
+    That is a fifth of a training's CPU time, and half of what it takes to read a scan of 2 MB and
+    draw it. For the whole process, which then stays as large as it once was; without glibc nothing
+    is done.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):

@@ -17,14 +17,20 @@ class Progress:
     budget: float = 1.0
     """Share of a method's own full training to run."""
     checkpoint: Path | None = None
-    """File for the state of training, from which an interrupted run goes on after its last whole epoch."""
+    """File for the state of training, from which an interrupted run goes on after its last whole
+    epoch."""
 
     def __post_init__(self) -> None:
         within("budget.share", self.budget, Positive)
 
     def part(self, name: str) -> Self:
-        """The same for a further part of the work, with a checkpoint of its own beside the first part's."""
-        return replace(self, checkpoint=self.checkpoint and self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"))
+        """The same for a further part of the work, with a checkpoint of its own beside the first
+        part's."""
+        return replace(
+            self,
+            checkpoint=self.checkpoint
+            and self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"),
+        )
 
     def done(self) -> None:
         """Remove the checkpoints of all parts."""

@@ -9,7 +9,8 @@ import numpy as np
 
 
 def fingerprint(*parts: object) -> str:
-    """A digest of arrays, of classes (the sources of the project's modules that they import) and of anything else by its repr."""
+    """A digest of arrays, of classes (the sources of the project's modules that they import) and of
+    anything else by its repr."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(b"\0part\0")

@@ -14,7 +14,8 @@ EMPTY = "schema: '2.0'\n"
 
 
 def repair(root: Path) -> list[Path]:
-    """Empty the lock files that a kill tore, and return them; remove the table of locks if none of its holders lives.
+    """Empty the lock files that a kill tore, and return them; remove the table of locks if none of
+    its holders lives.
 
     DVC writes these in place.
     """
@@ -29,7 +30,8 @@ def repair(root: Path) -> list[Path]:
 
 
 def bring_over(root: Path) -> None:
-    """Move the lock files of an older clone, which lay in .dvc/locks, to beside their dvc.yaml, where DVC wants them."""
+    """Move the lock files of an older clone, which lay in .dvc/locks, to beside their dvc.yaml,
+    where DVC wants them."""
     old = root / ".dvc/locks"
     for lock in old.glob("*.lock"):
         folder = root if lock.stem == "root" else root / "dag" / lock.stem

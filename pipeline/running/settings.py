@@ -1,4 +1,5 @@
-"""Settings that come from a yaml or a command line, checked against the dataclass that they fill: types and ranges."""
+"""Settings that come from a yaml or a command line, checked against the dataclass that they fill:
+types and ranges."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,9 @@ class Range:
         """What was expected instead of a number; nothing where it is in the range."""
         if (self.low < number if self.above else self.low <= number) and number <= self.high:
             return ""
-        least = f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
+        least = (
+            f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
+        )
         return self.said or (f"at most {self.high:,.10g}" if number > self.high else least)
 
 
@@ -45,9 +48,11 @@ Seed = Annotated[int, Range(0, 2**32 - 1)]
 
 
 def check(settings: Any, group: str) -> None:
-    """Raise ConfigError naming the first field of a dataclass whose value is not of its declared type and range.
+    """Raise ConfigError naming the first field of a dataclass whose value is not of its declared
+    type and range.
 
-    Numbers, words, switches, literals, what may be null, lists of these, tables. A whole number is a number too.
+    Numbers, words, switches, literals, what may be null, lists of these, tables. A whole number is
+    a number too.
     """
     hints = get_type_hints(type(settings), include_extras=True)
     for field in fields(settings):
@@ -57,14 +62,17 @@ def check(settings: Any, group: str) -> None:
 
 
 def within(name: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError unless a value that fills no dataclass is of a type and range, such as `Count`."""
+    """Raise ConfigError unless a value that fills no dataclass is of a type and range, such as
+    `Count`."""
     if expected := _expected(value, hint):
         raise ConfigError(f"{name}={value}: expected {expected}")
 
 
 def _expected(value: Any, hint: Any) -> str:
-    """What a hint expects instead of a value; nothing where the value fits, or the hint is none that is checked."""
-    origin, args = get_origin(hint), get_args(hint)
+    """What a hint expects instead of a value; nothing where the value fits, or the hint is none
+    that is checked."""
+    origin = get_origin(hint)
+    args = get_args(hint)
     if origin is Annotated:
         return _expected(value, args[0]) or str(args[1].expected(value))
     if origin is Literal:
@@ -72,16 +80,34 @@ def _expected(value: Any, hint: Any) -> str:
         return "" if value in args else f"{', '.join(others)} or {last}"
     if origin in (Union, UnionType):
         found = [_expected(value, arg) for arg in args if arg is not type(None)]
-        return "" if "" in found or (value is None and type(None) in args) else f"{found[0]}{' or null' * (type(None) in args)}"
+        return (
+            ""
+            if "" in found or (value is None and type(None) in args)
+            else f"{found[0]}{' or null' * (type(None) in args)}"
+        )
     if origin is Mapping:
         return "" if isinstance(value, Mapping) else "a table"
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a table of the settings of {hint.__name__}"
     if origin in (Sequence, tuple):
         listed = isinstance(value, Sequence) and not isinstance(value, str)
-        return next(filter(None, (_expected(one, args[0]) for one in value)), "") if listed else "a list"
+        return (
+            next(filter(None, (_expected(one, args[0]) for one in value)), "")
+            if listed
+            else "a list"
+        )
     if hint is float:
-        fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        fits = (
+            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        )
     else:
-        fits = isinstance(value, hint) and (hint is bool or not isinstance(value, bool)) if hint in NAMES else True
-    return (NAMES[hint] if not fits else Range().expected(value) if hint in (int, float) else "") if hint in NAMES else ""
+        fits = (
+            isinstance(value, hint) and (hint is bool or not isinstance(value, bool))
+            if hint in NAMES
+            else True
+        )
+    return (
+        (NAMES[hint] if not fits else Range().expected(value) if hint in (int, float) else "")
+        if hint in NAMES
+        else ""
+    )

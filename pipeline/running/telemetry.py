@@ -1,7 +1,9 @@
-"""Time and memory that a stage used, stored beside its artifact and never in it: an artifact's bytes hold no clock and no host.
+"""Time and memory that a stage used, stored beside its artifact and never in it: an artifact's
+bytes hold no clock and no host.
 
-The trace of `artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`, which neither git nor DVC
-tracks: a clone that pulls the artifact has none. It is of the last time that the artifact was built here.
+The trace of `artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`,
+which neither git nor DVC tracks: a clone that pulls the artifact has none. It is of the last time
+that the artifact was built here.
 """
 
 import json
@@ -26,7 +28,8 @@ MB = 1e-6
 
 
 def beside(artifact: str | Path) -> Path:
-    """Where the trace of an artifact lies; raises ValueError for one that is not below the current folder."""
+    """Where the trace of an artifact lies; raises ValueError for one that is not below the current
+    folder."""
     path = FOLDER / Path(artifact).absolute().relative_to(Path.cwd())
     return path.with_name(f"{path.name}.json")
 
@@ -38,7 +41,8 @@ class Trace:
     wall_s: float
     cpu_s: float
     peak_memory_mb: float
-    """Largest resident memory among the samples, processes added up (shared pages count in each)."""
+    """Largest resident memory among the samples, processes added up (shared pages count in
+    each)."""
     seconds: Sequence[float] = ()
     """(sample,) since the start."""
     cpu_percent: Sequence[float] = ()
@@ -65,7 +69,8 @@ class Trace:
         scratch.replace(path)
 
     def series(self) -> dict[str, list[tuple[int, float]]]:
-        """The samples over whole seconds, in the group that MLflow's page shows as system metrics."""
+        """The samples over whole seconds, in the group that MLflow's page shows as system
+        metrics."""
         columns = {
             "process_cpu_percentage": self.cpu_percent,
             "process_memory_megabytes": self.memory_mb,
@@ -73,14 +78,18 @@ class Trace:
         }
         steps = [round(second) for second in self.seconds]
         return {
-            f"system/{name}": list(dict(zip(steps, column, strict=True)).items()) for name, column in columns.items() if column
+            f"system/{name}": list(dict(zip(steps, column, strict=True)).items())
+            for name, column in columns.items()
+            if column
         }
 
 
 def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
-    """`train_wall_s`, `train_cpu_s`, `train_peak_memory_mb` and so on of each stage, its artifacts' traces put together.
+    """`train_wall_s`, `train_cpu_s`, `train_peak_memory_mb` and so on of each stage, its artifacts'
+    traces put together.
 
-    A stage one of whose traces is not there has no cost: a part of a sum would be read as the whole.
+    A stage one of whose traces is not there has no cost: a part of a sum would be read as the
+    whole.
     """
     numbers: dict[str, float] = {}
     for stage, artifacts in stages.items():
@@ -106,10 +115,11 @@ class Sample(NamedTuple):
 
 @dataclass
 class Telemetry:
-    """Watch this process and what it starts while the block makes `artifact`, then write its trace; only if the block ends well.
+    """Watch this process and what it starts while the block makes `artifact`, then write its trace;
+    only if the block ends well.
 
-    Samples are taken every second at first; each time that `MOST` are full every second one goes and the pace halves. No
-    failure in here, a full disk among them, is the block's.
+    Samples are taken every second at first; each time that `MOST` are full every second one goes
+    and the pace halves. No failure in here, a full disk among them, is the block's.
     """
 
     artifact: str | Path
@@ -126,7 +136,12 @@ class Telemetry:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
         self._end.set()
         self._thread.join()
         if kind is None:
@@ -146,9 +161,13 @@ class Telemetry:
         with suppress(Exception):
             for process in (self._process, *self._process.children(recursive=True)):
                 with suppress(psutil.NoSuchProcess):
-                    cpu_s += sum(process.cpu_times()[:4])  # user and system, its own and of its children that ended
+                    cpu_s += sum(
+                        process.cpu_times()[:4]
+                    )  # user and system, its own and of its children that ended
                     memory_mb += process.memory_info().rss * MB
-            self._samples.append(Sample(time.monotonic() - self._start_s, cpu_s, memory_mb, _gpu_memory_mb()))
+            self._samples.append(
+                Sample(time.monotonic() - self._start_s, cpu_s, memory_mb, _gpu_memory_mb())
+            )
             self._peak_mb = max(self._peak_mb, memory_mb)
 
     def _trace(self) -> Trace:
@@ -156,7 +175,10 @@ class Telemetry:
         last = others[-1]
         if len(others) > 1 and last.at_s - others[-2].at_s < self.every_s / 2:
             others.pop()  # too near to the one before for a rate
-        rates = [(new.cpu_s - old.cpu_s) / max(new.at_s - old.at_s, 1e-3) for old, new in pairwise([first, *others])]
+        rates = [
+            (new.cpu_s - old.cpu_s) / max(new.at_s - old.at_s, 1e-3)
+            for old, new in pairwise([first, *others])
+        ]
         return Trace(
             wall_s=round(last.at_s, 3),
             cpu_s=round(max(last.cpu_s - first.cpu_s, 0.0), 3),
@@ -164,12 +186,15 @@ class Telemetry:
             seconds=[round(sample.at_s, 3) for sample in others],
             cpu_percent=[round(max(100 * rate, 0.0), 1) for rate in rates],
             memory_mb=[round(sample.memory_mb, 1) for sample in others],
-            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in others] if last.gpu_memory_mb is not None else [],
+            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in others]
+            if last.gpu_memory_mb is not None
+            else [],
         )
 
 
 def _gpu_memory_mb() -> float | None:
-    """None unless the stage itself has torch use a GPU already; asking for it here would be what wakes it."""
+    """None unless the stage itself has torch use a GPU already; asking for it here would be what
+    wakes it."""
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     used = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
     return cuda.memory_reserved() * MB if cuda and used else None

@@ -1,4 +1,5 @@
-"""Text that is read and printed, whatever the locale says: files are UTF-8, and a terminal that lacks a character shows a ?."""
+"""Text that is read and printed, whatever the locale says: files are UTF-8, and a terminal that
+lacks a character shows a ?."""
 
 import io
 import re
@@ -12,19 +13,23 @@ import yaml
 
 from pipeline.errors import ConfigError
 
-LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C ten times as fast, where it was built
+LOADER: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # in C ten times as fast, where it was built
 WRITTEN = ("studies.yaml", "lists.yaml")
 """Of conf/, what `yearloc use` writes."""
 
 
 def print_anywhere() -> None:
-    """From here on, a character that the terminal's encoding lacks is printed as a ? and ends no command."""
+    """From here on, a character that the terminal's encoding lacks is printed as a ? and ends no
+    command."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
 
 
 def one_line(said: object) -> str:
-    """What an error says, with a ? for line breaks and whatever else a terminal would obey: words may come from anywhere."""
+    """What an error says, with a ? for line breaks and whatever else a terminal would obey: words
+    may come from anywhere."""
     return "".join(one if one.isprintable() else "?" for one in str(said))
 
 
@@ -34,14 +39,19 @@ def terminal_width() -> int:
 
 
 def folded(text: str, width: int) -> str:
-    """The text in lines of at most `width` columns: of a table, which has a rule of ─ below its header, the columns that are
-    too many go on below, beside the first one; other lines wrap. Words and columns that are wider stay whole."""
+    """The text in lines of at most `width` columns: of a table, which has a rule of ─ below its
+    header, the columns that are too many go on below, beside the first one; other lines wrap. Words
+    and columns that are wider stay whole."""
     blocks = []
     for block in text.split("\n\n"):
         lines = block.split("\n")
         rule = next((i for i, line in enumerate(lines) if line and not line.strip("─ ")), 0)
         above, table = (lines[: rule - 1], lines[rule - 1 :]) if rule else (lines, [])
-        found = [wrapped for line in above for wrapped in textwrap.wrap(line, width, break_long_words=False) or [""]]
+        found = [
+            wrapped
+            for line in above
+            for wrapped in textwrap.wrap(line, width, break_long_words=False) or [""]
+        ]
         if max(map(len, table), default=0) <= width:
             blocks.append("\n".join([*found, *table]))
         else:
@@ -58,13 +68,23 @@ def _side_by_side(table: list[str], width: int) -> list[str]:
         if parts[-1] and first[1] + sum(2 + e - s for s, e in [*parts[-1], (start, end)]) > width:
             parts.append([])
         parts[-1].append((start, end))
-    shown = ["\n".join("  ".join(line[s:e].ljust(e - s) for s, e in (first, *part)).rstrip() for line in table) for part in parts]
+    shown = [
+        "\n".join(
+            "  ".join(line[s:e].ljust(e - s) for s, e in (first, *part)).rstrip() for line in table
+        )
+        for part in parts
+    ]
     return "\n\n".join(shown).split("\n")
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The table that a file of conf/ holds; raises ConfigError where it is missing, empty, no UTF-8, no yaml or no table."""
-    mend = "`yearloc use campus` writes it anew" if path.name in WRITTEN else "mend it, or let `git checkout` bring it back"
+    """The table that a file of conf/ holds; raises ConfigError where it is missing, empty, no
+    UTF-8, no yaml or no table."""
+    mend = (
+        "`yearloc use campus` writes it anew"
+        if path.name in WRITTEN
+        else "mend it, or let `git checkout` bring it back"
+    )
     try:
         found = yaml.load(path.read_text(encoding="utf-8"), LOADER)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
@@ -80,6 +100,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def check_files(conf: Path) -> None:
-    """Raise ConfigError for the first file of conf/ that cannot be read, the two lists among them."""
+    """Raise ConfigError for the first file of conf/ that cannot be read, the two lists among
+    them."""
     for path in sorted({*conf.rglob("*.yaml"), *(conf / name for name in WRITTEN)}):
         read_yaml(path)

@@ -1,4 +1,5 @@
-"""What each method is, from its yaml and its module's first paragraph; nothing of a method is imported."""
+"""What each method is, from its yaml and its module's first paragraph; nothing of a method is
+imported."""
 
 import ast
 import re
@@ -22,11 +23,13 @@ class Entry:
     name: str  # its file's and its yaml's
     what: str  # the paragraph that its module begins with
     view: str  # what it looks at: a file in conf/view
-    source: str  # the paper, in that paragraph's brackets beside sections of docs/METHODS.md; empty for none
+    # the paper, in that paragraph's brackets beside sections of docs/METHODS.md; empty for none
+    source: str
 
 
 def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
-    """Every method of conf/method, by name; raises ConfigError for one whose module is not there or tells nothing."""
+    """Every method of conf/method, by name; raises ConfigError for one whose module is not there or
+    tells nothing."""
     found = []
     for path in sorted((conf / "method").glob("*.yaml")):
         settings = read_yaml(path)
@@ -36,7 +39,8 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
 
 
 def what(target: str) -> str:
-    """What the method of a class such as pipeline.methods.sci.Sci is; empty where its module is not there."""
+    """What the method of a class such as pipeline.methods.sci.Sci is; empty where its module is not
+    there."""
     with suppress(ConfigError):
         return _described(target)[0]
     return ""
@@ -51,8 +55,12 @@ def table(found: Iterable[Entry]) -> str:
 
 def listing(found: Iterable[Entry], width: int) -> str:
     """The same for a terminal of fewer columns than the table's: a paragraph a method."""
-    told = (f"{one.name}: {one.what}; looks at {one.view}; {one.source or 'no source'}" for one in found)
-    return "".join(f"{textwrap.fill(one, max(width, 20), subsequent_indent='  ')}\n" for one in told)
+    told = (
+        f"{one.name}: {one.what}; looks at {one.view}; {one.source or 'no source'}" for one in found
+    )
+    return "".join(
+        f"{textwrap.fill(one, max(width, 20), subsequent_indent='  ')}\n" for one in told
+    )
 
 
 def _described(target: str) -> tuple[str, str]:
@@ -60,10 +68,16 @@ def _described(target: str) -> tuple[str, str]:
     path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
-    told = " ".join((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n\n")[0].split()).rstrip(
-        "."
-    )
+    told = " ".join(
+        (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "")
+        .partition("\n\n")[0]
+        .split()
+    ).rstrip(".")
     if not told:
-        raise ConfigError(f"{path}: expected a docstring whose first paragraph says what the method is")
+        raise ConfigError(
+            f"{path}: expected a docstring whose first paragraph says what the method is"
+        )
     cited = [one.strip() for bracket in re.findall(BRACKET, told) for one in bracket.split(";")]
-    return re.sub(BRACKET, "", told), "; ".join(one for one in cited if not one.startswith("METHODS"))
+    return re.sub(BRACKET, "", told), "; ".join(
+        one for one in cited if not one.startswith("METHODS")
+    )

@@ -2,9 +2,20 @@
 
 import hashlib
 
-PALETTE = ("#004087", "#BF4000", "#006840", "#B74080", "#1878C7", "#9F6840", "#8F3897", "#603800", "#202020")
-"""Found by search: any two are at least 20 apart (CIE 1976 ΔE) to a reader with deuteranopia as Machado, Oliveira and Fernandes
-(2009) simulate it, and each has a contrast of 4.5 or more against white, as text needs (tested)."""
+PALETTE = (
+    "#004087",
+    "#BF4000",
+    "#006840",
+    "#B74080",
+    "#1878C7",
+    "#9F6840",
+    "#8F3897",
+    "#603800",
+    "#202020",
+)
+"""Found by search: any two are at least 20 apart (CIE 1976 ΔE) to a reader with deuteranopia as
+Machado, Oliveira and Fernandes (2009) simulate it, and each has a contrast of 4.5 or more against
+white, as text needs (tested)."""
 MARKERS = ("o", "v", "D", "P", "s", "^", "X", "<", "d")
 """Of matplotlib, in the same order."""
 
@@ -15,10 +26,12 @@ def method_of(model: str) -> str:
 
 
 def colour(model: str) -> str:
-    """The colour of a model's method in all figures and in MLflow, from the name alone, so that no list of names is needed.
+    """The colour of a model's method in all figures and in MLflow, from the name alone, so that no
+    list of names is needed.
 
-    The salt is chosen so that the methods of the two papers and `scan_context_all` have different colours (tested), and related
-    ones similar colours: two blues for SCI's, orange and vermilion for Scan Context's.
+    The salt is chosen so that the methods of the two papers and `scan_context_all` have different
+    colours (tested), and related ones similar colours: two blues for SCI's, orange and vermilion
+    for Scan Context's.
     """
     return PALETTE[_place(model)]
 

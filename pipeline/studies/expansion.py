@@ -1,11 +1,14 @@
-"""What the studies of conf/studies.yaml come to: the lists that dvc.yaml expands to, one entry an instance of a stage.
+"""What the studies of conf/studies.yaml come to: the lists that dvc.yaml expands to, one entry an
+instance of a stage.
 
-A study is one data set's training sequence, its test sequences, and the cells and methods that are compared on them. Its question
-is how a localiser lasts over a `year`; methods on bird-views are judged with turned robots besides (DOM and PFL, IROS 2018).
-A study of `robustness` judges also altered queries, sequences of `stress`, other cells and variants of the methods. A study of
-`viewpoints` judges turned robots alone, on sequences that share no place with training; then several may train, with blanks
-between. A study of `lifelong` judges what a model answers after it learned further days (studies.courses). DVC can look up no
-name within another, so all that a stage needs is listed for each of its instances.
+A study is one data set's training sequence, its test sequences, and the cells and methods that are
+compared on them. Its question is how a localiser lasts over a `year`; methods on bird-views are
+judged with turned robots besides (DOM and PFL, IROS 2018). A study of `robustness` judges also
+altered queries, sequences of `stress`, other cells and variants of the methods. A study of
+`viewpoints` judges turned robots alone, on sequences that share no place with training; then
+several may train, with blanks between. A study of `lifelong` judges what a model answers after it
+learned further days (studies.courses). DVC can look up no name within another, so all that a stage
+needs is listed for each of its instances.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,15 +23,36 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 Study = Mapping[str, Any]
 
 LISTS = (
-    "drives", "submaps", "views", "birdviews", "altered", "labels", "maps", "models", "rankings", "poses", "paths", "evaluations",
-    "events", "viewpoints", "lifelong", "latency", "results", "report", "published",
-)  # fmt: skip
+    "drives",
+    "submaps",
+    "views",
+    "birdviews",
+    "altered",
+    "labels",
+    "maps",
+    "models",
+    "rankings",
+    "poses",
+    "paths",
+    "evaluations",
+    "events",
+    "viewpoints",
+    "lifelong",
+    "latency",
+    "results",
+    "report",
+    "published",
+)
 QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
 DRIVE = ("world", "source", "heeds", "root")
-"""What the stages of one drive take from its study. `heeds` is what its logs depend on in the data set's yaml: the
-reader, or of a simulated one no more than that it is simulated."""
+"""What the stages of one drive take from its study.
+
+`heeds` is what its logs depend on in the data set's yaml: the reader, or of a simulated one no more
+than that it is simulated.
+"""
 STRUCTURE = ("demolition", "construction")
-"""Alterations that a method's own model answers alone: variants and seeds differ in the headings that they learned."""
+"""Alterations that a method's own model answers alone: variants and seeds differ in the headings
+that they learned."""
 TOLERANCE = "15m"
 """How near an answer must be, where a study says nothing: a file of conf/tolerance."""
 INSTEAD = {
@@ -37,7 +61,8 @@ INSTEAD = {
     "changed": "pipeline/formats/__init__.py",
     "learned": "pipeline/fetching/__init__.py",
 }
-"""What a stage depends on where a study has no such artifact, an empty file: DVC has no optional dependencies."""
+"""What a stage depends on where a study has no such artifact, an empty file: DVC has no optional
+dependencies."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +73,8 @@ class ModelName:
     variant: str = ""
     seed: int = 0
     posed: bool = False  # its answers were registered, which makes them a variant of their own
-    path: str = ""  # a file of conf/path: how the poses of a drive were joined, which makes them a further variant
+    # a file of conf/path: how the poses of a drive were joined, which makes them a further variant
+    path: str = ""
 
     @property
     def family(self) -> str:
@@ -91,50 +117,96 @@ def expand(studies: Mapping[str, Study]) -> Lists:
 
 def _views(lists: Lists, dataset: str, study: Study) -> None:
     """What is computed before anything is learned: logs, scans, submaps, views, labels."""
-    sequences = [*study["train"].split(), *study["tests"], *study.get("stress", {}), *study.get("learned", ())]
+    sequences = [
+        *study["train"].split(),
+        *study["tests"],
+        *study.get("stress", {}),
+        *study.get("learned", ()),
+    ]
     sequences += study.get("updates", ())
-    drive, every = {name: study[name] for name in DRIVE}, " ".join(sequences)
+    drive = {name: study[name] for name in DRIVE}
+    every = " ".join(sequences)
     for sequence in sequences:
-        lists["drives"][f"{dataset}-{sequence}"] = {"dataset": dataset, "sequence": sequence, **drive}
+        lists["drives"][f"{dataset}-{sequence}"] = {
+            "dataset": dataset,
+            "sequence": sequence,
+            **drive,
+        }
     lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": every}
     for method in study["methods"]:
-        name, view = f"{dataset}-{method['view']}", {"dataset": dataset, "view": method["view"]}
+        name = f"{dataset}-{method['view']}"
+        view = {"dataset": dataset, "view": method["view"]}
         lists[method.get("stage", "views")][name] = view | {"sequences": every}
         for alteration, some in study.get("altered", {}).items():
-            lists["altered"][f"{name}-{alteration}"] = view | {"alteration": alteration, "sequences": " ".join(some)}
+            lists["altered"][f"{name}-{alteration}"] = view | {
+                "alteration": alteration,
+                "sequences": " ".join(some),
+            }
     labelled = every if asks_about_the_year(study) else study["train"]
     for grid in grids(study):
         entry = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": labelled}
         lists["labels"][f"{dataset}-{grid}"] = entry
 
 
-def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName) -> None:
+def _model(
+    lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName
+) -> None:
     """Training a model, and what it answers."""
     seed = f"method.seed={model.seed}" if model.seed else ""
-    settings = " ".join(f"method.{name}={value}" for name, value in method.get("settings", {}).items())
-    words = (f"method={model.method}", settings, method.get("variants", {}).get(model.variant, ""), seed)
+    settings = " ".join(
+        f"method.{name}={value}" for name, value in method.get("settings", {}).items()
+    )
+    words = (
+        f"method={model.method}",
+        settings,
+        method.get("variants", {}).get(model.variant, ""),
+        seed,
+    )
     entry = {"dataset": dataset, "grid": grid, "method": model.method, "model": model.name}
-    entry |= {"recipe": " ".join(filter(None, words)), "code": method["code"], "view": method["view"], "train": study["train"]}
+    entry |= {
+        "recipe": " ".join(filter(None, words)),
+        "code": method["code"],
+        "view": method["view"],
+        "train": study["train"],
+    }
     tolerance = {"tolerance": study.get("tolerance", TOLERANCE)}
-    learned = {"budget": study["budget"], "of": "" if " " in study["train"] else f"/{study['train']}.zarr"}
+    learned = {
+        "budget": study["budget"],
+        "of": "" if " " in study["train"] else f"/{study['train']}.zarr",
+    }
     lists["models"][f"{dataset}-{grid}-{model.name}"] = entry | learned
     if study.get("question") == LIFELONG:
         lists["lifelong"] |= instances({**entry, **learned, **tolerance}, study, method, INSTEAD)
     if not asks_about_the_year(study):
         return
     own = grid in study["grids"]
-    altered = [name for name in study.get("altered", {}) if own and (name not in STRUCTURE or model == ModelName(model.method))]
+    altered = [
+        name
+        for name in study.get("altered", {})
+        if own and (name not in STRUCTURE or model == ModelName(model.method))
+    ]
     tests = [*study["tests"], *(study.get("stress", {}) if own else ())]
     answered = f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
     asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
     lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
-    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {"tests": asked["tests"], **tolerance}
+    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {
+        "tests": asked["tests"],
+        **tolerance,
+    }
     for answers in answers_of(study, model) if own else [model]:
         rankings = f"artifacts/{folder(dataset, grid, answers)}"
-        lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {"model": answers.name, "rankings": rankings}
+        lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {
+            "model": answers.name,
+            "rankings": rankings,
+        }
         if answers.path:
-            followed = {name: entry[name] for name in ("dataset", "grid", "model", "train")} | {"path": answers.path}
-            lists["paths"][f"{dataset}-{grid}-{answers.name}"] = followed | {"out": answers.name, "tests": asked["tests"]}
+            followed = {name: entry[name] for name in ("dataset", "grid", "model", "train")} | {
+                "path": answers.path
+            }
+            lists["paths"][f"{dataset}-{grid}-{answers.name}"] = followed | {
+                "out": answers.name,
+                "tests": asked["tests"],
+            }
         elif answers.posed:
             lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
             lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {
@@ -145,7 +217,8 @@ def _model(lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
     """What is measured besides, and what it is gathered into."""
-    year, robust = asks_about_the_year(study), study.get("question") == "robustness"
+    year = asks_about_the_year(study)
+    robust = study.get("question") == "robustness"
     lifelong = study.get("question") == LIFELONG
     bird_views = bool(on_bird_views(study["methods"])) and not lifelong
     own = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
@@ -156,7 +229,10 @@ def _measurements(lists: Lists, dataset: str, study: Study) -> None:
         lists["events"][dataset] = entry | {name: study[name] for name in DRIVE}
     there = {"evaluated": ("evaluate", year), "viewed": ("viewpoints", bird_views)}
     there |= {"changed": ("events", robust), "learned": ("lifelong", lifelong)}
-    read = {word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word] for word, (kind, has) in there.items()}
+    read = {
+        word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word]
+        for word, (kind, has) in there.items()
+    }
     lists["results"][dataset] = {"dataset": dataset, **read}
     if year or lifelong:
         lists["published"][dataset] = {"dataset": dataset}
@@ -166,7 +242,9 @@ def asks_about_the_year(study: Study) -> bool:
     """Whether a study's tests show the training sequence's places."""
     question = study.get("question", QUESTIONS[0])
     if question not in QUESTIONS:
-        raise ConfigError(f"question={question}: expected {', '.join(QUESTIONS[:-1])} or {QUESTIONS[-1]}")
+        raise ConfigError(
+            f"question={question}: expected {', '.join(QUESTIONS[:-1])} or {QUESTIONS[-1]}"
+        )
     return question in QUESTIONS[:2]
 
 
@@ -183,16 +261,23 @@ def grids(study: Study) -> tuple[str, ...]:
 def models_of(method: Mapping[str, Any]) -> list[ModelName]:
     """The models of a method of a study: its own, then its variants, each with every seed."""
     seeds = range(method.get("seeds", 1))
-    return [ModelName(method["name"], variant, seed) for variant in ("", *method.get("variants", {})) for seed in seeds]
+    return [
+        ModelName(method["name"], variant, seed)
+        for variant in ("", *method.get("variants", {}))
+        for seed in seeds
+    ]
 
 
 def model_named(study: Study, name: str) -> ModelName:
     """The model of a study whose artifacts have this name."""
-    return next(model for method in study["methods"] for model in models_of(method) if model.name == name)
+    return next(
+        model for method in study["methods"] for model in models_of(method) if model.name == name
+    )
 
 
 def answers_of(study: Study, model: ModelName) -> list[ModelName]:
-    """A model's own answers, and the same with poses where the study asks for them, and along the path."""
+    """A model's own answers, and the same with poses where the study asks for them, and along the
+    path."""
     if model.family not in study.get("poses", ()):
         return [model]
     posed = replace(model, posed=True)
@@ -203,11 +288,13 @@ def folder(dataset: str, grid: str, answers: ModelName) -> str:
     """Where rankings or poses lie, below artifacts/."""
     if answers.path:
         return f"paths/{dataset}/{grid}/{answers.name}"
-    return f"{'poses' if answers.posed else 'localize'}/{dataset}/{grid}/{replace(answers, posed=False).name}"
+    kind = "poses" if answers.posed else "localize"
+    return f"{kind}/{dataset}/{grid}/{replace(answers, posed=False).name}"
 
 
 def answerers(study: Study) -> list[ModelName]:
-    """All that answer at the study's own cell sizes: each model, and each that has poses besides."""
+    """All that answer at the study's own cell sizes: each model, and each that has poses
+    besides."""
     models = (model for method in study["methods"] for model in models_of(method))
     return [answers for model in models for answers in answers_of(study, model)]
 

@@ -1,4 +1,5 @@
-"""Artifacts built by sweeps, stored by a digest of their code, parameters and inputs, so each is built once."""
+"""Artifacts built by sweeps, stored by a digest of their code, parameters and inputs, so each is
+built once."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -14,14 +15,18 @@ from pipeline.running.provenance import fingerprint
 class ArtifactCache:
     """A folder with one entry a key, such as `train/0f3c…/sci.safetensors`.
 
-    Every file of an entry is written whole or not at all, so an entry is finished when all of them are there; a lock
-    beside it keeps a second builder waiting. Deleting any of it, or all, costs only the time to build it again.
+    Every file of an entry is written whole or not at all, so an entry is finished when all of them
+    are there; a lock beside it keeps a second builder waiting. Deleting any of it, or all, costs
+    only the time to build it again.
     """
 
     root: Path
 
-    def get(self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]) -> tuple[Path, bool]:
-        """The entry's folder, which holds the files `names`, and whether `build` was called to write them."""
+    def get(
+        self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]
+    ) -> tuple[Path, bool]:
+        """The entry's folder, which holds the files `names`, and whether `build` was called to
+        write them."""
         folder = self.root / kind / key
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.with_suffix(".lock")):

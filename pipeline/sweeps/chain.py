@@ -21,7 +21,9 @@ class Step:
     stage: str
     command: str
     deps: tuple[str, ...]  # files and folders of code, and artifacts
-    params: Mapping[str, tuple[str, ...]]  # files in conf/ to the keys in them that count; none named means all
+    params: Mapping[
+        str, tuple[str, ...]
+    ]  # files in conf/ to the keys in them that count; none named means all
     outs: tuple[str, ...]
 
     @cached_property
@@ -33,7 +35,11 @@ class Step:
     @cached_property
     def choices(self) -> dict[str, str]:
         """Overrides that choose a file of a group, such as grid=10m."""
-        return {key: value for key, value in self.overrides.items() if f"conf/{key}/{value}.yaml" in self.params}
+        return {
+            key: value
+            for key, value in self.overrides.items()
+            if f"conf/{key}/{value}.yaml" in self.params
+        }
 
     @cached_property
     def fields(self) -> dict[str, str]:
@@ -48,9 +54,15 @@ def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step
         listed = _filled(body["foreach"], {"lists": lists}) if "foreach" in body else {"": None}
         for key, item in listed.items():
             one = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
-            params = {file: tuple(keys or ()) for entry in one.get("params", ()) for file, keys in entry.items()}
+            params = {
+                file: tuple(keys or ())
+                for entry in one.get("params", ())
+                for file, keys in entry.items()
+            }
             written = (*one.get("outs", ()), *one.get("metrics", ()))
-            outs = [out for entry in written for out in ([entry] if isinstance(entry, str) else entry)]
+            outs = [
+                out for entry in written for out in ([entry] if isinstance(entry, str) else entry)
+            ]
             steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, tuple(outs)))
     return steps
 
@@ -61,12 +73,16 @@ def producers(steps: Sequence[Step]) -> dict[str, Step]:
 
 
 def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
-    """The artifacts that a step reads, whole, a part of each or a folder full of them, and the steps that make them."""
+    """The artifacts that a step reads, whole, a part of each or a folder full of them, and the
+    steps that make them."""
     read = [PurePosixPath(dep) for dep in step.deps if dep.startswith("artifacts/")]
     return {
         artifact: maker
         for artifact, maker in makers.items()
-        if any(dep.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(dep) for dep in read)
+        if any(
+            dep.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(dep)
+            for dep in read
+        )
     }
 
 
@@ -76,7 +92,8 @@ def code(step: Step) -> list[Path]:
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """A node with every ${a.b} replaced; one that stands alone becomes whatever it names, such as a list."""
+    """A node with every ${a.b} replaced; one that stands alone becomes whatever it names, such as a
+    list."""
     if isinstance(node, Mapping):
         return {_filled(key, values): _filled(value, values) for key, value in node.items()}
     if isinstance(node, list):
@@ -84,7 +101,11 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
     if not isinstance(node, str):
         return node
     whole = REFERENCE.fullmatch(node)
-    return _look_up(whole[1], values) if whole else REFERENCE.sub(lambda found: str(_look_up(found[1], values)), node)
+    return (
+        _look_up(whole[1], values)
+        if whole
+        else REFERENCE.sub(lambda found: str(_look_up(found[1], values)), node)
+    )
 
 
 def _look_up(path: str, values: Mapping[str, Any]) -> Any:

@@ -15,8 +15,8 @@ from pipeline.sweeps.lock import UpToDate, digest
 class Job:
     """Finds or builds artifacts; `from_dvc`, `from_sweeps` and `built` count them by stage.
 
-    `settings` gives every parameter that a step's result depends on, and whether all equal those of the files in conf/; `run`
-    executes the step with its paths and names as {field: value}.
+    `settings` gives every parameter that a step's result depends on, and whether all equal those of
+    the files in conf/; `run` executes the step with its paths and names as {field: value}.
     """
 
     def __init__(
@@ -29,13 +29,19 @@ class Job:
     ) -> None:
         self._makers = producers(steps)
         self._inputs = {step.command: inputs(step, self._makers) for step in steps}
-        self._lock, self._cache, self._settings, self._run = lock, cache, settings, run
+        self._lock = lock
+        self._cache = cache
+        self._settings = settings
+        self._run = run
         self._keys: dict[str, str] = {}
         self._found: dict[str, Path] = {}
-        self.from_dvc, self.from_sweeps, self.built = Counter[str](), Counter[str](), Counter[str]()
+        self.from_dvc = Counter[str]()
+        self.from_sweeps = Counter[str]()
+        self.built = Counter[str]()
 
     def path(self, artifact: str) -> Path:
-        """Where an artifact, named as dvc.yaml does, lies for this job; it is built if it must be."""
+        """Where an artifact, named as dvc.yaml does, lies for this job; it is built if it must
+        be."""
         if artifact not in self._found:
             step = self._makers[artifact]
             self._found |= dict(zip(step.outs, self._obtain(step), strict=True))
@@ -45,20 +51,27 @@ class Job:
         """Digest of a step's parameters, code, and the keys of its inputs."""
         name = step.outs[0]
         if name not in self._keys:
-            keys = {artifact: self.key(maker) for artifact, maker in self._inputs[step.command].items()}
+            keys = {
+                artifact: self.key(maker) for artifact, maker in self._inputs[step.command].items()
+            }
             given = self._given(step, keys, lambda parts: fingerprint(sorted(parts.items())))
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
             values, _ = self._settings(step)
-            self._keys[name] = fingerprint(step.stage, json.dumps(values, sort_keys=True), sorted(given.items()), sources)
+            self._keys[name] = fingerprint(
+                step.stage, json.dumps(values, sort_keys=True), sorted(given.items()), sources
+            )
         return self._keys[name]
 
     def usual(self, step: Step) -> bool:
-        """Whether neither this step nor any before it gets other parameters than those of the files in conf/."""
+        """Whether neither this step nor any before it gets other parameters than those of the files
+        in conf/."""
         return self._settings(step)[1] and all(map(self.usual, self._inputs[step.command].values()))
 
     def is_built(self, step: Step) -> bool:
         """Whether DVC has this step's artifacts just as this job wants them."""
-        return self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step)
+        return (
+            self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step)
+        )
 
     def _obtain(self, step: Step) -> list[Path]:
         if self.is_built(step):
@@ -67,16 +80,28 @@ class Job:
         names = own_names(step.outs)
 
         def build(folder: Path) -> None:
-            paths = {artifact: self.path(artifact).as_posix() for artifact in self._inputs[step.command]}
-            written = {out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)}
-            self._run(step, self._given(step, paths | written, lambda parts: self._cache.gather(parts).as_posix()))
+            paths = {
+                artifact: self.path(artifact).as_posix() for artifact in self._inputs[step.command]
+            }
+            written = {
+                out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)
+            }
+            self._run(
+                step,
+                self._given(
+                    step, paths | written, lambda parts: self._cache.gather(parts).as_posix()
+                ),
+            )
 
         folder, built = self._cache.get(step.stage, self.key(step), names, build)
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
 
-    def _given(self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]) -> dict[str, str]:
-        """A step's fields with each path of an artifact, of a part of one or of a folder of several replaced by `stands_for`."""
+    def _given(
+        self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]
+    ) -> dict[str, str]:
+        """A step's fields with each path of an artifact, of a part of one or of a folder of several
+        replaced by `stands_for`."""
 
         def other(value: str) -> str:
             if not value:
@@ -85,17 +110,32 @@ class Job:
             for artifact, place in stands_for.items():
                 if path.is_relative_to(artifact):
                     return (PurePosixPath(place) / path.relative_to(artifact)).as_posix()
-            inside = {artifact: place for artifact, place in stands_for.items() if PurePosixPath(artifact).is_relative_to(path)}
-            parts = {PurePosixPath(artifact).relative_to(path).as_posix(): place for artifact, place in inside.items()}
-            if len(folders := {place.removesuffix(f"/{name}") for name, place in parts.items()}) == 1:
+            inside = {
+                artifact: place
+                for artifact, place in stands_for.items()
+                if PurePosixPath(artifact).is_relative_to(path)
+            }
+            parts = {
+                PurePosixPath(artifact).relative_to(path).as_posix(): place
+                for artifact, place in inside.items()
+            }
+            if (
+                len(folders := {place.removesuffix(f"/{name}") for name, place in parts.items()})
+                == 1
+            ):
                 return folders.pop()  # side by side already, as DVC leaves them
             return gather(parts) if parts else value
 
-        return {field: other(value) for field, value in step.fields.items() if value not in step.outs or value in stands_for}
+        return {
+            field: other(value)
+            for field, value in step.fields.items()
+            if value not in step.outs or value in stands_for
+        }
 
 
 def own_names(outs: Sequence[str]) -> list[str]:
-    """A name for each artifact of one step: its own, or with its kind before it where an earlier one has that name."""
+    """A name for each artifact of one step: its own, or with its kind before it where an earlier
+    one has that name."""
     names: list[str] = []
     for path in map(PurePosixPath, outs):
         names.append(f"{path.parts[1]}-{path.name}" if path.name in names else path.name)

@@ -1,4 +1,5 @@
-"""Whether an artifact is up to date by dvc.lock: same command, code, parameters and inputs, and its inputs up to date too."""
+"""Whether an artifact is up to date by dvc.lock: same command, code, parameters and inputs, and its
+inputs up to date too."""
 
 import hashlib
 import json
@@ -22,13 +23,18 @@ class UpToDate:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._recipes = DvcLock.read(root / "dvc.lock").entries  # without any, a sweep builds all that it needs
-        self._recorded = {out["path"]: out.get("md5") for entry in self._recipes.values() for out in entry["outs"]}
+        self._recipes = DvcLock.read(
+            root / "dvc.lock"
+        ).entries  # without any, a sweep builds all that it needs
+        self._recorded = {
+            out["path"]: out.get("md5") for entry in self._recipes.values() for out in entry["outs"]
+        }
         self._digest = cache(lambda path: digest(root / path))
         self._vouched: dict[str, bool] = {}
 
     def vouches(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        """Whether `dvc status` would report nothing for this step; the artifact's own content is checked by `intact`."""
+        """Whether `dvc status` would report nothing for this step; the artifact's own content is
+        checked by `intact`."""
         if step.command not in self._vouched:
             self._vouched[step.command] = self._unchanged(step, makers)
         return self._vouched[step.command]
@@ -40,8 +46,12 @@ class UpToDate:
         recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
         return (
             recorded.keys() == set(step.deps)
-            and entry.get("params", {}) == {file: self._params(file, keys) for file, keys in step.params.items()}
-            and all(recorded[path] == (self._recorded.get(path) or self._digest(path)) for path in step.deps)
+            and entry.get("params", {})
+            == {file: self._params(file, keys) for file, keys in step.params.items()}
+            and all(
+                recorded[path] == (self._recorded.get(path) or self._digest(path))
+                for path in step.deps
+            )
             and all(self.vouches(maker, makers) for maker in inputs(step, makers).values())
         )
 
@@ -50,7 +60,8 @@ class UpToDate:
         return all(self._digest(out) == self._recorded.get(out) for out in step.outs)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
-        """What a file says under these keys, such as `studies.town`, where they are there; all of it without any."""
+        """What a file says under these keys, such as `studies.town`, where they are there; all of
+        it without any."""
         found: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
         named: dict[str, Any] = {}
         for key in keys:
@@ -60,12 +71,20 @@ class UpToDate:
 
 
 def digest(path: Path) -> str | None:
-    """The digest of a file or folder as DVC records it (md5; of a folder, that of a list of its files' ones); None of neither."""
+    """The digest of a file or folder as DVC records it (md5; of a folder, that of a list of its
+    files' ones); None of neither."""
     if path.is_file():
         return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
     if not path.is_dir():
         return None
-    files = [file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)]
-    listing = [{"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files]
+    files = [
+        file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)
+    ]
+    listing = [
+        {"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files
+    ]
     listing.sort(key=itemgetter("relpath"))
-    return hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest() + ".dir"
+    return (
+        hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest()
+        + ".dir"
+    )

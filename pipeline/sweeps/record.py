@@ -1,4 +1,5 @@
-"""One job of a sweep as JSON: its overrides, its rows of results or its error, and which artifacts it built or reused."""
+"""One job of a sweep as JSON: its overrides, its rows of results or its error, and which artifacts
+it built or reused."""
 
 import json
 import math
@@ -22,16 +23,27 @@ class Record:
     method: str
     error: str | None = None  # why it failed, in one line
     rows: Sequence[Mapping[str, Any]] = ()
-    """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on held-out blocks of training."""
-    from_dvc: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that DVC had built
-    from_sweeps: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that other jobs had built
-    built: Mapping[str, int] = field(default_factory=dict)  # stage to the artifacts that this job built
+    """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on
+    held-out blocks of training."""
+    from_dvc: Mapping[str, int] = field(
+        default_factory=dict
+    )  # stage to the artifacts that DVC had built
+    from_sweeps: Mapping[str, int] = field(
+        default_factory=dict
+    )  # stage to the artifacts that other jobs had built
+    built: Mapping[str, int] = field(
+        default_factory=dict
+    )  # stage to the artifacts that this job built
     wall_s: float = 0.0
     cpu_s: float = 0.0  # of the job's own process
 
     def values(self, protocol: str, number: str) -> list[float]:
         """A number in each test sequence in which there is one; none of a failed job."""
-        wanted = [row for row in self.rows if (row["protocol"], row["number"]) == (protocol, number) and not row.get("kind")]
+        wanted = [
+            row
+            for row in self.rows
+            if (row["protocol"], row["number"]) == (protocol, number) and not row.get("kind")
+        ]
         return [row["value"] for row in wanted if math.isfinite(row["value"])]
 
     @property
@@ -43,7 +55,10 @@ class Record:
         """Whole or not at all; a number that is not finite is null, as JSON has none such."""
         rows = [{name: _finite_or_none(value) for name, value in row.items()} for row in self.rows]
         with store.replace(folder / f"{self.number}.json") as scratch:
-            scratch.write_text(json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False), encoding="utf-8")
+            scratch.write_text(
+                json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False),
+                encoding="utf-8",
+            )
 
 
 def read(folder: Path) -> list[Record]:
@@ -51,7 +66,10 @@ def read(folder: Path) -> list[Record]:
     records = []
     for path in folder.glob("*.json"):
         found = json.loads(path.read_text(encoding="utf-8"))
-        rows = [{name: math.nan if value is None else value for name, value in row.items()} for row in found["rows"]]
+        rows = [
+            {name: math.nan if value is None else value for name, value in row.items()}
+            for row in found["rows"]
+        ]
         records.append(Record(**{**found, "rows": rows}))
     return sorted(records, key=lambda record: record.number)
 
@@ -67,5 +85,6 @@ def cost(records: Sequence[Record]) -> str:
         of: Counter[str] = sum((Counter(getattr(record, name)) for record in records), Counter())
         listed = ", ".join(f"{number} {stage}" for stage, number in of.items())
         parts.append(f"{of.total()} {name.replace('_', ' ')}" + (f" ({listed})" if listed else ""))
-    failed, cpu_s = sum(record.error is not None for record in records), sum(record.cpu_s for record in records)
+    failed = sum(record.error is not None for record in records)
+    cpu_s = sum(record.cpu_s for record in records)
     return f"artifacts: {', '.join(parts)}; {len(records)} jobs, {failed} failed, {cpu_s:.0f} CPU-s"

@@ -1,4 +1,5 @@
-"""Where runs are published: MLflow's database, a sqlite file or a PostgreSQL server, and the place of figures and models."""
+"""Where runs are published: MLflow's database, a sqlite file or a PostgreSQL server, and the place
+of figures and models."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,8 +18,13 @@ if TYPE_CHECKING:
 WAIT_S = 10
 """For a server to take a connection."""
 LOCK = 0x7965_6172_6C6F_63
-"""The advisory lock of publishers: "yearloc". A database has its own, so it holds back those of the same database alone."""
-EXPECTED = "a sqlite file or postgresql://USER:PASSWORD@HOST/NAME; in a password, @ is %40 and / is %2F"
+"""The advisory lock of publishers: "yearloc".
+
+A database has its own, so it holds back those of the same database alone.
+"""
+EXPECTED = (
+    "a sqlite file or postgresql://USER:PASSWORD@HOST/NAME; in a password, @ is %40 and / is %2F"
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,8 @@ class Database:
     def alone(self) -> Iterator[None]:
         """No other process publishes to the database meanwhile.
 
-        Raises ConfigError if a server does not answer in WAIT_S, or it or the object store fails before the block ends.
+        Raises ConfigError if a server does not answer in WAIT_S, or it or the object store fails
+        before the block ends.
         """
         if self.path:
             with FileLock(f"{self.path}.lock"), _answering(str(self.path)):
@@ -49,32 +56,47 @@ class Database:
 
         settings = {"connect_timeout": WAIT_S, "application_name": "yearloc publish"}
         try:
-            engine = create_engine(self.uri, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=settings)
+            engine = create_engine(
+                self.uri, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=settings
+            )
             held = engine.connect()
         except ImportError as error:
-            raise NotInstalledError(f"{error.name}: not installed; `pip install 'yearloc[postgres]'` (13 MB)") from None
+            raise NotInstalledError(
+                f"{error.name}: not installed; `pip install 'yearloc[postgres]'` (13 MB)"
+            ) from None
         except OperationalError as error:
             reason = str(error.orig).partition("\n")[0]
-            raise ConfigError(f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}") from None
-        with held, _answering(shown(make_url(self.uri))):  # the server lets the lock go with the connection, however that ends
+            raise ConfigError(
+                f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}"
+            ) from None
+        with (
+            held,
+            _answering(shown(make_url(self.uri))),
+        ):  # the server lets the lock go with the connection, however that ends
             held.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
             yield
 
 
 @contextmanager
 def _answering(where: str) -> Iterator[None]:
-    """What a database or an object store could not do in the block is told in a line; errors of our own stay as they are."""
+    """What a database or an object store could not do in the block is told in a line; errors of our
+    own stay as they are."""
     from mlflow.exceptions import MlflowException
 
     try:
         yield
     except Exception as error:
         parts = type(error).__module__.partition(".")[0]
-        unavailable = isinstance(error, MlflowException) and error.error_code == "TEMPORARILY_UNAVAILABLE"
+        unavailable = (
+            isinstance(error, MlflowException) and error.error_code == "TEMPORARILY_UNAVAILABLE"
+        )
         if not unavailable and parts not in ("boto3", "botocore", "sqlalchemy"):
             raise
         reason = next((line.strip() for line in str(error).splitlines() if line.strip()), parts)
-        raise ConfigError(f"tracking.database={where}: failed under way: {reason}; publish again, and whole runs stay") from error
+        raise ConfigError(
+            f"tracking.database={where}: failed under way: {reason}; publish again, and whole runs "
+            "stay"
+        ) from error
 
 
 def shown(url: "URL") -> str:
@@ -83,10 +105,11 @@ def shown(url: "URL") -> str:
 
 
 def database(place: str | Path, files: str = "") -> Database:
-    """The database at a path or postgresql:// address, with its files in a folder or below s3://BUCKET/.
+    """The database at a path or postgresql:// address, with its files in a folder or below
+    s3://BUCKET/.
 
-    Without a word about files they go to `mlruns` beside a sqlite file; a server needs one. Raises ConfigError for what is
-    neither, or a bucket that does not answer.
+    Without a word about files they go to `mlruns` beside a sqlite file; a server needs one. Raises
+    ConfigError for what is neither, or a bucket that does not answer.
     """
     if "://" not in str(place):
         path = Path(place).absolute()
@@ -94,7 +117,9 @@ def database(place: str | Path, files: str = "") -> Database:
         return Database(f"sqlite:///{path}", _folder(files or path.parent / "mlruns"), shared=False)
     url = _server(str(place))
     if not files:
-        raise ConfigError(f"tracking.artifacts: {shown(url)} needs a place for files, such as s3://BUCKET/mlflow")
+        raise ConfigError(
+            f"tracking.artifacts: {shown(url)} needs a place for files, such as s3://BUCKET/mlflow"
+        )
     return Database(url.render_as_string(hide_password=False), _folder(files), shared=True)
 
 

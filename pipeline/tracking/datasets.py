@@ -1,4 +1,5 @@
-"""The sequences that a run was trained and tested on, as MLflow's datasets: a name, a digest, and what it was used for."""
+"""The sequences that a run was trained and tested on, as MLflow's datasets: a name, a digest, and
+what it was used for."""
 
 import hashlib
 import json
@@ -26,19 +27,28 @@ class Used:
     source: str  # its submaps' path inside the project
 
 
-def used(study: str, words: Mapping[str, Any], tests: Sequence[str], lock: DvcLock, train: bool = True) -> list[Used]:
+def used(
+    study: str, words: Mapping[str, Any], tests: Sequence[str], lock: DvcLock, train: bool = True
+) -> list[Used]:
     """The training sequence, where wanted, and some tests.
 
-    A digest is that of the study's submaps in DVC's lock files with the sequence's name; where they record none, that of the
-    study's settings, `words`.
+    A digest is that of the study's submaps in DVC's lock files with the sequence's name; where they
+    record none, that of the study's settings, `words`.
     """
     folder = f"artifacts/submaps/{study}"
     made_of = lock.of(folder)[0] or json.dumps(words, sort_keys=True, default=str)
-    roles = {**dict.fromkeys(words["train"].split() if train else (), "train"), **dict.fromkeys(tests, "test")}
+    roles = {
+        **dict.fromkeys(words["train"].split() if train else (), "train"),
+        **dict.fromkeys(tests, "test"),
+    }
     found = []
     for sequence, context in roles.items():
         digest = hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH]
-        found.append(Used(f"{study} {sequence}", digest, context, Path(folder, f"{sequence}.zarr").as_posix()))
+        found.append(
+            Used(
+                f"{study} {sequence}", digest, context, Path(folder, f"{sequence}.zarr").as_posix()
+            )
+        )
     return found
 
 
@@ -47,7 +57,10 @@ def log(client: "MlflowClient", run_id: str, found: Sequence[Used]) -> None:
     from mlflow.entities import Dataset, DatasetInput, InputTag
 
     inputs = [
-        DatasetInput(Dataset(one.name, one.digest, "local", json.dumps({"uri": one.source})), [InputTag(USED_FOR, one.context)])
+        DatasetInput(
+            Dataset(one.name, one.digest, "local", json.dumps({"uri": one.source})),
+            [InputTag(USED_FOR, one.context)],
+        )
         for one in found
     ]
     if inputs:

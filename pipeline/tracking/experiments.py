@@ -1,4 +1,5 @@
-"""The experiment that runs are published to: found by its name, created, brought back from MLflow's bin, or made anew."""
+"""The experiment that runs are published to: found by its name, created, brought back from MLflow's
+bin, or made anew."""
 
 from typing import TYPE_CHECKING
 
@@ -15,26 +16,34 @@ KEY = "yearloc.key"
 
 
 def find(client: "MlflowClient", name: str, into: Database) -> tuple[str, str]:
-    """The id of the experiment of this name whose files go where the database says; and the name that an older one now bears.
+    """The id of the experiment of this name whose files go where the database says; and the name
+    that an older one now bears.
 
-    That name is empty but where the folder moved: MLflow fixes an experiment's folder when it is made. An experiment whose
-    files went elsewhere is then put aside, and deleted unless it holds runs that were not published here. In a server's
-    database it may be somebody else's, who would do the same to ours: ConfigError.
+    That name is empty but where the folder moved: MLflow fixes an experiment's folder when it is
+    made. An experiment whose files went elsewhere is then put aside, and deleted unless it holds
+    runs that were not published here. In a server's database it may be somebody else's, who would
+    do the same to ours: ConfigError.
     """
-    found, aside = client.get_experiment_by_name(name), ""
+    found = client.get_experiment_by_name(name)
+    aside = ""
     if found is not None and found.artifact_location != into.files and into.shared:
-        raise ConfigError(f"tracking.artifacts={into.files}: {name} keeps its files at {found.artifact_location}; say that")
+        raise ConfigError(
+            f"tracking.artifacts={into.files}: {name} keeps its files at "
+            f"{found.artifact_location}; say that"
+        )
     if found is not None and found.lifecycle_stage == "deleted":
         client.restore_experiment(found.experiment_id)
     if found is not None and found.artifact_location != into.files:
-        found, aside = None, _put_aside(client, found)
+        aside = _put_aside(client, found)
+        found = None
     if found is None:
         return str(client.create_experiment(name, artifact_location=into.files)), aside
     return str(found.experiment_id), aside
 
 
 def _put_aside(client: "MlflowClient", old: "Experiment") -> str:
-    """The name that the experiment is given; its files are left alone, since another copy of the project may show them."""
+    """The name that the experiment is given; its files are left alone, since another copy of the
+    project may show them."""
     aside = f"{old.name}, folder moved ({old.experiment_id})"
     client.rename_experiment(old.experiment_id, aside)
     runs = list(served.every(client.search_runs, old.experiment_id))

@@ -1,18 +1,24 @@
 """How MLflow's page looks when it opens: which charts, in which order, over which axis.
 
-MLflow 3 keeps a view of an experiment's page in the experiment's tag `mlflow.sharedViewState.KEY`, and a page whose address says
-`viewStateShareKey=KEY` opens on it. The tag holds JSON `{"name", "createdAt", "state"}`, its `state` being `deflate;` followed by
-the base64 of a zlib stream of JSON, at most 5,000 characters in all. So read in the page's own code of MLflow 3.17 and tried
+MLflow 3 keeps a view of an experiment's page in the experiment's tag `mlflow.sharedViewState.KEY`,
+and a page whose address says `viewStateShareKey=KEY` opens on it. The tag holds JSON `{"name",
+"createdAt", "state"}`, its `state` being `deflate;` followed by the base64 of a zlib stream of
+JSON, at most 5,000 characters in all. So read in the page's own code of MLflow 3.17 and tried
 there; of the keys that the inner JSON may have, these are set:
 
-- `compareRunSections`: `{"uuid", "name", "display", "isReordered"}` each, from top to bottom; `display`: unfolded. The page adds
-  a chart of each metric that none of `compareRunCharts` shows to the section named like the metric's part before the slash
-  (`System metrics` for `system/`, `Model metrics` for none), so a section of that name, folded, keeps them out of sight.
-- `compareRunCharts`: `{"uuid", "type", "metricSectionId", "metricKey", …}` each, fields as MLflow's own configuration of a chart.
-- `selectedColumns`, `columnOrder`, `columnWidths`: of the table of runs; the widths only count where the order is given too.
-- `isAccordionReordered`: the page shall not sort the sections by name. `runsHiddenMode`: show all runs, not the first ten.
+- `compareRunSections`: `{"uuid", "name", "display", "isReordered"}` each, from top to bottom;
+  `display`: unfolded. The page adds a chart of each metric that none of `compareRunCharts` shows to
+  the section named like the metric's part before the slash (`System metrics` for `system/`, `Model
+  metrics` for none), so a section of that name, folded, keeps them out of sight.
+- `compareRunCharts`: `{"uuid", "type", "metricSectionId", "metricKey", …}` each, fields as MLflow's
+  own configuration of a chart.
+- `selectedColumns`, `columnOrder`, `columnWidths`: of the table of runs; the widths only count
+  where the order is given too.
+- `isAccordionReordered`: the page shall not sort the sections by name. `runsHiddenMode`: show all
+  runs, not the first ten.
 
-Runs with children are folded on a page that opens so: unfolding (`runsExpanded`) is each reader's own and cannot be shared.
+Runs with children are folded on a page that opens so: unfolding (`runsExpanded`) is each reader's
+own and cannot be shared.
 """
 
 import base64
@@ -29,9 +35,11 @@ SCALE = {"yMin": -0.02, "yMax": 1.02}
 """Of shares: a scale cut to the data would make a hundredth look like a season."""
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
 GREY = "#808080"
-"""Of a run without a colour; MLflow would take one from the run's id, another one each time, and often the same for two."""
+"""Of a run without a colour; MLflow would take one from the run's id, another one each time, and
+often the same for two."""
 RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0))
-"""Viridis, its yellow darkened to be seen on white: the colours of children without one, from first to last."""
+"""Viridis, its yellow darkened to be seen on white: the colours of children without one, from first
+to last."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +47,11 @@ class Drawing:
     """A section in sight: its charts, and how they stand."""
 
     charts: tuple[str, ...]
-    """The metric of each, or several with blanks between; the page heads a chart with their names, and takes no title."""
+    """The metric of each, or several with blanks between; the page heads a chart with their names,
+    and takes no title."""
     columns: int = 1
-    """A legend has two lines, whatever the chart's height: only a wide chart has room for the name of every run."""
+    """A legend has two lines, whatever the chart's height: only a wide chart has room for the name
+    of every run."""
     height: int = 320  # px of each chart
     bars: bool = False  # a bar for each run instead of lines over the steps
 
@@ -59,67 +69,121 @@ class View:
 
 _YEAR = {
     "AUC over days since training": Drawing(("cells/auc_top1",)),
-    "Means over the test days": Drawing(("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True),
+    "Means over the test days": Drawing(
+        ("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True
+    ),
     "By distance over days": Drawing(
-        ("distance/auc_top1", "distance/recall_at_1", "distance/recall_at_5", "distance/recall_at_25")
+        (
+            "distance/auc_top1",
+            "distance/recall_at_1",
+            "distance/recall_at_5",
+            "distance/recall_at_25",
+        )
     ),
     "Rejection of unseen places over days": Drawing(
         ("cells/auroc", "cells/recall_at_99_precision", "cells/precision_at_threshold")
     ),
     "Ageing: change per 100 days": Drawing(
-        ("ageing/cells_auc_top1_per_100_days", "ageing/cells_recall_at_1_same_heading_per_100_days"),
+        (
+            "ageing/cells_auc_top1_per_100_days",
+            "ageing/cells_recall_at_1_same_heading_per_100_days",
+        ),
         columns=2,
         height=250,
         bars=True,
     ),
     "Ageing: novelty of the seen over days": Drawing(("ageing/novelty_percentile",)),
-    "Heading of what is placed right over days": Drawing(("distance/median_heading_error_deg", "distance/heading_within_10deg")),
+    "Heading of what is placed right over days": Drawing(
+        ("distance/median_heading_error_deg", "distance/heading_within_10deg")
+    ),
     "Calibration error over days": Drawing(("calibration/ece", "calibration/ece_raw")),
-    "Training curves over epochs": Drawing(("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")),
+    "Training curves over epochs": Drawing(
+        ("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")
+    ),
 }
 _FURTHER_DAYS = {
-    "Recall of all queries over days learned": Drawing(("distance/recall_of_all", "cells/recall_of_all")),
+    "Recall of all queries over days learned": Drawing(
+        ("distance/recall_of_all", "cells/recall_of_all")
+    ),
     "Forgetting over days learned": Drawing(("distance/forgetting", "cells/forgetting")),
     "Transfer to days still to come": Drawing(("distance/transfer", "cells/transfer")),
     "CPU seconds a day": Drawing(("cost/cpu_s",)),
 }
 _BY = ("cells/forgetting", "cells/transfer", "distance/forgetting", "distance/transfer")
-UNBOUNDED = ("ageing/", "distance/median_heading_error_deg", "calibration/", "train/loss", "cost/", *_BY)
-"""How the names of metrics begin that are not shares, or are too small ones to be seen on `SCALE`."""
-FOLDED = dict.fromkeys(("cells", "distance", "rejection", "train", "viewpoints", "recall_by_cells", "recall_by_distance"), 1)
+UNBOUNDED = (
+    "ageing/",
+    "distance/median_heading_error_deg",
+    "calibration/",
+    "train/loss",
+    "cost/",
+    *_BY,
+)
+"""How the names of metrics begin that are not shares, or are too small ones to be seen on
+`SCALE`."""
+FOLDED = dict.fromkeys(
+    (
+        "cells",
+        "distance",
+        "rejection",
+        "train",
+        "viewpoints",
+        "recall_by_cells",
+        "recall_by_distance",
+    ),
+    1,
+)
 FOLDED |= {"System metrics": 1} | dict.fromkeys(("mean", "ageing", "cost"), 2)
-"""Sections below, for the charts that the page adds itself, and their columns: one where they are lines, two where bars."""
+"""Sections below, for the charts that the page adds itself, and their columns: one where they are
+lines, two where bars."""
 COLUMNS = {
     "attributes.`Dataset`": 290,
     "attributes.`Models`": 240,
     "attributes.`Description`": 120,
 }
-"""What the table of runs shows beside a run's name and date, and how wide, in px; the metrics of a view follow."""
+"""What the table of runs shows beside a run's name and date, and how wide, in px; the metrics of a
+view follow."""
 YEAR = View(
     "localisation over a year",
     _YEAR,
-    {"mean/cells_auc_top1": 140, "mean/distance_recall_at_1": 175, "mean/distance_auroc": 150, "mean/cells_recall_at_1": 160},
+    {
+        "mean/cells_auc_top1": 140,
+        "mean/distance_recall_at_1": 175,
+        "mean/distance_auroc": 150,
+        "mean/cells_recall_at_1": 160,
+    },
 )
 FURTHER_DAYS = View(
     "learning further days",
     _FURTHER_DAYS,
-    {"distance/recall_of_all": 175, "cells/recall_of_all": 150, "distance/forgetting": 150, "cost/cpu_s": 110},
+    {
+        "distance/recall_of_all": 175,
+        "cells/recall_of_all": 150,
+        "distance/forgetting": 150,
+        "cost/cpu_s": 110,
+    },
 )
 
 
 def shade(place: int, count: int) -> str:
-    """The colour of one of `count` runs that have none of their own, as #rrggbb: a step on the way along `RAMP`."""
+    """The colour of one of `count` runs that have none of their own, as #rrggbb: a step on the way
+    along `RAMP`."""
     where = place / max(count - 1, 1) * (len(RAMP) - 1)
     before = min(int(where), len(RAMP) - 2)
     share = where - before
     return (
-        "#" + bytes(round((1 - share) * low + share * high) for low, high in zip(*RAMP[before : before + 2], strict=True)).hex()
+        "#"
+        + bytes(
+            round((1 - share) * low + share * high)
+            for low, high in zip(*RAMP[before : before + 2], strict=True)
+        ).hex()
     )
 
 
 def tags(shown: View) -> dict[str, str]:
     """What an experiment is to be tagged with."""
-    state = base64.b64encode(zlib.compress(json.dumps(_state(shown), separators=(",", ":")).encode(), 9)).decode()
+    state = base64.b64encode(
+        zlib.compress(json.dumps(_state(shown), separators=(",", ":")).encode(), 9)
+    ).decode()
     view = json.dumps({"name": shown.name, "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
     return {
@@ -130,8 +194,10 @@ def tags(shown: View) -> dict[str, str]:
 
 
 def fragment(experiment_id: str) -> str:
-    """The end of the address of the experiment's charts in the view above; MLflow 3 would else open elsewhere."""
-    return f"#/experiments/{experiment_id}/runs?viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
+    """The end of the address of the experiment's charts in the view above; MLflow 3 would else open
+    elsewhere."""
+    shown = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
+    return f"#/experiments/{experiment_id}/runs?{shown}"
 
 
 def url(experiment_id: str, host: str, port: int) -> str:
@@ -140,9 +206,16 @@ def url(experiment_id: str, host: str, port: int) -> str:
 
 
 def _state(view: View) -> dict[str, object]:
-    sections = [_section(name, True, {"columns": own.columns, "cardHeight": own.height}) for name, own in view.sections.items()]
+    sections = [
+        _section(name, True, {"columns": own.columns, "cardHeight": own.height})
+        for name, own in view.sections.items()
+    ]
     sections += [_section(name, False, {"columns": columns}) for name, columns in FOLDED.items()]
-    charts = [_chart(name, own, metrics.split()) for name, own in view.sections.items() for metrics in own.charts]
+    charts = [
+        _chart(name, own, metrics.split())
+        for name, own in view.sections.items()
+        for metrics in own.charts
+    ]
     widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view.metrics.items()}
     shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
     columns = {"selectedColumns": [*widths], "columnOrder": [*widths], "columnWidths": widths}
@@ -158,8 +231,19 @@ def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, obje
     own = {"uuid": metrics[0], "metricSectionId": section, "metricKey": metrics[0]}
     if drawing.bars:
         return {**own, "type": "BAR"}
-    axes = {"xAxisKey": "step", "xAxisScaleType": "linear", "scaleType": "linear", "yAxisKey": "metric", "yAxisExpressions": []}
+    axes = {
+        "xAxisKey": "step",
+        "xAxisScaleType": "linear",
+        "scaleType": "linear",
+        "yAxisKey": "metric",
+        "yAxisExpressions": [],
+    }
     scale: dict[str, float] = {} if metrics[0].startswith(UNBOUNDED) else SCALE
-    lines = {"displayPoints": True, "lineSmoothness": 0, "useGlobalXaxisKey": False, "useGlobalLineSmoothing": False}
+    lines = {
+        "displayPoints": True,
+        "lineSmoothness": 0,
+        "useGlobalXaxisKey": False,
+        "useGlobalLineSmoothing": False,
+    }
     several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
     return {**own, "type": "LINE", **axes, "range": scale, **lines, **several}

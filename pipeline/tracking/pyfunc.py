@@ -1,6 +1,8 @@
-"""The file that MLflow copies into a logged model and runs to make it answer again ("models from code"): nothing is unpickled.
+"""The file that MLflow copies into a logged model and runs to make it answer again ("models from
+code"): nothing is unpickled.
 
-Nothing of this project imports it. `pipeline.tracking.served` says what its `model_config` and its artifacts hold.
+Nothing of this project imports it. `pipeline.tracking.served` says what its `model_config` and its
+artifacts hold.
 """
 
 from dataclasses import fields
@@ -23,15 +25,22 @@ class Localizer(mlflow.pyfunc.PythonModel):  # type: ignore[misc]  # MLflow is n
         module, _, name = context.model_config["method"].partition(":")
         kind = getattr(import_module(module), name)
         given = context.model_config["parameters"]
-        method = kind(**{field.name: given[field.name] for field in fields(kind) if field.name in given})
+        method = kind(
+            **{field.name: given[field.name] for field in fields(kind) if field.name in given}
+        )
         self.localizer = method.localizer(store.read_model(context.artifacts["arrays"]))
         self.outputs = context.model_config["outputs"]
 
-    def predict(self, context: Any, model_input: np.ndarray, params: Any = None) -> dict[str, NDArray[Any]]:
-        """Rank the `k` likeliest places of each image; MLflow knows the bare `np.ndarray` alone, and hands over a named one."""
+    def predict(
+        self, context: Any, model_input: np.ndarray, params: Any = None
+    ) -> dict[str, NDArray[Any]]:
+        """Rank the `k` likeliest places of each image; MLflow knows the bare `np.ndarray` alone,
+        and hands over a named one."""
         (images,) = model_input.values() if isinstance(model_input, dict) else (model_input,)
         nowhere = np.tile(np.eye(4), (len(images), 1, 1))
-        ranking = self.localizer(Rows(images, np.zeros(len(images), np.int64), nowhere), int(params["k"]))
+        ranking = self.localizer(
+            Rows(images, np.zeros(len(images), np.int64), nowhere), int(params["k"])
+        )
         return {name: np.asarray(getattr(ranking, name)) for name in self.outputs}
 
 

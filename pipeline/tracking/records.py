@@ -1,4 +1,5 @@
-"""The runs that MLflow shows, from the table of results: a run a method, a child run a day; a sweep and its jobs."""
+"""The runs that MLflow shows, from the table of results: a run a method, a child run a day; a sweep
+and its jobs."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -32,10 +33,15 @@ CHARTED = {
     "distance_recall_at_1": ("distance", "recall_at_1"),
     "held_out_auc": ("cells", "held_out_auc"),
 }
-"""What the parent of a sweep charts of each job: a metric's name to the protocol and number whose mean over the tests it is."""
+"""What the parent of a sweep charts of each job: a metric's name to the protocol and number whose
+mean over the tests it is."""
 NOT_OF_JOBS = ("queries", "turned_share")
 """Numbers that MLflow shows of a method's run and not of a sweep's job."""
-REJECTION = {"auroc": "auroc", "precision_at_threshold": "precision", "recall_at_threshold": "recall"}
+REJECTION = {
+    "auroc": "auroc",
+    "precision_at_threshold": "precision",
+    "recall_at_threshold": "recall",
+}
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
 GROUPS = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}
 """Of numbers that are not charted under their protocol."""
@@ -49,7 +55,8 @@ MEANS = (
     ("distance", "auroc"),
     ("distance", "heading_within_10deg"),
 )
-"""Protocol and number whose mean over the test days the run of a method holds: MLflow's table of runs shows a last value."""
+"""Protocol and number whose mean over the test days the run of a method holds: MLflow's table of
+runs shows a last value."""
 LARGEST = 1e30  # a threshold beyond rejects nothing
 Series = dict[str, list[tuple[int, float]]]
 
@@ -64,17 +71,30 @@ class Source:
     simulated: bool
     rows: pd.DataFrame  # of the table of results, of this study and grid
     figures: Path  # folder of the report's figures, with its list of whose they are
-    lock: DvcLock = field(default_factory=lambda: DvcLock({}))  # where the digests of its sequences come from
+    lock: DvcLock = field(
+        default_factory=lambda: DvcLock({})
+    )  # where the digests of its sequences come from
 
-    def record(self, of: ModelName, arrays: Mapping[str, NDArray[Any]], recipe: Mapping[str, str], extra: Series) -> RunRecord:
-        """The run of a method, or of what answers with its poses: its metrics over the days, ageing, curves of training and
-        `extra`, and a child a test sequence."""
-        rows, model = self.rows, of.family
-        own = rows[(rows["method"] == of.method) & (rows["variant"] == of.answered) & (rows["seed"] == 0)]
-        where, tint = {"dataset": self.study, "grid": self.grid}, colour(model)
+    def record(
+        self,
+        of: ModelName,
+        arrays: Mapping[str, NDArray[Any]],
+        recipe: Mapping[str, str],
+        extra: Series,
+    ) -> RunRecord:
+        """The run of a method, or of what answers with its poses: its metrics over the days,
+        ageing, curves of training and `extra`, and a child a test sequence."""
+        rows = self.rows
+        model = of.family
+        own = rows[
+            (rows["method"] == of.method) & (rows["variant"] == of.answered) & (rows["seed"] == 0)
+        ]
+        where = {"dataset": self.study, "grid": self.grid}
+        tint = colour(model)
         tags = {COLOUR: darker(tint) if of.answered else tint, **where, "method": model}
         tags["data"] = "simulated" if self.simulated else "recorded"
-        params, driven = {**where, "train": self.words["train"], **recipe}, own[(own["change"] == "") & (own["stress"] == "")]
+        params = {**where, "train": self.words["train"], **recipe}
+        driven = own[(own["change"] == "") & (own["stress"] == "")]
         curves = {
             f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
             for name, values in arrays.items()
@@ -82,20 +102,52 @@ class Source:
         }
         children = []
         for test in self.words["tests"]:
-            day, files = driven[driven["sequence"] == test], self.files(model, test)
-            name, about = tags | {"sequence": test}, self._about("day.md.j2", sequence=test, days=_days(day))
+            day = driven[driven["sequence"] == test]
+            files = self.files(model, test)
+            name = tags | {"sequence": test}
+            about = self._about("day.md.j2", sequence=test, days=_days(day))
             inputs = used(self.study, self.words, [test], self.lock, train=False)
-            children.append(RunRecord(test, name, params | {"test": test}, over_days(day), files, about=about, used=inputs))
+            children.append(
+                RunRecord(
+                    test,
+                    name,
+                    params | {"test": test},
+                    over_days(day),
+                    files,
+                    about=about,
+                    used=inputs,
+                )
+            )
         tested = driven[driven["sequence"].isin(self.words["tests"])]
-        series = over_days(tested) | means(tested) | curves | ageing(driven) | viewpoints(own) | extra
+        series = (
+            over_days(tested) | means(tested) | curves | ageing(driven) | viewpoints(own) | extra
+        )
         places = len(arrays["place_xy_m"]) if "place_xy_m" in arrays else 0
-        said = {"what": what(recipe.get("_target_", "")), "method": model, "share": recipe.get("budget", ""), "places": places}
-        about, registered = self._about("run.md.j2", **said), "" if of.posed else self._registered(model)
+        said = {
+            "what": what(recipe.get("_target_", "")),
+            "method": model,
+            "share": recipe.get("budget", ""),
+            "places": places,
+        }
+        about = self._about("run.md.j2", **said)
+        registered = "" if of.posed else self._registered(model)
         inputs = used(self.study, self.words, self.words["tests"], self.lock)
-        return RunRecord(self.run(model), tags, params, series, self.files(model), children, None, registered, about, inputs)
+        return RunRecord(
+            self.run(model),
+            tags,
+            params,
+            series,
+            self.files(model),
+            children,
+            None,
+            registered,
+            about,
+            inputs,
+        )
 
     def run(self, model: str) -> str:
-        """With the grid where the study has several; short, since a chart's legend has two lines for all runs."""
+        """With the grid where the study has several; short, since a chart's legend has two lines
+        for all runs."""
         return model if [*self.words.get("grids", ())] == [self.grid] else f"{model} {self.grid}"
 
     def _registered(self, model: str) -> str:
@@ -103,27 +155,43 @@ class Source:
         return "-".join([self.study, *self.run(model).split()] + ["simulated"] * self.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
-        own = {"study": self.study, "grid": self.grid, "simulated": self.simulated, "budget": "", **self.words}
+        own = {
+            "study": self.study,
+            "grid": self.grid,
+            "simulated": self.simulated,
+            "budget": "",
+            **self.words,
+        }
         return filled(template, **own | values)
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
-        """The figures that belong to a model, those of all models included; or to it on one test sequence.
+        """The figures that belong to a model, those of all models included; or to it on one test
+        sequence.
 
-        Raises ArtifactError where the report is not there: DVC removes the old one before it writes another.
+        Raises ArtifactError where the report is not there: DVC removes the old one before it writes
+        another.
         """
         manifest = self.figures / "figures.json"
         if not manifest.is_file():
             raise ArtifactError(f"{self.figures}: no report yet; `dvc repro` writes it")
         listed = json.loads(manifest.read_text(encoding="utf-8"))
         owners = {model} if sequence else {model, ""}
-        wanted = [one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners]
+        wanted = [
+            one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners
+        ]
         return [self.figures / file for file in dict.fromkeys(wanted)]
 
 
 def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of some sequences over the days, under names that MLflow groups, such as `cells/auc_top1`."""
-    rows = rows[np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST) & ~rows["number"].str.endswith("_line")]
-    plain, kinds = rows[rows["kind"] == ""], rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
+    """Every number of some sequences over the days, under names that MLflow groups, such as
+    `cells/auc_top1`."""
+    rows = rows[
+        np.isfinite(rows["days"])
+        & (rows["value"].abs() <= LARGEST)
+        & ~rows["number"].str.endswith("_line")
+    ]
+    plain = rows[rows["kind"] == ""]
+    kinds = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
     kinds = kinds[kinds["number"].isin(REJECTION)]
     names = plain["number"].map(GROUPS).fillna(plain["protocol"]) + "/" + plain["number"]
     of_kinds = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
@@ -131,27 +199,37 @@ def over_days(rows: pd.DataFrame) -> Series:
 
 
 def means(rows: pd.DataFrame) -> Series:
-    """The mean of each of MEANS over the test days that have the number, as the one value of `mean/…`."""
+    """The mean of each of MEANS over the test days that have the number, as the one value of
+    `mean/…`."""
     plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
     found = plain.groupby(["protocol", "number"])["value"].mean()
     return {
-        f"mean/{protocol}_{number}": [(0, found[protocol, number])] for protocol, number in MEANS if (protocol, number) in found
+        f"mean/{protocol}_{number}": [(0, found[protocol, number])]
+        for protocol, number in MEANS
+        if (protocol, number) in found
     }
 
 
 def ageing(rows: pd.DataFrame) -> Series:
-    """The change of each number per 100 days with its interval, and when to train again: single values, at step 0.
+    """The change of each number per 100 days with its interval, and when to train again: single
+    values, at step 0.
 
-    MLflow draws a metric whose only step is 0 as bars over the runs, any other as a line, which would be a dot.
+    MLflow draws a metric whose only step is 0 as bars over the runs, any other as a line, which
+    would be a dot.
     """
-    whole, found = rows[rows["sequence"] == ""], Series()
+    whole = rows[rows["sequence"] == ""]
+    found = Series()
     known = whole.set_index(["protocol", "number"])[["value", "low", "high"]]
     for protocol, number in AGEING:
         name = number if number == "novelty_percentile" else f"{protocol}_{number}"
         for end, bounds in (("per_100_days", ("", "_low", "_high")), ("retrain_after_days", ("",))):
             if (protocol, f"{number}_{end}") in known.index:
                 values = zip(bounds, known.loc[(protocol, f"{number}_{end}")], strict=False)
-                found |= {f"ageing/{name}_{end}{bound}": [(0, float(v))] for bound, v in values if np.isfinite(v)}
+                found |= {
+                    f"ageing/{name}_{end}{bound}": [(0, float(v))]
+                    for bound, v in values
+                    if np.isfinite(v)
+                }
     return found
 
 
@@ -170,17 +248,26 @@ def _days(rows: pd.DataFrame) -> int | None:
 def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
     """The values of each metric over a column, cut to whole numbers."""
     return {
-        name: sorted(zip(own[step].astype(int).tolist(), own["value"].tolist(), strict=True)) for name, own in rows.groupby(names)
+        name: sorted(zip(own[step].astype(int).tolist(), own["value"].tolist(), strict=True))
+        for name, own in rows.groupby(names)
     }
 
 
-def measured(artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path) -> Series:
-    """What the stages of a method cost, and how its training used the machine, where they ran here."""
+def measured(
+    artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path
+) -> Series:
+    """What the stages of a method cost, and how its training used the machine, where they ran
+    here."""
     views = artifacts / "views" / study / method["view"]
     stages = {"views": [views], "train": [model]}
-    stages |= {stage: [artifacts / stage / study / grid / method["name"]] for stage in ("localize", "evaluate")}
+    stages |= {
+        stage: [artifacts / stage / study / grid / method["name"]]
+        for stage in ("localize", "evaluate")
+    }
     trace = Trace.read(model)
-    return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (trace.series() if trace else {})
+    return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (
+        trace.series() if trace else {}
+    )
 
 
 def with_model(record: RunRecord, arrays: Path) -> RunRecord:
@@ -188,23 +275,52 @@ def with_model(record: RunRecord, arrays: Path) -> RunRecord:
     return replace(record, model=Served.read(arrays))
 
 
-def of_sweep(records: Sequence[Record], usual: Mapping[str, str], figures: Sequence[Path]) -> RunRecord:
-    """One sweep, named by what was swept; the steps of the parent's own metrics are the jobs' numbers."""
+def of_sweep(
+    records: Sequence[Record], usual: Mapping[str, str], figures: Sequence[Path]
+) -> RunRecord:
+    """One sweep, named by what was swept; the steps of the parent's own metrics are the jobs'
+    numbers."""
     first = records[0]
-    own = {one.number: {key: value for key, value in one.overrides.items() if key not in usual} for one in records}
+    own = {
+        one.number: {key: value for key, value in one.overrides.items() if key not in usual}
+        for one in records
+    }
     names = dict.fromkeys(name for overrides in own.values() for name in overrides)
-    values = {name: ",".join(dict.fromkeys(overrides[name] for overrides in own.values() if name in overrides)) for name in names}
-    tags = {"dataset": first.dataset, "method": first.method, "data": "simulated" if first.simulated else "recorded"}
+    values = {
+        name: ",".join(
+            dict.fromkeys(overrides[name] for overrides in own.values() if name in overrides)
+        )
+        for name in names
+    }
+    tags = {
+        "dataset": first.dataset,
+        "method": first.method,
+        "data": "simulated" if first.simulated else "recorded",
+    }
     series = {
-        f"sweep/{name}": [(one.number, fmean(found)) for one in records if (found := one.values(*number))]
+        f"sweep/{name}": [
+            (one.number, fmean(found)) for one in records if (found := one.values(*number))
+        ]
         for name, number in CHARTED.items()
     }
     children = []
     for one in records:
-        name, rows = _short(own[one.number]) or f"job {one.number}", table(one.rows)
+        name = _short(own[one.number]) or f"job {one.number}"
+        rows = table(one.rows)
         driven = over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)])
-        children.append(RunRecord(name, tags | ({"error": one.error} if one.error else {}), own[one.number], driven))
-    return RunRecord(f"sweep {_short(values)}"[:240], tags, values, {k: v for k, v in series.items() if v}, figures, children)
+        children.append(
+            RunRecord(
+                name, tags | ({"error": one.error} if one.error else {}), own[one.number], driven
+            )
+        )
+    return RunRecord(
+        f"sweep {_short(values)}"[:240],
+        tags,
+        values,
+        {k: v for k, v in series.items() if v},
+        figures,
+        children,
+    )
 
 
 def _short(values: Mapping[str, str]) -> str:

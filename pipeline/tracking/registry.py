@@ -1,4 +1,5 @@
-"""Models in MLflow's registry: one registered model a study, grid and method; its one version of ours is the model in its run."""
+"""Models in MLflow's registry: one registered model a study, grid and method; its one version of
+ours is the model in its run."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -15,13 +16,20 @@ MODEL = "yearloc.model"  # the tag of a version of ours: the id of the logged mo
 VERSIONS = "mlflow.modelVersions"  # the tag by which the page finds the versions of a logged model
 
 
-def settle(client: "MlflowClient", experiment: str, experiment_id: str, wanted: Mapping[str, "LoggedModel"]) -> None:
-    """Register the model of each name unless it is, and take out versions of ours whose model is gone; others' are left alone.
+def settle(
+    client: "MlflowClient", experiment: str, experiment_id: str, wanted: Mapping[str, "LoggedModel"]
+) -> None:
+    """Register the model of each name unless it is, and take out versions of ours whose model is
+    gone; others' are left alone.
 
     A registered model of ours without a version left is deleted.
     """
     registered = {one.name: one for one in _every(client.search_registered_models)}
-    standing = [one for one in _every(client.search_model_versions) if one.tags.get(EXPERIMENT) == experiment]
+    standing = [
+        one
+        for one in _every(client.search_model_versions)
+        if one.tags.get(EXPERIMENT) == experiment
+    ]
     there = {(one.name, one.tags.get(MODEL)) for one in standing}
     for name, model in wanted.items():
         if name not in registered:
@@ -29,7 +37,11 @@ def settle(client: "MlflowClient", experiment: str, experiment_id: str, wanted: 
         if (name, model.model_id) not in there:
             _register(client, name, model, experiment)
     alive = {model.model_id: name for name, model in wanted.items()}
-    unnamed = {model.model_id for models in served.owners(client, experiment_id).values() for model in models} - {*alive}
+    unnamed = {
+        model.model_id
+        for models in served.owners(client, experiment_id).values()
+        for model in models
+    } - {*alive}
     for one in standing:
         number = one.tags.get(MODEL)
         if alive.get(number) != one.name and number not in unnamed:
@@ -41,7 +53,8 @@ def settle(client: "MlflowClient", experiment: str, experiment_id: str, wanted: 
 
 
 def _register(client: "MlflowClient", name: str, model: "LoggedModel", experiment: str) -> None:
-    """Add a version; given by its folder, since MLflow would look a `models:/` address up in another database."""
+    """Add a version; given by its folder, since MLflow would look a `models:/` address up in
+    another database."""
     made = client.create_model_version(
         name,
         model.artifact_location,
@@ -50,7 +63,9 @@ def _register(client: "MlflowClient", name: str, model: "LoggedModel", experimen
         await_creation_for=0,
         model_id=model.model_id,
     )
-    client.set_logged_model_tags(model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(made.version)}])})
+    client.set_logged_model_tags(
+        model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(made.version)}])}
+    )
 
 
 def _every(search: Any) -> Iterator[Any]:

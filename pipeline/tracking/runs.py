@@ -1,8 +1,9 @@
 """Publishing runs to MLflow: each run is stored once, however often it is published.
 
-The database is a view that can be thrown away: publishing again rebuilds it from the artifacts. A run carries the tag
-`yearloc.key`, a digest of all that it holds, written last; so a run that stands whole is recognised and left alone, and one
-that changed, or was cut off, is replaced. Runs without that tag are somebody else's and are never touched.
+The database is a view that can be thrown away: publishing again rebuilds it from the artifacts. A
+run carries the tag `yearloc.key`, a digest of all that it holds, written last; so a run that stands
+whole is recognised and left alone, and one that changed, or was cut off, is replaced. Runs without
+that tag are somebody else's and are never touched.
 """
 
 import hashlib
@@ -33,9 +34,13 @@ PARENT = "mlflow.parentRunId"
 NOTE = "mlflow.note.content"
 BATCH = 1_000  # metric points that MLflow takes at once
 SYSTEM = "system/"
-"""Metrics of this group are on the page's tab of system metrics, which shows them over their time: their steps are seconds."""
+"""Metrics of this group are on the page's tab of system metrics, which shows them over their time:
+their steps are seconds."""
 NO_CLOCK_MS = 946_684_800_000
-"""2000-01-01: the time, in ms since 1970, that a point of step 0 bears. MLflow's page takes small numbers for years."""
+"""2000-01-01: the time, in ms since 1970, that a point of step 0 bears.
+
+MLflow's page takes small numbers for years.
+"""
 
 Models = Mapping[str, Sequence["LoggedModel"]]  # run id to the models that the run logged
 
@@ -54,13 +59,18 @@ class RunRecord:
     children: Sequence["RunRecord"] = ()  # one level deep: the page nests no further
     model: served.Served | None = None
     registered: str = ""  # the model's name in the registry
-    about: str = ""  # the description, in markdown; its $page becomes the address of the experiment's charts
+    about: str = (
+        ""  # the description, in markdown; its $page becomes the address of the experiment's charts
+    )
     used: Sequence[datasets.Used] = ()
 
     def __post_init__(self) -> None:
         for metric, points in self.series.items():
             if not all(math.isfinite(value) for _, value in points):
-                raise InputError(f"run {self.name}: metric {metric} has a value that is no finite number; leave its point out")
+                raise InputError(
+                    f"run {self.name}: metric {metric} has a value that is no finite number; leave "
+                    "its point out"
+                )
         if missing := [path for path in self.figures if not path.is_file()]:
             raise InputError(f"run {self.name}: no figure {missing[0]}")
         if len({path.name for path in self.figures}) != len(self.figures):
@@ -74,8 +84,13 @@ class RunRecord:
             "name": self.name,
             "tags": dict(self.tags),
             "params": {name: str(value) for name, value in self.params.items()},
-            "series": {name: [[step, float(value).hex()] for step, value in points] for name, points in self.series.items()},
-            "figures": [[path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures],
+            "series": {
+                name: [[step, float(value).hex()] for step, value in points]
+                for name, points in self.series.items()
+            },
+            "figures": [
+                [path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures
+            ],
             "children": [child.key() for child in self.children],
             "model": self.model and self.model.content(),
             "registered": self.registered,
@@ -98,28 +113,39 @@ class Published:
     written: int
     kept: int
     aside: str = ""
-    """The name that an experiment was given whose files went to another folder, where the project was moved."""
+    """The name that an experiment was given whose files went to another folder, where the project
+    was moved."""
 
 
 def publish(
-    address: str | Path, experiment: str, runs: Sequence[RunRecord], view: page.View = page.YEAR, files: str = ""
+    address: str | Path,
+    experiment: str,
+    runs: Sequence[RunRecord],
+    view: page.View = page.YEAR,
+    files: str = "",
 ) -> Published:
-    """Make `experiment` in the database at `address` hold these runs; figures and models go to `files`: see `databases.database`.
+    """Make `experiment` in the database at `address` hold these runs; figures and models go to
+    `files`: see `databases.database`.
 
-    Its page opens on `view`. A run of the same name, or method and grid, whose content differs is marked deleted, with its
-    children; others are left alone.
+    Its page opens on `view`. A run of the same name, or method and grid, whose content differs is
+    marked deleted, with its children; others are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
     into = database(address, files)
-    # One process at a time: two would each make the experiment, and each write the runs that they both find missing.
+    # One process at a time: two would each make the experiment, and each write the runs that they
+    # both find missing.
     with into.alone(), _quiet_client(into) as client:
         experiment_id, aside = experiments.find(client, experiment, into)
         for tag, value in page.tags(view).items():
             client.set_experiment_tag(experiment_id, tag, value)
-        ours = [run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags]
+        ours = [
+            run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags
+        ]
         models = served.owners(client, experiment_id)
-        written, kept, now_ms = 0, 0, time.time_ns() // 1_000_000
+        written = 0
+        kept = 0
+        now_ms = time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
             standing = [run for run in ours if _is_of(run, record) and PARENT not in run.data.tags]
             whole = [run for run in standing if _stands(run, record, ours, models)]
@@ -133,8 +159,16 @@ def publish(
                     _delete(client, run.info.run_id, ours, models)
         logged = served.owners(client, experiment_id)
         names = {record.name: record.registered for record in runs if record.registered}
-        parents = [run for run in served.every(client.search_runs, experiment_id) if PARENT not in run.data.tags]
-        named = [(run.info.run_id, names[run.info.run_name]) for run in parents if run.info.run_name in names]
+        parents = [
+            run
+            for run in served.every(client.search_runs, experiment_id)
+            if PARENT not in run.data.tags
+        ]
+        named = [
+            (run.info.run_id, names[run.info.run_name])
+            for run in parents
+            if run.info.run_name in names
+        ]
         wanted = {name: model for run_id, name in named for model in logged.get(run_id, ())}
         registry.settle(client, experiment, experiment_id, wanted)
     return Published(experiment_id, written, kept, aside)
@@ -142,7 +176,8 @@ def publish(
 
 @contextmanager
 def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
-    """A client of a database, created and migrated if need be, without telemetry and without log lines about it."""
+    """A client of a database, created and migrated if need be, without telemetry and without log
+    lines about it."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
@@ -150,16 +185,21 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
     quiet = {
         "alembic": logging.WARNING,
         "mlflow": logging.WARNING,
-        "mlflow.store.db.utils": logging.CRITICAL,  # it logs the error that it raises, which we tell in one line
+        # it logs the error that it raises, which we tell in one line
+        "mlflow.store.db.utils": logging.CRITICAL,
         "sqlalchemy.pool": logging.CRITICAL,
     }
     levels = {name: logging.getLogger(name).level for name in quiet}
     try:
         for name, level in quiet.items():
             logging.getLogger(name).setLevel(level)
-        if into.path and not into.path.is_file():  # made elsewhere first: a kill while MLflow makes its tables would leave some
+        if (
+            into.path and not into.path.is_file()
+        ):  # made elsewhere first: a kill while MLflow makes its tables would leave some
             with replace(into.path) as scratch, TemporaryDirectory() as folder:
-                mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db").search_experiments(max_results=1)
+                mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db").search_experiments(
+                    max_results=1
+                )
                 shutil.copyfile(f"{folder}/new.db", scratch)
         yield mlflow.MlflowClient(tracking_uri=into.uri, registry_uri=into.uri)
     finally:
@@ -171,7 +211,10 @@ def _is_of(run: "Run", record: RunRecord) -> bool:
     """Whether a run is an earlier state of a record: of its name, or of its method and grid."""
     same = ("method", "grid")
     known = all(record.tags.get(tag) for tag in same)
-    return bool(run.info.run_name == record.name or (known and all(run.data.tags.get(tag) == record.tags[tag] for tag in same)))
+    return bool(
+        run.info.run_name == record.name
+        or (known and all(run.data.tags.get(tag) == record.tags[tag] for tag in same))
+    )
 
 
 def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
@@ -179,7 +222,9 @@ def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models
     if len(models.get(run.info.run_id, ())) != (record.model is not None):
         return False
     children = sorted(r.data.tags[KEY] for r in ours if r.data.tags.get(PARENT) == run.info.run_id)
-    return run.data.tags[KEY] == record.key() and children == sorted(child.key() for child in record.children)
+    return run.data.tags[KEY] == record.key() and children == sorted(
+        child.key() for child in record.children
+    )
 
 
 def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"], models: Models) -> None:
@@ -190,19 +235,36 @@ def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"], models: 
         client.delete_run(member)
 
 
-def _write(client: "MlflowClient", experiment_id: str, record: RunRecord, family: Mapping[str, str], start_ms: int) -> None:
-    """One run and its children; its key last, when it is whole. A point's time is its step in seconds, so no clock enters.
+def _write(
+    client: "MlflowClient",
+    experiment_id: str,
+    record: RunRecord,
+    family: Mapping[str, str],
+    start_ms: int,
+) -> None:
+    """One run and its children; its key last, when it is whole.
 
-    The page loads the newest 100 runs first, and nests them only if they are sorted by start: children start in 2000, in the
-    order given, so that no sweep's jobs push a method off the page. A run lasts as long as its system metrics.
+    A point's time is its step in seconds, so no clock enters.
+
+    The page loads the newest 100 runs first, and nests them only if they are sorted by start:
+    children start in 2000, in the order given, so that no sweep's jobs push a method off the page.
+    A run lasts as long as its system metrics.
     """
     from mlflow.entities import Metric, Param
 
     about = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
     tags = {**family, **record.tags, **about}
-    run_id = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name).info.run_id
-    client.log_batch(run_id, params=[Param(name, str(value)) for name, value in record.params.items()])
-    series = [(name, float(value), step) for name, points in record.series.items() for step, value in points]
+    run_id = client.create_run(
+        experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name
+    ).info.run_id
+    client.log_batch(
+        run_id, params=[Param(name, str(value)) for name, value in record.params.items()]
+    )
+    series = [
+        (name, float(value), step)
+        for name, points in record.series.items()
+        for step, value in points
+    ]
     points = [Metric(name, value, NO_CLOCK_MS + 1_000 * step, step) for name, value, step in series]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])

@@ -1,6 +1,8 @@
-"""A method's model as MLflow serves it: its arrays, the code that reads them, and a signature; no pickle.
+"""A method's model as MLflow serves it: its arrays, the code that reads them, and a signature; no
+pickle.
 
-`mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights (query, ring, sector) in metres.
+`mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights
+(query, ring, sector) in metres.
 """
 
 import hashlib
@@ -25,11 +27,35 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-MODULES = ("__init__", "errors", "frames", "model_file", "remote", "replacing", "schemas", "sealed", "store")
+MODULES = (
+    "__init__",
+    "errors",
+    "frames",
+    "model_file",
+    "remote",
+    "replacing",
+    "schemas",
+    "sealed",
+    "store",
+)
 FOLDERS = ("alterations", "matching", "methods", "networks", "running", "views")
-"""Modules and folders of the library that localising imports; a test compares them with the import graph."""
-REQUIREMENTS = ("faiss-cpu", "mlflow", "numba", "numpy", "psutil", "safetensors", "scipy", "torch", "zarr")
-"""What the library imports to localise. Given, since MLflow would else try the model out for half a minute to find them."""
+"""Modules and folders of the library that localising imports; a test compares them with the import
+graph."""
+REQUIREMENTS = (
+    "faiss-cpu",
+    "mlflow",
+    "numba",
+    "numpy",
+    "psutil",
+    "safetensors",
+    "scipy",
+    "torch",
+    "zarr",
+)
+"""What the library imports to localise.
+
+Given, since MLflow would else try the model out for half a minute to find them.
+"""
 OURS = "yearloc.model"  # the tag of a model that was logged here; others are somebody else's
 PYFUNC = LIBRARY / "tracking/pyfunc.py"  # what MLflow runs to load the model
 Dims = tuple[str | int, ...]
@@ -50,7 +76,9 @@ class Served:
 
     arrays: Path  # the .safetensors file that `stages.train` wrote
     method: str  # module and class, as `pipeline.methods.sci:Sci`
-    parameters: Mapping[str, bool | int | float | str]  # of its constructor; those that it has no field for are left out there
+    parameters: Mapping[
+        str, bool | int | float | str
+    ]  # of its constructor; those that it has no field for are left out there
     image_shape: tuple[int, ...]  # of one view, such as rings and sectors
     k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number
 
@@ -62,8 +90,10 @@ class Served:
 
     @classmethod
     def read(cls, arrays: Path) -> Self | None:
-        """The model in a file of `stages.train`; None for one whose recipe does not name its class as `_target_`."""
-        recipe, model = store.read_recipe(arrays), store.read_model(arrays)
+        """The model in a file of `stages.train`; None for one whose recipe does not name its class
+        as `_target_`."""
+        recipe = store.read_recipe(arrays)
+        model = store.read_model(arrays)
         if "_target_" not in recipe or "image_shape" not in model:
             return None
         module, _, name = recipe["_target_"].rpartition(".")
@@ -71,9 +101,16 @@ class Served:
         return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])))
 
     def content(self) -> dict[str, object]:
-        """Everything that the logged model holds, its code included, files as digests; `RunRecord.key` hashes it."""
-        code = {path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())}
-        return asdict(self) | {"arrays": _digest(self.arrays), "parameters": dict(self.parameters), "code": code}
+        """Everything that the logged model holds, its code included, files as digests;
+        `RunRecord.key` hashes it."""
+        code = {
+            path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())
+        }
+        return asdict(self) | {
+            "arrays": _digest(self.arrays),
+            "parameters": dict(self.parameters),
+            "code": code,
+        }
 
     @property
     def inputs(self) -> dict[str, tuple[type, Dims]]:
@@ -81,26 +118,43 @@ class Served:
         return {"views": (np.float32, ("query", *self.image_shape))}
 
     def note(self, model_id: str) -> str:
-        """The text of the model's page: how to call it, and its signature, which MLflow shows in a file only."""
+        """The text of the model's page: how to call it, and its signature, which MLflow shows in a
+        file only."""
 
         def lines(way: str, tensors: Mapping[str, tuple[type, Dims]]) -> list[str]:
-            return [f"{way:<5}{name:<12}{np.dtype(kind)} ({', '.join(map(str, dims))})" for name, (kind, dims) in tensors.items()]
+            return [
+                f"{way:<5}{name:<12}{np.dtype(kind)} ({', '.join(map(str, dims))})"
+                for name, (kind, dims) in tensors.items()
+            ]
 
-        call = f'mlflow.pyfunc.load_model("models:/{model_id}").predict(views, params={{"k": {self.k}}})'
+        model = f'mlflow.pyfunc.load_model("models:/{model_id}")'
+        call = f'{model}.predict(views, params={{"k": {self.k}}})'
         parameter = f"{'in':<5}{'k':<12}int, {self.k} unless given"
-        return "\n".join(["```", call, "", *lines("in", self.inputs), parameter, *lines("out", OUTPUTS), "```"])
+        return "\n".join(
+            ["```", call, "", *lines("in", self.inputs), parameter, *lines("out", OUTPUTS), "```"]
+        )
 
     def save(self, folder: Path, **about: Any) -> None:
         """Write an MLflow model into a new folder; `about` goes into its MLmodel file."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # MLflow's, of type hints of its own and of no example beside the signature
+            warnings.simplefilter(
+                "ignore"
+            )  # MLflow's, of type hints of its own and of no example beside the signature
             from mlflow.models import Model, ModelSignature
             from mlflow.pyfunc import save_model
             from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
 
             def schema(tensors: Mapping[str, tuple[type, Dims]]) -> Any:
-                shapes = {name: tuple(-1 if isinstance(dim, str) else dim for dim in dims) for name, (_, dims) in tensors.items()}
-                return Schema([TensorSpec(np.dtype(kind), shapes[name], name) for name, (kind, _) in tensors.items()])
+                shapes = {
+                    name: tuple(-1 if isinstance(dim, str) else dim for dim in dims)
+                    for name, (_, dims) in tensors.items()
+                }
+                return Schema(
+                    [
+                        TensorSpec(np.dtype(kind), shapes[name], name)
+                        for name, (kind, _) in tensors.items()
+                    ]
+                )
 
             with TemporaryDirectory() as scratch:
                 code = Path(scratch, LIBRARY.name)
@@ -113,9 +167,19 @@ class Served:
                     python_model=str(PYFUNC),
                     artifacts={"arrays": str(self.arrays)},
                     code_paths=[str(code)],
-                    model_config={"method": self.method, "parameters": dict(self.parameters), "outputs": list(OUTPUTS)},
-                    signature=ModelSignature(schema(self.inputs), schema(OUTPUTS), ParamSchema([ParamSpec("k", "long", self.k)])),
-                    pip_requirements=[f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS],
+                    model_config={
+                        "method": self.method,
+                        "parameters": dict(self.parameters),
+                        "outputs": list(OUTPUTS),
+                    },
+                    signature=ModelSignature(
+                        schema(self.inputs),
+                        schema(OUTPUTS),
+                        ParamSchema([ParamSpec("k", "long", self.k)]),
+                    ),
+                    pip_requirements=[
+                        f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS
+                    ],
                     mlflow_model=Model(**about),
                 )
 
@@ -134,12 +198,24 @@ def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, serv
     """Add the model to a run."""
     from mlflow.entities import LoggedModelOutput
 
-    params = {"method": served.method, **{key: str(value) for key, value in served.parameters.items()}}
+    params = {
+        "method": served.method,
+        **{key: str(value) for key, value in served.parameters.items()},
+    }
     model = client.create_logged_model(experiment_id, name, run_id, params=params)
-    client.set_logged_model_tags(model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)})
+    client.set_logged_model_tags(
+        model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)}
+    )
     with TemporaryDirectory() as scratch:
-        folder, number = Path(scratch, "model"), model.model_id
-        served.save(folder, run_id=run_id, artifact_path=model.artifact_location, model_uuid=number, model_id=number)
+        folder = Path(scratch, "model")
+        number = model.model_id
+        served.save(
+            folder,
+            run_id=run_id,
+            artifact_path=model.artifact_location,
+            model_uuid=number,
+            model_id=number,
+        )
         client.log_model_artifacts(model.model_id, str(folder))
     client.finalize_logged_model(model.model_id, "READY")
     client.log_outputs(run_id, [LoggedModelOutput(model.model_id, 0)])
@@ -155,7 +231,8 @@ def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
 
 
 def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
-    """All that a search of MLflow, which answers page by page, finds in an experiment; nothing deleted."""
+    """All that a search of MLflow, which answers page by page, finds in an experiment; nothing
+    deleted."""
     token = None
     while page := search([experiment_id], page_token=token):
         yield from page
@@ -164,7 +241,8 @@ def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
 
 
 def delete(client: "MlflowClient", model: Any) -> None:
-    """Take a model off the page, and its files, which are copies, off the disk or out of the object store."""
+    """Take a model off the page, and its files, which are copies, off the disk or out of the object
+    store."""
     client.delete_logged_model(model.model_id)
     if remote.is_remote(model.artifact_location):
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository

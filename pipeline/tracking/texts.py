@@ -1,4 +1,5 @@
-"""The texts of MLflow's page, from this folder's templates: the note above an experiment's charts, a run's description."""
+"""The texts of MLflow's page, from this folder's templates: the note above an experiment's charts,
+a run's description."""
 
 from functools import cache
 from importlib.resources import files
@@ -19,7 +20,8 @@ def filled(name: str, **values: Any) -> str:
 
 
 def linked(text: str, address: str) -> str:
-    """A text whose `$page` is the address of the experiment's charts, which only the database knows."""
+    """A text whose `$page` is the address of the experiment's charts, which only the database
+    knows."""
     return Template(text).safe_substitute(page=address)
 
 

@@ -1,8 +1,9 @@
 """Views of altered queries: one of every submap in each case of an alteration (METHODS 2.8).
 
-The alteration changes a submap's points, and the view is computed from the changed points. A bird-view shows an octree of many
-scans: each scan is altered with its own random numbers, so an earlier scan may fill what the newest one lacks, and leave walls of
-its own. Turned queries reuse the unaltered map; only the pose is rotated.
+The alteration changes a submap's points, and the view is computed from the changed points. A
+bird-view shows an octree of many scans: each scan is altered with its own random numbers, so an
+earlier scan may fill what the newest one lacks, and leave walls of its own. Turned queries reuse
+the unaltered map; only the pose is rotated.
 """
 
 from collections.abc import Iterator
@@ -32,19 +33,27 @@ class AlteredRows(NamedTuple):
     """Turned as the robot is."""
 
 
-def altered(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> dict[Case, AlteredRows]:
+def altered(
+    scans: Artifact, submaps: Artifact, view: View, alteration: Alteration
+) -> dict[Case, AlteredRows]:
     """Views of every submap in every case but the one as driven, all of them in memory."""
-    stamps_ns, world_T_anchor = submaps.load("stamps_ns"), submaps.load("world_T_anchor")
+    stamps_ns = submaps.load("stamps_ns")
+    world_T_anchor = submaps.load("world_T_anchor")
     images = dict[Case, NDArray[Any]]()
     left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
     draw = _from_maps if isinstance(view, BirdView) else _from_points
     for row, case, image, turn_rad in draw(scans, submaps, view, alteration):
         images.setdefault(case, np.empty((len(stamps_ns), *image.shape), image.dtype))[row] = image
         left_rad[case][row] = turn_rad
-    return {case: AlteredRows(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case])) for case in left_rad}
+    return {
+        case: AlteredRows(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case]))
+        for case in left_rad
+    }
 
 
-def _from_points(scans: Artifact, submaps: Artifact, view: View, alteration: Alteration) -> Iterator[Image]:
+def _from_points(
+    scans: Artifact, submaps: Artifact, view: View, alteration: Alteration
+) -> Iterator[Image]:
     """Each submap's points are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
@@ -53,19 +62,32 @@ def _from_points(scans: Artifact, submaps: Artifact, view: View, alteration: Alt
             yield row, case, view(left), left_rad
 
 
-def _from_maps(scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration) -> Iterator[Image]:
-    """Each case has its own octree of all scans, except turned cases: they reuse the unaltered one, seen from a turned pose."""
-    stamps_ns, anchors = scans.load("stamps_ns"), submaps.load("scans")
+def _from_maps(
+    scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration
+) -> Iterator[Image]:
+    """Each case has its own octree of all scans, except turned cases: they reuse the unaltered one,
+    seen from a turned pose."""
+    stamps_ns = scans.load("stamps_ns")
+    anchors = submaps.load("scans")
     as_driven, *others = alteration.cases
     turned = [case for case in others if case.change == TURNED]
-    worlds = ({as_driven: turned} if turned else {}) | {case: [case] for case in others if case not in turned}
+    worlds = ({as_driven: turned} if turned else {}) | {
+        case: [case] for case in others if case not in turned
+    }
     for world, cases in worlds.items():
 
         def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:
             return alteration.alter(world, points, generator(alteration, stamps_ns[scan]))[0]
 
-        for row, (points, grown, standing) in enumerate(MappedViews(scans, submaps, view, seen).maps()):
+        for row, (points, grown, standing) in enumerate(
+            MappedViews(scans, submaps, view, seen).maps()
+        ):
             for case in cases:
                 rng = generator(alteration, stamps_ns[anchors[row]])
                 left_rad = alteration.alter(case, points, rng)[1] if case in turned else 0.0
-                yield row, case, view.draw(grown, standing @ turns(np.array([left_rad]))[0], row), left_rad
+                yield (
+                    row,
+                    case,
+                    view.draw(grown, standing @ turns(np.array([left_rad]))[0], row),
+                    left_rad,
+                )

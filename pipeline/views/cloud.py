@@ -1,6 +1,7 @@
 """PointNetVLAD's input: a fixed number of points around the sensor, without the ground.
 
-Preprocessing of the SCI paper (RA-L 2019, Sec. V), whose numbers are those of its author's later script (METHODS 3.2).
+Preprocessing of the SCI paper (RA-L 2019, Sec. V), whose numbers are those of its author's later
+script (METHODS 3.2).
 """
 
 import math
@@ -42,10 +43,12 @@ class Cloud:
             raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
-        """Points (points, 3) about their mean in units of `half_m`, in [−1, 1], of points (n, 3) in metres, z up.
+        """Points (points, 3) about their mean in units of `half_m`, in [−1, 1], of points (n, 3) in
+        metres, z up.
 
-        They come in a random order: the first m are a sample too. Where fewer are left than wanted all of them come, then
-        random ones again; zeros where none is left. Raises InputError for a wrong shape or a point that is not finite.
+        They come in a random order: the first m are a sample too. Where fewer are left than wanted
+        all of them come, then random ones again; zeros where none is left. Raises InputError for a
+        wrong shape or a point that is not finite.
         """
         if points_m.ndim != 2 or points_m.shape[1] != 3:
             raise InputError(f"points of shape {points_m.shape}: expected (n, 3)")
@@ -61,8 +64,12 @@ class Cloud:
         if not len(points):
             return np.zeros((self.points, 3), np.float16)
         rows = rng.permutation(len(points))[: self.points]
-        points = points[np.concatenate([rows, rng.integers(len(points), size=self.points - len(rows))])]
-        cloud: NDArray[np.float16] = ((points - points.mean(axis=0)) / self.half_m).clip(-1, 1).astype(np.float16)
+        points = points[
+            np.concatenate([rows, rng.integers(len(points), size=self.points - len(rows))])
+        ]
+        cloud: NDArray[np.float16] = (
+            ((points - points.mean(axis=0)) / self.half_m).clip(-1, 1).astype(np.float16)
+        )
         return cloud
 
     def _ground(self, points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -71,5 +78,7 @@ class Cloud:
             return np.zeros(len(points), bool)
         a, b, c = found
         x, y, z = points.T.astype(np.float32, order="C")
-        ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(a * a + b * b + 1)
+        ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(
+            a * a + b * b + 1
+        )
         return ground

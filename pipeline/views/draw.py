@@ -25,7 +25,8 @@ AS_DRIVEN = [asdict(Case())]
 
 
 class View(Protocol):
-    """Computes an image of a submap's points (n, 3) in metres, z up from the ground; `schema` is that of the artifact."""
+    """Computes an image of a submap's points (n, 3) in metres, z up from the ground; `schema` is
+    that of the artifact."""
 
     schema: ClassVar[Schema]
 
@@ -51,7 +52,8 @@ class Drawing:
     def blocks(self, compute: Compute) -> Iterator[NDArray[np.floating]]:
         """Images (BLOCK or fewer, …) of one block of submaps after the other.
 
-        Submaps that share scans are drawn in order on one core, so that each scan is moved into their common frame once.
+        Submaps that share scans are drawn in order on one core, so that each scan is moved into
+        their common frame once.
         """
         if self.one_scan_each:
             yield from compute.rows(self._block, len(self), BLOCK)
@@ -61,10 +63,19 @@ class Drawing:
             yield np.stack(block)
 
     def write(self, path: Path, compute: Compute, progress: Progress) -> str:
-        """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
+        """All views as an artifact at `path`; returns how many, of what shape.
+
+        Raises ArtifactError if all are blank.
+        """
         blocks = progress.track(self.blocks(compute), -(-len(self) // BLOCK), f"draw {path.stem}")
         complaint = "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
-        return write_views(path, self.view.schema, self.submaps, ((images, ~(images < SEEN)) for images in blocks), complaint)
+        return write_views(
+            path,
+            self.view.schema,
+            self.submaps,
+            ((images, ~(images < SEEN)) for images in blocks),
+            complaint,
+        )
 
     def points(self) -> Iterator[NDArray[np.floating]]:
         """Points (n, 3) in metres of one submap after the other, z up from the ground."""
@@ -74,13 +85,23 @@ class Drawing:
 
     def _block(self, start: int, stop: int) -> NDArray[np.floating]:
         """Images (stop − start, …)."""
-        return np.stack([self.view(points) for points in submap_points(self.scans, self.submaps, slice(start, stop))])
+        return np.stack(
+            [
+                self.view(points)
+                for points in submap_points(self.scans, self.submaps, slice(start, stop))
+            ]
+        )
 
 
 def write_views(
-    path: Path, schema: Schema, submaps: Artifact, blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]], complaint: str
+    path: Path,
+    schema: Schema,
+    submaps: Artifact,
+    blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]],
+    complaint: str,
 ) -> str:
-    """Blocks of images (n, …), and where they show something, as an artifact; returns how many, of what shape.
+    """Blocks of images (n, …), and where they show something, as an artifact; returns how many, of
+    what shape.
 
     Raises ArtifactError with the complaint if all are blank.
     """
@@ -94,5 +115,6 @@ def write_views(
             raise ArtifactError(f"{submaps.path}: {complaint}")
         for name in ("stamps_ns", "world_T_anchor"):
             out.put(name, submaps.load(name))
-    sides, names = " × ".join(map(str, images.shape[1:])), ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
+    sides = " × ".join(map(str, images.shape[1:]))
+    names = ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
     return f"{count} views of {sides} ({names})" + (f", {blank} of them blank" if blank else "")

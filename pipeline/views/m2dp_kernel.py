@@ -1,8 +1,10 @@
-"""The hot loops of M2DP: a cloud's moments, and the bin of every point on every plane, exact at every border.
+"""The hot loops of M2DP: a cloud's moments, and the bin of every point on every plane, exact at
+every border.
 
-A point's sector follows from the signs of its two coordinates and one slope, its circle from the fourth root of r², both in
-float32 that the compiler turns into SIMD; points nearer to a border than that can err are redone in float64. All planes look
-at one block of points while it lies in the L1 cache; four private tables break the store-to-load chain of the counts.
+A point's sector follows from the signs of its two coordinates and one slope, its circle from the
+fourth root of r², both in float32 that the compiler turns into SIMD; points nearer to a border than
+that can err are redone in float64. All planes look at one block of points while it lies in the L1
+cache; four private tables break the store-to-load chain of the counts.
 """
 
 import math
@@ -13,18 +15,30 @@ from numba import njit, uint32
 BLOCK = 256
 COPIES = 4
 QUICK = 16
-"""Sectors that signs and a slope tell apart. Any other number of them is found in float64 throughout."""
+"""Sectors that signs and a slope tell apart.
+
+Any other number of them is found in float64 throughout.
+"""
 GRAY = np.array([0, 1, 3, 2])
-"""Sector within a quadrant, from the axis +x or −x on, by two bits: steeper than 45°; 22.5° off the nearer axis."""
+"""Sector within a quadrant, from the axis +x or −x on, by two bits: steeper than 45°; 22.5° off the
+nearer axis."""
 PLACE = np.argsort(np.concatenate([8 + GRAY, 15 - GRAY, 7 - GRAY, GRAY])).astype(np.uint32)
 """Where a sector of QUICK is counted: two bits of signs (y, x negative), then those of GRAY."""
 SLOPE = np.float32(math.tan(math.pi / 8))
-ZERO, HALF = np.float32(0), np.float32(0.5)
+ZERO = np.float32(0)
+HALF = np.float32(0.5)
 ERROR = np.float32(1e-6)
 """Bound on the error of a float32 coordinate or slope, in units of the largest distance."""
-ROUNDS, CLOSE = 10_000, 1e-12
+ROUNDS = 10_000
+CLOSE = 1e-12
 """Of the power iteration: no more of them, nor once no number changes by more."""
-NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}  # fast-math, but NaN and infinity keep their meaning
+NAN_SAFE = {
+    "reassoc",
+    "contract",
+    "arcp",
+    "nsz",
+    "afn",
+}  # fast-math, but NaN and infinity keep their meaning
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
@@ -36,11 +50,15 @@ def moments(points):  # type: ignore[no-untyped-def]
         x0 += points[i, 0]
         y0 += points[i, 1]
         z0 += points[i, 2]
-    x0, y0, z0 = x0 / n, y0 / n, z0 / n
+    x0 = x0 / n
+    y0 = y0 / n
+    z0 = z0 / n
     xx = yy = zz = xy = xz = yz = 0.0
     farthest = 0.0
     for i in range(n):
-        x, y, z = points[i, 0] - x0, points[i, 1] - y0, points[i, 2] - z0
+        x = points[i, 0] - x0
+        y = points[i, 1] - y0
+        z = points[i, 2] - z0
         xx += x * x
         yy += y * y
         zz += z * z
@@ -52,11 +70,16 @@ def moments(points):  # type: ignore[no-untyped-def]
     return np.array((x0, y0, z0)), scatter, math.sqrt(farthest)
 
 
-@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")  # said, since else the caller's flags are inherited
+@njit(
+    cache=True, nogil=True, fastmath=False, error_model="numpy"
+)  # said, since else the caller's flags are inherited
 def _exact_bin(u, v, radii, angles, place):  # type: ignore[no-untyped-def]
-    """METHODS 3.1 in float64: borders belong to the bin above them, and the last bin takes what is beyond."""
-    rho, theta = math.sqrt(u * u + v * v), math.atan2(v + 0.0, u + 0.0)  # no negative zero
-    ring, sector = len(radii) - 2, len(angles) - 2
+    """METHODS 3.1 in float64: borders belong to the bin above them, and the last bin takes what is
+    beyond."""
+    rho = math.sqrt(u * u + v * v)
+    theta = math.atan2(v + 0.0, u + 0.0)  # no negative zero
+    ring = len(radii) - 2
+    sector = len(angles) - 2
     while ring > 0 and rho < radii[ring]:
         ring -= 1
     while sector > 0 and theta < angles[sector]:
@@ -65,40 +88,62 @@ def _exact_bin(u, v, radii, angles, place):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
-def bin_counts(points, mean, axes, farthest_m, planes, radii, angles, place):  # type: ignore[no-untyped-def]
-    """How many of the points (n, 3) fall into each bin of each plane: tables (plane, COPIES · circle · sector) to be added up.
+def bin_counts(  # type: ignore[no-untyped-def]
+    points, mean, axes, farthest_m, planes, radii, angles, place
+):
+    """How many of the points (n, 3) fall into each bin of each plane: tables (plane, COPIES ·
+    circle · sector) to be added up.
 
-    Sectors are in the order of `place`. Points are taken from their mean, the farthest of them `farthest_m` away, and turned by
-    `axes` (3, 3), whose columns are the new axes; `planes` (plane, 2, 3) are each plane's x and y in those; `radii` (circle + 1,)
-    and `angles` (sector + 1,) are the borders.
+    Sectors are in the order of `place`. Points are taken from their mean, the farthest of them
+    `farthest_m` away, and turned by `axes` (3, 3), whose columns are the new axes; `planes` (plane,
+    2, 3) are each plane's x and y in those; `radii` (circle + 1,) and `angles` (sector + 1,) are
+    the borders.
     """
-    n, sectors, circles = points.shape[0], len(place), len(radii) - 1
+    n = points.shape[0]
+    sectors = len(place)
+    circles = len(radii) - 1
     stride = uint32(circles * sectors)
     tables = np.zeros((len(planes), COPIES * stride), np.uint32)
     exact = np.empty((BLOCK, 3), np.float64)
-    xs, ys, zs = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    ids, near = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint8)
+    xs = np.empty(BLOCK, np.float32)
+    ys = np.empty(BLOCK, np.float32)
+    zs = np.empty(BLOCK, np.float32)
+    ids = np.empty(BLOCK, np.uint32)
+    near = np.empty(BLOCK, np.uint8)
     quick = sectors == QUICK
     unit = 1.0 / farthest_m
-    many, last, columns = np.float32(circles), np.int32(circles - 1), np.int32(sectors)
+    many = np.float32(circles)
+    last = np.int32(circles - 1)
+    columns = np.int32(sectors)
     edge = HALF - ERROR * np.float32(circles * circles)
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
         for i in range(m):
-            x, y, z = points[start + i, 0] - mean[0], points[start + i, 1] - mean[1], points[start + i, 2] - mean[2]
+            x = points[start + i, 0] - mean[0]
+            y = points[start + i, 1] - mean[1]
+            z = points[start + i, 2] - mean[2]
             a = x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0]
             b = x * axes[0, 1] + y * axes[1, 1] + z * axes[2, 1]
             c = x * axes[0, 2] + y * axes[1, 2] + z * axes[2, 2]
-            exact[i, 0], exact[i, 1], exact[i, 2] = a, b, c
-            xs[i], ys[i], zs[i] = np.float32(a * unit), np.float32(b * unit), np.float32(c * unit)
+            exact[i, 0] = a
+            exact[i, 1] = b
+            exact[i, 2] = c
+            xs[i] = np.float32(a * unit)
+            ys[i] = np.float32(b * unit)
+            zs[i] = np.float32(c * unit)
         for p in range(len(planes)):
-            ux, uy, uz = np.float32(planes[p, 0, 0]), np.float32(planes[p, 0, 1]), np.float32(planes[p, 0, 2])
-            vx, vy, vz = np.float32(planes[p, 1, 0]), np.float32(planes[p, 1, 1]), np.float32(planes[p, 1, 2])
+            ux = np.float32(planes[p, 0, 0])
+            uy = np.float32(planes[p, 0, 1])
+            uz = np.float32(planes[p, 0, 2])
+            vx = np.float32(planes[p, 1, 0])
+            vy = np.float32(planes[p, 1, 1])
+            vz = np.float32(planes[p, 1, 2])
             table = tables[p]
             for i in range(m):
                 u = ux * xs[i] + uy * ys[i] + uz * zs[i]
                 v = vx * xs[i] + vy * ys[i] + vz * zs[i]
-                across, along = abs(v), abs(u)
+                across = abs(v)
+                along = abs(u)
                 steep = across > along
                 high = across if steep else along
                 low = along if steep else across
@@ -119,7 +164,9 @@ def bin_counts(points, mean, axes, farthest_m, planes, radii, angles, place):  #
             if borders > 0 or not quick:
                 for i in range(m):
                     if near[i] or not quick:
-                        x, y, z = exact[i, 0], exact[i, 1], exact[i, 2]
+                        x = exact[i, 0]
+                        y = exact[i, 1]
+                        z = exact[i, 2]
                         u = planes[p, 0, 0] * x + planes[p, 0, 1] * y + planes[p, 0, 2] * z
                         v = planes[p, 1, 0] * x + planes[p, 1, 1] * y + planes[p, 1, 2] * z
                         ids[i] = _exact_bin(u, v, radii, angles, place)
@@ -134,12 +181,15 @@ def bin_counts(points, mean, axes, farthest_m, planes, radii, angles, place):  #
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
 def leading(shares):  # type: ignore[no-untyped-def]
-    """The first singular vectors (m,), (n,) of a matrix (m, n) without negative entries, which have none either.
+    """The first singular vectors (m,), (n,) of a matrix (m, n) without negative entries, which have
+    none either.
 
-    Power iteration from a positive vector finds them (Perron and Frobenius); for so small a matrix LAPACK would wake its threads.
+    Power iteration from a positive vector finds them (Perron and Frobenius); for so small a matrix
+    LAPACK would wake its threads.
     """
     m, n = shares.shape
-    left, right = np.full(m, 1 / math.sqrt(m)), np.empty(n)
+    left = np.full(m, 1 / math.sqrt(m))
+    right = np.empty(n)
     for _ in range(ROUNDS):
         right[:] = 0.0
         length = change = 0.0

@@ -1,4 +1,5 @@
-"""Bird-views of submaps, from one octree that every scan of the sequence is inserted into, in order (METHODS 4.4)."""
+"""Bird-views of submaps, from one octree that every scan of the sequence is inserted into, in order
+(METHODS 4.4)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,13 +19,15 @@ from pipeline.views.draw import write_views
 
 @dataclass(frozen=True)
 class MappedViews:
-    """The bird-views of a submaps artifact; each shows the octree after the scans up to the submap's anchor."""
+    """The bird-views of a submaps artifact; each shows the octree after the scans up to the
+    submap's anchor."""
 
     scans: Artifact
     submaps: Artifact
     view: BirdView
     alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
-    """Changes the points (n, 3) of a scan, given its row, before they are inserted; z is up from the ground."""
+    """Changes the points (n, 3) of a scan, given its row, before they are inserted; z is up from
+    the ground."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
@@ -35,21 +38,34 @@ class MappedViews:
             yield self.view.draw(grown, pose, number)
 
     def write(self, path: Path) -> str:
-        """All views as an artifact at `path`; returns how many, of what shape. Raises ArtifactError if all are blank."""
+        """All views as an artifact at `path`; returns how many, of what shape.
+
+        Raises ArtifactError if all are blank.
+        """
         complaint = "all bird-views are blank; is the ground at 0, and anything within the z band?"
-        return write_views(path, BIRDVIEWS, self.submaps, ((images[None], images[:1] > 0) for images in self), complaint)
+        return write_views(
+            path,
+            BIRDVIEWS,
+            self.submaps,
+            ((images[None], images[:1] > 0) for images in self),
+            complaint,
+        )
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
-        """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in it (4, 4).
+        """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in
+        it (4, 4).
 
-        The map is one object, which goes on growing. Poses are the log's odometry, or its ground truth where it has no odometry
-        at all. A scan without odometry, as after a break, gets an empty map of its own, and so does the scan after it.
+        The map is one object, which goes on growing. Poses are the log's odometry, or its ground
+        truth where it has no odometry at all. A scan without odometry, as after a break, gets an
+        empty map of its own, and so does the scan after it.
         """
         odom_T_scan = self.scans.load("odom_T_scan")
         if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
             odom_T_scan = self.scans.load("world_T_scan")
-        anchors, ground_m = self.submaps.load("scans"), self.submaps.load("ground_m")
-        grown, number = self.view.octree.grow(), 0
+        anchors = self.submaps.load("scans")
+        ground_m = self.submaps.load("ground_m")
+        grown = self.view.octree.grow()
+        number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
             known = np.isfinite(odom_T_scan[row]).all()
             scan_T_ground = np.eye(4)

@@ -1,6 +1,8 @@
-"""Scan Context, the highest point of every ring and sector around the sensor, and its colour image, the SCI.
+"""Scan Context, the highest point of every ring and sector around the sensor, and its colour image,
+the SCI.
 
-Scan Context: Kim and Kim, IROS 2018; Scan Context Images: Kim, Park and Kim, RA-L 2019; METHODS 1.1 and 2.1.
+Scan Context: Kim and Kim, IROS 2018; Scan Context Images: Kim, Park and Kim, RA-L 2019; METHODS 1.1
+and 2.1.
 """
 
 import math
@@ -44,10 +46,12 @@ class ScanContext:
         return (self.rings, self.sectors)
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Heights (rings, sectors) in metres of points (n, 3), z up from the ground; 0 where a bin is empty.
+        """Heights (rings, sectors) in metres of points (n, 3), z up from the ground; 0 where a bin
+        is empty.
 
-        Row 0 is the nearest ring, column 0 the sector that starts at +x and turns counter-clockwise; a sector holds
-        (width·k, width·(k+1)], a ring [width·k, width·(k+1)). Raises InputError for a wrong shape or a point that is not finite.
+        Row 0 is the nearest ring, column 0 the sector that starts at +x and turns
+        counter-clockwise; a sector holds (width·k, width·(k+1)], a ring [width·k, width·(k+1)).
+        Raises InputError for a wrong shape or a point that is not finite.
         """
         points = np.ascontiguousarray(points_m)
         if points.dtype not in (np.float32, np.float64):
@@ -61,7 +65,12 @@ class ScanContext:
                 raise InputError("a point is NaN or infinite: drop such points first")
             points = kernels.voxel_means(points, self.voxel_m)
         heights, finite = kernels.bin_heights(
-            points.reshape(-1), self.rings, self.sectors, self.max_range_m, self.beyond == "last_ring", self.min_points
+            points.reshape(-1),
+            self.rings,
+            self.sectors,
+            self.max_range_m,
+            self.beyond == "last_ring",
+            self.min_points,
         )
         if not finite:
             raise InputError("a point is NaN or infinite: drop such points first")
@@ -69,24 +78,32 @@ class ScanContext:
         return image
 
 
-def quantize(heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0) -> NDArray[np.uint8]:
+def quantize(
+    heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0
+) -> NDArray[np.uint8]:
     """Heights as 0…255: clipped to [h_min_m, h_max_m], scaled, halves rounded up (METHODS 2.1)."""
     if not h_max_m > h_min_m:
         raise InputError(f"heights from {h_min_m} to {h_max_m}: expected an increasing range")
-    share = (np.clip(heights_m, h_min_m, h_max_m).astype(np.float64) - h_min_m) / (h_max_m - h_min_m)
+    share = (np.clip(heights_m, h_min_m, h_max_m).astype(np.float64) - h_min_m) / (
+        h_max_m - h_min_m
+    )
     quantized: NDArray[np.uint8] = np.floor(share * 255 + 0.5).astype(np.uint8)
     return quantized
 
 
-def colorize(heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0) -> NDArray[np.uint8]:
-    """The SCI (…, rings, sectors, 3) of heights (…, rings, sectors): Matlab's jet of the quantized heights."""
+def colorize(
+    heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0
+) -> NDArray[np.uint8]:
+    """The SCI (…, rings, sectors, 3) of heights (…, rings, sectors): Matlab's jet of the quantized
+    heights."""
     image: NDArray[np.uint8] = colours("jet")[quantize(heights_m, h_min_m, h_max_m)]
     return image
 
 
 @lru_cache
 def colours(colormap: Literal["jet", "grey"]) -> NDArray[np.uint8]:
-    """Colour (256, channels) of each quantized height: Matlab's jet(255), or the height itself in one channel.
+    """Colour (256, channels) of each quantized height: Matlab's jet(255), or the height itself in
+    one channel.
 
     Matlab looks a floating index up 1-based and clamps it, so 0 and 1 share the first entry.
     """
@@ -106,5 +123,7 @@ def jet(m: int) -> NDArray[np.float64]:
     table = np.zeros((m, 3))
     for channel, index in enumerate((green + n, green, green - n)):
         inside = (index >= 1) & (index <= m)
-        table[index[inside] - 1, channel] = ramp[-inside.sum() :] if channel == 2 else ramp[: inside.sum()]
+        table[index[inside] - 1, channel] = (
+            ramp[-inside.sum() :] if channel == 2 else ramp[: inside.sum()]
+        )
     return table

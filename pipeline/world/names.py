@@ -22,13 +22,18 @@ def robotcar_time(sequence: str) -> datetime:
     try:
         return datetime.strptime(sequence, "%Y-%m-%d-%H-%M-%S").replace(tzinfo=UTC)
     except (TypeError, ValueError):
-        raise ConfigError(f"sequence {sequence}: expected a date and time such as '2014-07-14-14-49-50'") from None
+        raise ConfigError(
+            f"sequence {sequence}: expected a date and time such as '2014-07-14-14-49-50'"
+        ) from None
 
 
 def kitti_date(sequence: str) -> date:
     """The date of a KITTI log named by its two digits, such as 00; raises ConfigError."""
     if kitti_log(sequence) != sequence:
-        raise ConfigError(f"sequence {sequence}: is a part; the table names whole logs, such as '{kitti_log(sequence)}'")
+        raise ConfigError(
+            f"sequence {sequence}: is a part; the table names whole logs, such as "
+            f"'{kitti_log(sequence)}'"
+        )
     return KITTI_DATE
 
 
@@ -36,5 +41,8 @@ def kitti_log(sequence: str) -> str:
     """The log of a sequence such as 00, 00-a or 00-b; raises ConfigError."""
     named = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
     if not named:
-        raise ConfigError(f"sequence {sequence}: expected a log's two digits such as '00', or its part '00-a' or '00-b'")
+        raise ConfigError(
+            f"sequence {sequence}: expected a log's two digits such as '00', or its part '00-a' or "
+            "'00-b'"
+        )
     return named[1]

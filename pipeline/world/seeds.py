@@ -1,4 +1,5 @@
-"""The random streams of the world: each has its own generator, so that a new draw in one does not change the others."""
+"""The random streams of the world: each has its own generator, so that a new draw in one does not
+change the others."""
 
 from collections.abc import Callable
 from datetime import date, datetime
@@ -7,7 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-_WORD, _SPREAD = (1 << 64) - 1, 0x9E3779B97F4A7C15
+_WORD = (1 << 64) - 1
+_SPREAD = 0x9E3779B97F4A7C15
 
 
 class Stream(IntEnum):
@@ -37,13 +39,18 @@ Noise: TypeAlias = Callable[[Stream], np.random.Generator]
 
 
 def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
-    """The generator of one stream; sequences are distinguished by their date and time `when`, not by their order in a table."""
-    return np.random.default_rng([seed, int(stream), when.toordinal() if when else 0, *_second(when)])
+    """The generator of one stream; sequences are distinguished by their date and time `when`, not
+    by their order in a table."""
+    return np.random.default_rng(
+        [seed, int(stream), when.toordinal() if when else 0, *_second(when)]
+    )
 
 
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
     """The seed of the rays of one scan; blocks of scans may be computed in any order."""
-    return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ sum(_second(when)) * _SPREAD) & _WORD)
+    return np.uint64(
+        ((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ sum(_second(when)) * _SPREAD) & _WORD
+    )
 
 
 def _second(when: date | None) -> list[int]:

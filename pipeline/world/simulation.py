@@ -29,13 +29,15 @@ from pipeline.world.writers.truth import TruthWriter
 
 BLOCK_RAYS = 400_000
 """Approximate number of rays in a block of scans."""
-LOG_SEEDS, MAX_SEED = 7919, (1 << 20) - 1
+LOG_SEEDS = 7919
+MAX_SEED = (1 << 20) - 1
 TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A world and the sequences recorded in it; its fields are the keys of the yamls in conf/world."""
+    """A world and the sequences recorded in it; its fields are the keys of the yamls in
+    conf/world."""
 
     seed: int
     blocks: Count
@@ -47,13 +49,17 @@ class Simulation:
     azimuths: Count
     """Rays per turn of each beam of the scanner; for a push-broom, rays per sweep."""
     sequences: Mapping[str, Mapping[str, float]]
-    """Name -> settings of its Entry. The first is the training sequence: its shares are 0, and no other one changes it."""
+    """Name -> settings of its Entry.
+
+    The first is the training sequence: its shares are 0, and no other one changes it.
+    """
     events_per_km_of_route: NotNegative = 3.0
     """Buildings built or demolished in fifteen months; 14 is very many."""
     near_route: Share = 0.6
     """The share of those events near the training route."""
     route_file: str | None = None
-    """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across the world."""
+    """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across
+    the world."""
     robot: Literal["segway", "segway_inverted", "push_broom_car", "scanner_car"] = "segway"
     logs: Format = "nclt"
     """The format of the logs."""
@@ -62,25 +68,38 @@ class Simulation:
     twigs_per_m: NotNegative = TWIGS_PER_M
     """Extinction of a bare deciduous tree."""
     truth_sd_m: NotNegative = 0.0
-    """Standard deviation of the written truth, which wanders about the driven path as SLAM's does; 0: it is exact."""
+    """Standard deviation of the written truth, which wanders about the driven path as SLAM's does;
+    0: it is exact."""
 
     def __post_init__(self) -> None:
         check(self, "world")
         if self.logs not in self._robot.logs:
-            raise ConfigError(f"world.logs={self.logs}: the robot {self.robot} writes {' or '.join(self._robot.logs)}")
+            raise ConfigError(
+                f"world.logs={self.logs}: the robot {self.robot} writes "
+                f"{' or '.join(self._robot.logs)}"
+            )
         if self.route_file is not None and self._robot.loops:
-            raise ConfigError(f"world.route_file={self.route_file}: the robot {self.robot} plans loops of its own; leave it null")
+            raise ConfigError(
+                f"world.route_file={self.route_file}: the robot {self.robot} plans loops of its "
+                "own; leave it null"
+            )
         if not 0 <= self.seed <= MAX_SEED:
             raise ConfigError(f"world.seed={self.seed}: must lie in 0 to {MAX_SEED}")
         if self.blocks < 2 or self.route_m < self.step_m:
-            raise ConfigError(f"world.blocks={self.blocks}, route_m={self.route_m}: needs 2 blocks and a route of one step_m")
+            raise ConfigError(
+                f"world.blocks={self.blocks}, route_m={self.route_m}: needs 2 blocks and a route "
+                "of one step_m"
+            )
         if not self.sequences:
             raise ConfigError("world.sequences: needs at least the training sequence")
         for sequence, settings in self.sequences.items():
             self._robot.departs(sequence)
             Entry.of(sequence, settings)
         if dict(self.sequences[self.training]) != TRAINING_ENTRY and not self._robot.loops:
-            raise ConfigError(f"world.sequences.{self.training}: the first is the training sequence, unseen and reversed are 0")
+            raise ConfigError(
+                f"world.sequences.{self.training}: the first is the training sequence, unseen and "
+                "reversed are 0"
+            )
 
     @property
     def training(self) -> str:
@@ -91,44 +110,73 @@ class Simulation:
     def _robot(self) -> Robot:
         return ROBOTS[self.robot]
 
-    def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress, truth: Path | None = None) -> Recording:
-        """Drive `sequence` and write its logs into `folder`, and labels that no robot could record into `truth`/sequence.
+    def record(
+        self,
+        sequence: str,
+        folder: Path,
+        compute: Compute,
+        watch: Progress,
+        truth: Path | None = None,
+    ) -> Recording:
+        """Drive `sequence` and write its logs into `folder`, and labels that no robot could record
+        into `truth`/sequence.
 
-        The bytes depend only on the parameters of the world, the training entry, and the name and entry of the sequence. Raises
-        ConfigError for a sequence without an entry, or a route file that cannot be driven.
+        The bytes depend only on the parameters of the world, the training entry, and the name and
+        entry of the sequence. Raises ConfigError for a sequence without an entry, or a route file
+        that cannot be driven.
         """
-        recorder, plan = self._recorder(self._entry_name(sequence), truth / sequence if truth else None)
-        scans, points = len(recorder.drive.scan_rows), 0
+        recorder, plan = self._recorder(
+            self._entry_name(sequence), truth / sequence if truth else None
+        )
+        scans = len(recorder.drive.scan_rows)
+        points = 0
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
         with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
             noise = partial(generator, recorder.seed, when=recorder.when)
-            logs.write_truth(recorder.drive, survey(recorder.drive, noise(Stream.TRUTH), self.truth_sd_m), noise)
-            blocks = compute.rows(replace(recorder, logs=None if logs.in_order else logs).block, scans, block)
+            logs.write_truth(
+                recorder.drive, survey(recorder.drive, noise(Stream.TRUTH), self.truth_sd_m), noise
+            )
+            blocks = compute.rows(
+                replace(recorder, logs=None if logs.in_order else logs).block, scans, block
+            )
             for seen, unwritten in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
                 points += seen
                 for scan in unwritten:
                     logs.write_scan(*scan)
-        return Recording(scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit)
+        return Recording(
+            scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit
+        )
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes visible on the day of `sequence` but not of `train`, the training sequence, in the frame of the truth.
+        """The changes visible on the day of `sequence` but not of `train`, the training sequence,
+        in the frame of the truth.
 
-        Empty for a scanner car, whose logs are all of one day. Raises ConfigError for another `train`, or an unknown sequence.
+        Empty for a scanner car, whose logs are all of one day. Raises ConfigError for another
+        `train`, or an unknown sequence.
         """
         if self._robot.loops:
             return []
         if train != self.training:
-            raise ConfigError(f"train={train}: this world changes from the day of its first sequence, {self.training}")
-        campus, events = self._year(self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)]))
+            raise ConfigError(
+                f"train={train}: this world changes from the day of its first sequence, "
+                f"{self.training}"
+            )
+        campus, events = self._year(
+            self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)])
+        )
         return visible_changes(self._day(sequence), campus, events, origin_m(self.logs))
 
     def routes(self) -> Routes:
         """The streets, and the plan of the training sequence on them."""
-        return training_routes(self.seed, self.blocks, self.route_m, self.route_file, self._robot.streets_only)
+        return training_routes(
+            self.seed, self.blocks, self.route_m, self.route_file, self._robot.streets_only
+        )
 
     def _plan(self, entry: str) -> tuple[Routes, Plan]:
-        """The streets and the plan of a sequence, in the one world of all sequences or in the own world of a log."""
-        robot, wanted = self._robot, self.sequences[entry]
+        """The streets and the plan of a sequence, in the one world of all sequences or in the own
+        world of a log."""
+        robot = self._robot
+        wanted = self.sequences[entry]
         if robot.loops:
             seed = (self.seed + LOG_SEEDS * (1 + int(entry))) % (MAX_SEED + 1)
             routes = loop_routes(seed, self.blocks, self.route_m, robot.streets_only, wanted)
@@ -141,27 +189,63 @@ class Simulation:
         """The name of the entry of a sequence: its own, or that of its log."""
         name = kitti_log(sequence) if self._robot.loops else sequence
         if name not in self.sequences:
-            raise ConfigError(f"sequence {sequence}: not in world.sequences ({', '.join(self.sequences)})")
+            raise ConfigError(
+                f"sequence {sequence}: not in world.sequences ({', '.join(self.sequences)})"
+            )
         return name
 
     def _day(self, name: str) -> int:
         """Days after the training sequence."""
-        return self._robot.departs(name).toordinal() - self._robot.departs(self.training).toordinal()
+        return (
+            self._robot.departs(name).toordinal() - self._robot.departs(self.training).toordinal()
+        )
 
     def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
         """The campus with all changes over the year of a sequence, and its events."""
-        count, wanted = (round(a_km * routes.route_m / 1000) for a_km in (self.events_per_km_of_route, entry.events_per_km))
-        campus, line_m = build_campus(routes.seed, self.blocks, routes.streets), routes.training.line_m
-        return simulate_year(routes.seed, campus, line_m, count, self.near_route, max(wanted - count, 0), entry.near_route)
+        count, wanted = (
+            round(a_km * routes.route_m / 1000)
+            for a_km in (self.events_per_km_of_route, entry.events_per_km)
+        )
+        campus = build_campus(routes.seed, self.blocks, routes.streets)
+        line_m = routes.training.line_m
+        return simulate_year(
+            routes.seed,
+            campus,
+            line_m,
+            count,
+            self.near_route,
+            max(wanted - count, 0),
+            entry.near_route,
+        )
 
     def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
-        """Build the world and the drive of a sequence; writes the events of its year below `truth`."""
-        (routes, plan), entry, robot = self._plan(name), Entry.of(name, self.sequences[name]), self._robot
-        seed, when, day = routes.seed, robot.departs(name), self._day(name)
+        """Build the world and the drive of a sequence; writes the events of its year below
+        `truth`."""
+        (routes, plan) = self._plan(name)
+        entry = Entry.of(name, self.sequences[name])
+        robot = self._robot
+        seed = routes.seed
+        when = robot.departs(name)
+        day = self._day(name)
         campus, events = self._year(routes, entry)
-        driven = drive(seed, when, plan.line_m, campus.ground, routes.route_m, self.step_m, robot.motion, entry.lateral_m)
+        driven = drive(
+            seed,
+            when,
+            plan.line_m,
+            campus.ground,
+            routes.route_m,
+            self.step_m,
+            robot.motion,
+            entry.lateral_m,
+        )
         side = TruthWriter(truth) if truth else None
         if side:
-            side.write_year(day, events, {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage})
+            side.write_year(
+                day,
+                events,
+                {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage},
+            )
         today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
-        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), side), plan
+        return Recorder(
+            seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), side
+        ), plan

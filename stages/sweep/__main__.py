@@ -30,18 +30,24 @@ def main() -> None:
     start_s = time.perf_counter()
     with reported("sweep"):
         check_files(ROOT / "conf")  # else each job fails for itself
-        tracking, usual = tracking_of(about), usual_choices(given)
+        tracking = tracking_of(about)
+        usual = usual_choices(given)
         sys.argv[1:] = command_line(given, usual, folder)
         job()
     if found := read(folder):
         wrong = report(folder, found, usual, tracking)
-        print(f"{cost(found)}, {time.perf_counter() - start_s:.0f} s\nsweep: table and figure in {folder}")
+        print(
+            f"{cost(found)}, {time.perf_counter() - start_s:.0f} s\nsweep: table and figure in "
+            f"{folder}"
+        )
         sys.exit(1 if wrong or any(record.error for record in found) else 0)
 
 
 def usual_choices(given: Sequence[str]) -> dict[str, str]:
-    """What the study says and the command line does not: its data set, world, submaps, budget, first grid and first method."""
-    known, said = studies(ROOT / "conf"), dict(word.partition("=")[::2] for word in given)
+    """What the study says and the command line does not: its data set, world, submaps, budget,
+    first grid and first method."""
+    known = studies(ROOT / "conf")
+    said = dict(word.partition("=")[::2] for word in given)
     usual = {"dataset": said.get("dataset", next(iter(known)))}
     if study := known.get(usual["dataset"]):
         usual |= {group: study[group] for group in ("world", "submap", "budget")}
@@ -54,17 +60,28 @@ def command_line(given: Sequence[str], usual: Mapping[str, str], folder: Path) -
     swept = {key for key, _, value in (word.partition("=") for word in given) if "," in value}
     words = [_for_each(word, swept) for word in given if word not in ("-m", "--multirun")]
     flags = [] if any(word.startswith("-") for word in words) else ["-m"]
-    return [*flags, *words, f"hydra.sweep.dir={folder}", *(f"{group}={choice}" for group, choice in usual.items())]
+    return [
+        *flags,
+        *words,
+        f"hydra.sweep.dir={folder}",
+        *(f"{group}={choice}" for group, choice in usual.items()),
+    ]
 
 
 def _for_each(word: str, swept: Set[str]) -> str:
-    """An override; a field of a group that is swept itself as a choice of one, for Hydra would look for it in the usual file."""
+    """An override; a field of a group that is swept itself as a choice of one, for Hydra would look
+    for it in the usual file."""
     key, _, value = word.partition("=")
-    return f"{key}=choice({value})" if key.partition(".")[0] in swept - {key} and value and "," not in value else word
+    return (
+        f"{key}=choice({value})"
+        if key.partition(".")[0] in swept - {key} and value and "," not in value
+        else word
+    )
 
 
 def apart(given: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The words for the jobs; and those about MLflow, which no job gets: Hydra writes down what each job was told."""
+    """The words for the jobs; and those about MLflow, which no job gets: Hydra writes down what
+    each job was told."""
     about = [word for word in given if word.lstrip("+").startswith(("tracking.", "tracking="))]
     return [word for word in given if word not in about], about
 
@@ -78,11 +95,16 @@ def tracking_of(words: Sequence[str]) -> DictConfig:
         if not words:
             raise
         # else its text may hold a password
-        raise ConfigError("tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml") from None
+        raise ConfigError(
+            "tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml"
+        ) from None
 
 
-def report(folder: Path, found: Sequence[Record], usual: Mapping[str, str], tracking: DictConfig) -> bool:
-    """One table and one figure of all jobs, and their runs in MLflow; whether those could not be written."""
+def report(
+    folder: Path, found: Sequence[Record], usual: Mapping[str, str], tracking: DictConfig
+) -> bool:
+    """One table and one figure of all jobs, and their runs in MLflow; whether those could not be
+    written."""
     first = found[0]
     print(sweep_report(folder, found, usual))
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]

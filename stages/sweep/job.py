@@ -1,4 +1,5 @@
-"""One job of a sweep: builds what its overrides touch, takes the rest from DVC or earlier jobs, and leaves a record of it."""
+"""One job of a sweep: builds what its overrides touch, takes the rest from DVC or earlier jobs, and
+leaves a record of it."""
 
 import math
 import sys
@@ -41,10 +42,17 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 @hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
 def job(cfg: DictConfig) -> float:
-    """Run one job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper that looks for the best."""
-    of_hydra, start_s, used_s = HydraConfig.get(), time.perf_counter(), time.process_time()
+    """Run one job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper
+    that looks for the best."""
+    of_hydra = HydraConfig.get()
+    start_s = time.perf_counter()
+    used_s = time.process_time()
     overrides = dict(override.split("=", 1) for override in of_hydra.overrides.task)
-    about = of_hydra.runtime.choices["dataset"], cfg.dataset.simulated, of_hydra.runtime.choices["method"]
+    about = (
+        of_hydra.runtime.choices["dataset"],
+        cfg.dataset.simulated,
+        of_hydra.runtime.choices["method"],
+    )
     record = Record(int(of_hydra.job.num), overrides, *about)
     try:
         record = replace(record, **localize_for_a_year(cfg, overrides, record.dataset))
@@ -54,38 +62,53 @@ def job(cfg: DictConfig) -> float:
     except Exception as error:  # one job's bug is no reason to lose the others
         traceback.print_exc()
         record = replace(record, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
-    record = replace(record, wall_s=time.perf_counter() - start_s, cpu_s=time.process_time() - used_s)
+    record = replace(
+        record, wall_s=time.perf_counter() - start_s, cpu_s=time.process_time() - used_s
+    )
     record.write(Path(of_hydra.sweep.dir))
     if record.error:
         print(f"job {record.number} failed: {record.error}", file=sys.stderr, flush=True)
     return math.nan if record.held_out_auc is None else record.held_out_auc
 
 
-def localize_for_a_year(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
+def localize_for_a_year(
+    cfg: DictConfig, overrides: Mapping[str, str], dataset: str
+) -> dict[str, Any]:
     """A job's rows of results, and where its artifacts came from."""
     if dataset not in (known := studies(ROOT / "conf")):
-        raise ConfigError(f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it")
+        raise ConfigError(
+            f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it"
+        )
     composer = Composer(overrides)
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    for study in (known[dataset], {**known[dataset], "altered": {}}):  # altered queries only where DVC has their answers
+    for study in (
+        known[dataset],
+        {**known[dataset], "altered": {}},
+    ):  # altered queries only where DVC has their answers
         steps = expand(definition(ROOT), listed(study, dataset, overrides, cfg.method.view))
-        found, at = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run), {one.stage: one for one in steps}
+        found = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
+        at = {one.stage: one for one in steps}
         if found.is_built(at["localize"]):
             break
     unseen_share = composer.config(at["localize"], {}).rejection.unseen_share
     rows = list(results(found, at["evaluate"], at["train"], unseen_share))
-    return {"rows": rows} | {name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")}
+    return {"rows": rows} | {
+        name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")
+    }
 
 
 def results(found: Job, evaluate: Step, train: Step, unseen_share: float) -> Rows:
-    """The job's rows of the table of results: its test sequences as driven, and its AUC on held-out blocks of training."""
+    """The job's rows of the table of results: its test sequences as driven, and its AUC on held-out
+    blocks of training."""
     folder = found.path(evaluate.outs[0])
     for sequence in evaluate.fields["sequences"].split():
         driven = Evaluation.read(store.read(folder / f"{sequence}.zarr", schemas.EVALUATIONS))
-        yield from ({"sequence": sequence, "days": driven.days, **one} for one in of_evaluation(driven))
+        yield from (
+            {"sequence": sequence, "days": driven.days, **one} for one in of_evaluation(driven)
+        )
     learned = Evidence.of(store.read_model(found.path(train.outs[0])))
     yield row("held_out_auc", "cells", held_out_auc(learned, driven.kinds[0], unseen_share))

@@ -16,32 +16,75 @@ from pipeline.sweeps.chain import Step
 from stages import ROOT, within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
-LISTED = ("world", "submap", "budget", "grid", "method", "view", "tolerance")  # groups whose file conf/lists.yaml names
-CHAIN = ("logs", "scans", "submaps", "views", "birdviews", "labels", "train", "localize", "evaluate")
-"""The stages that a job may run; their own settings can be swept, those of the stages behind them cannot."""
+LISTED = (
+    "world",
+    "submap",
+    "budget",
+    "grid",
+    "method",
+    "view",
+    "tolerance",
+)  # groups whose file conf/lists.yaml names
+CHAIN = (
+    "logs",
+    "scans",
+    "submaps",
+    "views",
+    "birdviews",
+    "labels",
+    "train",
+    "localize",
+    "evaluate",
+)
+"""The stages that a job may run; their own settings can be swept, those of the stages behind them
+cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
     """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
-    files = {stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text(encoding="utf-8")) for stage in CHAIN}
+    files = {
+        stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text(encoding="utf-8"))
+        for stage in CHAIN
+    }
     inherited = ("defaults", "hydra")
-    own = {name: {k: v for k, v in file.items() if k not in inherited and v is not None} for name, file in files.items()}
+    own = {
+        name: {k: v for k, v in file.items() if k not in inherited and v is not None}
+        for name, file in files.items()
+    }
     return {name: fields for name, fields in own.items() if fields}
 
 
-def listed(study: Mapping[str, Any], dataset: str, given: Mapping[str, str], method_view: str) -> dict[str, Any]:
-    """The lists for a job of one study, grid and method, as far as the job's overrides `given` do not name others.
+def listed(
+    study: Mapping[str, Any], dataset: str, given: Mapping[str, str], method_view: str
+) -> dict[str, Any]:
+    """The lists for a job of one study, grid and method, as far as the job's overrides `given` do
+    not name others.
 
     `method_view` is the view of the job's method in its yaml.
     """
-    study = {**study, **{group: given[group] for group in ("world", "submap", "budget") if group in given}}
+    study = {
+        **study,
+        **{group: given[group] for group in ("world", "submap", "budget") if group in given},
+    }
     if not asks_about_the_year(study):
-        raise ConfigError(f"dataset={dataset}: judges turned robots alone; a sweep compares over the year, see `yearloc use`")
+        raise ConfigError(
+            f"dataset={dataset}: judges turned robots alone; a sweep compares over the year, see "
+            "`yearloc use`"
+        )
     views = {one["name"]: one["view"] for one in study["methods"]}
     method = given.get("method", next(iter(views)))
-    view = given.get("view") or (method_view if "method.view" in given else views.get(method, method_view))
-    own: dict[str, Any] = {"cells": [], "stress": {}, "poses": [], "grids": [given.get("grid", study["grids"][0])]}
-    usual = {name: value for one in study["methods"] for name, value in one.get("settings", {}).items()}
+    view = given.get("view") or (
+        method_view if "method.view" in given else views.get(method, method_view)
+    )
+    own: dict[str, Any] = {
+        "cells": [],
+        "stress": {},
+        "poses": [],
+        "grids": [given.get("grid", study["grids"][0])],
+    }
+    usual = {
+        name: value for one in study["methods"] for name, value in one.get("settings", {}).items()
+    }
     own["methods"] = [entry(ROOT / "conf", method, view, usual=usual)]
     return expand({dataset: study | own})
 
@@ -53,7 +96,8 @@ class Composer:
         self._overrides = overrides
 
     def settings(self, step: Step) -> tuple[dict[str, Any], bool]:
-        """All that the step's result depends on, but for its inputs and code; and whether it is that of the files in conf/."""
+        """All that the step's result depends on, but for its inputs and code; and whether it is
+        that of the files in conf/."""
         choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
         values = _values(step.stage, choices + changes, files)
@@ -62,10 +106,14 @@ class Composer:
     def config(self, step: Step, fields: Mapping[str, str]) -> DictConfig:
         """The step's whole configuration, with `fields` for its paths and names."""
         choices, changes = self._words(step)
-        return _composed(step.stage, (*choices, *changes, *(f"{field}='{value}'" for field, value in fields.items())))
+        return _composed(
+            step.stage,
+            (*choices, *changes, *(f"{field}='{value}'" for field, value in fields.items())),
+        )
 
     def _words(self, step: Step) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The step's choices of files, and the overrides that speak of something in its configuration."""
+        """The step's choices of files, and the overrides that speak of something in its
+        configuration."""
         groups = _composed(step.stage, ()).keys() & GROUPS
         changes = []
         for key, value in self._overrides.items():

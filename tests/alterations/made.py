@@ -5,7 +5,12 @@ import numpy as np
 from pipeline.alterations import Alteration
 
 
-def altered(alteration: Alteration, points_m: np.ndarray, stamp_ns: int = 3) -> list[tuple[np.ndarray, float]]:
+def altered(
+    alteration: Alteration, points_m: np.ndarray, stamp_ns: int = 3
+) -> list[tuple[np.ndarray, float]]:
     """The points and the turn of each case for the query of this stamp."""
     rngs = [np.random.default_rng((alteration.seed, stamp_ns)) for _ in alteration.cases]
-    return [alteration.alter(case, points_m, rng) for case, rng in zip(alteration.cases, rngs, strict=True)]
+    return [
+        alteration.alter(case, points_m, rng)
+        for case, rng in zip(alteration.cases, rngs, strict=True)
+    ]

@@ -32,7 +32,8 @@ def test_a_wall_is_a_grid_of_points_that_stands_on_the_ground() -> None:
 
 
 def test_a_skewed_wall_turns_about_its_middle() -> None:
-    # To the left, 6 m away, 2 m long, turned by 30°: its middle is (0, 6); along it is (−1, 0) so turned, (−cos 30°, −sin 30°).
+    # To the left, 6 m away, 2 m long, turned by 30°: its middle is (0, 6); along it is (−1, 0) so
+    # turned, (−cos 30°, −sin 30°).
     wall = Wall(math.pi / 2, 6.0, 2.0, 3.0, math.radians(30))
     ends = wall.points(1.0)[[0, -1], :2]
     np.testing.assert_allclose(ends, [[math.cos(math.pi / 6), 6.5], [0, 6]], atol=1e-12)
@@ -65,9 +66,12 @@ def test_a_nearer_wall_hides_a_farther_one_and_none_itself() -> None:
 
 def test_walls_are_drawn_within_their_ranges_evenly() -> None:
     walls = np.array(Construction().random_walls(2000, np.random.default_rng(0)))
-    for numbers, low, high in zip(walls.T, (0, 5, 5, 3, -math.pi / 6), (2 * math.pi, 20, 20, 10, math.pi / 6), strict=True):
+    for numbers, low, high in zip(
+        walls.T, (0, 5, 5, 3, -math.pi / 6), (2 * math.pi, 20, 20, 10, math.pi / 6), strict=True
+    ):
         assert low <= numbers.min() < numbers.max() < high
-        # the mean of 2000 even numbers lies within 4 % of the range's middle: six deviations of 1 / √(12 · 2000)
+        # the mean of 2000 even numbers lies within 4 % of the range's middle: six deviations of 1 /
+        # √(12 · 2000)
         assert abs(numbers.mean() - (low + high) / 2) < 0.04 * (high - low)
 
 
@@ -76,11 +80,16 @@ def test_new_points_lie_on_the_walls_and_old_ones_stay(stamp_ns: int) -> None:
     points = made(Construction(), stamp_ns)[2, False]
     np.testing.assert_array_equal(points[:2000], POINTS_M)
     start = 2000
-    for azimuth, distance_m, length_m, height_m, skew in Construction().random_walls(2, np.random.default_rng((0, stamp_ns))):
+    for azimuth, distance_m, length_m, height_m, skew in Construction().random_walls(
+        2, np.random.default_rng((0, stamp_ns))
+    ):
         count = math.ceil(length_m / 0.2) * math.ceil(height_m / 0.2)
-        own, start = points[start : start + count], start + count
-        x, y = own[:, 0] - distance_m * math.cos(azimuth), own[:, 1] - distance_m * math.sin(azimuth)
-        off_m, along_m = (math.cos(azimuth + skew) * x + math.sin(azimuth + skew) * y), np.hypot(x, y)
+        own = points[start : start + count]
+        start = start + count
+        x = own[:, 0] - distance_m * math.cos(azimuth)
+        y = own[:, 1] - distance_m * math.sin(azimuth)
+        off_m = math.cos(azimuth + skew) * x + math.sin(azimuth + skew) * y
+        along_m = np.hypot(x, y)
         np.testing.assert_allclose(off_m, 0, atol=1e-9)
         assert length_m / 2 - 0.2 < along_m.max() < length_m / 2 + 1e-9
         assert own[:, 2].min() == 0
@@ -90,9 +99,19 @@ def test_new_points_lie_on_the_walls_and_old_ones_stay(stamp_ns: int) -> None:
 
 def test_every_level_has_the_walls_of_the_one_before() -> None:
     cases = made(Construction())
-    assert list(cases) == [(0, False), (1, False), (2, False), (3, False), (1, True), (2, True), (3, True)]
+    assert list(cases) == [
+        (0, False),
+        (1, False),
+        (2, False),
+        (3, False),
+        (1, True),
+        (2, True),
+        (3, True),
+    ]
     for count in (1, 2, 3):
         assert distinct(cases[count, False]) > distinct(cases[count - 1, False])
         assert distinct(cases[count, True]) < distinct(cases[count, False])
     for count in (2, 3):  # what one more wall hides is hidden, what it does not hide is as it was
-        assert distinct(cases[count, True]) & distinct(POINTS_M) <= distinct(cases[count - 1, True]) & distinct(POINTS_M)
+        assert distinct(cases[count, True]) & distinct(POINTS_M) <= distinct(
+            cases[count - 1, True]
+        ) & distinct(POINTS_M)

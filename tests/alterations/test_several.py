@@ -25,12 +25,22 @@ GLANCE = Several([Turned(repeats=1), Demolition([60]), Construction([2], shadows
 
 
 def test_parts_stand_behind_one_case_as_driven() -> None:
-    assert GLANCE.cases == (Case(), Case("turned"), Case("demolition", 60.0), Case("construction", 2.0))
+    assert GLANCE.cases == (
+        Case(),
+        Case("turned"),
+        Case("demolition", 60.0),
+        Case("construction", 2.0),
+    )
 
 
 @pytest.mark.parametrize(
     ("few", "whole"),
-    [(GLANCE, Turned), (GLANCE, Demolition), (GLANCE, Construction), (Construction([2], shadows=[True]), Construction)],
+    [
+        (GLANCE, Turned),
+        (GLANCE, Demolition),
+        (GLANCE, Construction),
+        (Construction([2], shadows=[True]), Construction),
+    ],
 )
 def test_a_case_is_the_same_beside_any_others_and_another_with_another_seed_or_query(
     few: Alteration, whole: type[Alteration]
@@ -55,7 +65,11 @@ def test_parts_that_cannot_be_told_apart_are_refused() -> None:
         Several([Demolition(), 3])  # type: ignore[list-item]
 
 
-@pytest.mark.parametrize("alteration", [GLANCE, Turned(), Demolition(), Construction()], ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize(
+    "alteration",
+    [GLANCE, Turned(), Demolition(), Construction()],
+    ids=lambda one: type(one).__name__,
+)
 def test_the_first_case_leaves_everything_as_driven(alteration: Alteration) -> None:
     assert alteration.cases[0] == Case() == Case(AS_DRIVEN, 0.0, False, 0)
     points_m, left_rad = alteration.alter(Case(), POINTS_M, np.random.default_rng(0))

@@ -30,18 +30,24 @@ def test_a_turned_robots_points_lie_where_they_lay_in_the_world() -> None:
     world_T_turned = world_T_anchor @ pose(np.zeros((1, 3)), np.array([[0, 0, left_rad]]))[0]
     assert np.abs(seen - POINTS_M).max() > 1
     driven, turned = (
-        points @ a_T_b[:3, :3].T + a_T_b[:3, 3] for a_T_b, points in ((world_T_anchor, POINTS_M), (world_T_turned, seen))
+        points @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+        for a_T_b, points in ((world_T_anchor, POINTS_M), (world_T_turned, seen))
     )
     np.testing.assert_allclose(turned, driven, atol=1e-9)
 
 
 @pytest.mark.parametrize("sectors", [1, 40, 113])
 def test_a_turn_by_whole_sectors_rolls_the_scan_context(sectors: int) -> None:
-    """A sector is 3°; cubes to average points in do not turn, so there are none. What was in sector k comes to k − turned."""
+    """A sector is 3°; cubes to average points in do not turn, so there are none.
+
+    What was in sector k comes to k − turned.
+    """
     view = ScanContext(voxel_m=0.0, min_points=1)
     driven = view(POINTS_M)
     assert (driven > 0).mean() > 0.2
-    np.testing.assert_array_equal(view(turned(POINTS_M, math.radians(3 * sectors))), np.roll(driven, -sectors, axis=1))
+    np.testing.assert_array_equal(
+        view(turned(POINTS_M, math.radians(3 * sectors))), np.roll(driven, -sectors, axis=1)
+    )
 
 
 def test_every_repeat_is_another_angle_whatever_their_number() -> None:

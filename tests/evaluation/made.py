@@ -1,4 +1,5 @@
-"""Small evaluations and judgements, worked out by hand, that several tests look at, and how they are written as artifacts."""
+"""Small evaluations and judgements, worked out by hand, that several tests look at, and how they
+are written as artifacts."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -23,7 +24,8 @@ SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
 NOVELTY = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.7], np.float32)
 THRESHOLDS = np.array([0.15, 0.25, 0.35, 0.5, 0.65, 1.0])
-"""The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked second)."""
+"""The toy of METHODS.md 2.7: six queries, the second of them placed wrong (its true place is ranked
+second)."""
 
 XY_M = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
@@ -34,23 +36,27 @@ SCI = Ranking(
     places=np.array([[1, 2], [2, 3], [9, 3], [5, 4], [5, 1], [1, 2], [1, 2]]),
     costs=np.stack([COST, np.ones_like(COST)], axis=1),
     xy_m=np.stack([XY_M[:, :1] + AWAY_M, XY_M[:, 1:] + 0 * AWAY_M], axis=2),
-    novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
+    novelty=np.array(
+        [[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32
+    ),
     confidence=1 - COST / 2,
     heading_deg=NAN[:, None],
     kinds=("entropy", "energy"),
 )
-"""The outcomes by cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm
-(unseen), correct rejection; by distance the fourth is a hit."""
+"""The outcomes by cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit
+(turned around), false alarm (unseen), correct rejection; by distance the fourth is a hit."""
 M2DP = replace(
     SCI,
     places=np.array([[1], [9], [3], [9], [9], [9], [9]]),
     costs=SCI.costs[:, :1],
-    xy_m=SCI.xy_m[:, :1] + np.array([0.0, 199.0, -200.0, 199.0, 199.0, 0.0, 0.0])[:, None, None] * (1, 0),
+    xy_m=SCI.xy_m[:, :1]
+    + np.array([0.0, 199.0, -200.0, 199.0, 199.0, 0.0, 0.0])[:, None, None] * (1, 0),
     novelty=SCI.novelty[:, :1],
     confidence=NAN,
     kinds=("distance",),
 )
-"""Right at 0 and 2 alone, of which SCI misplaces 2: one for it, two (1 and 4) against it by cells."""
+"""Right at 0 and 2 alone, of which SCI misplaces 2: one for it, two (1 and 4) against it by
+cells."""
 LABELS = Labels(
     places=np.array([1, 2, 3, 4, 5, -1, -1]),
     cells=np.arange(10),
@@ -60,7 +66,9 @@ LABELS = Labels(
 )
 
 
-def evaluation(days: int = 20, ranking: Ranking = SCI, labels: Labels = LABELS, **given: Any) -> Evaluation:
+def evaluation(
+    days: int = 20, ranking: Ranking = SCI, labels: Labels = LABELS, **given: Any
+) -> Evaluation:
     """Seven queries, the last two unseen."""
     reject_from = (0.5, 6.0)[: len(ranking.kinds)]
     return judge(ranking, reject_from, labels, standing(XY_M), days, Distance(), BOOTSTRAP, **given)
@@ -74,7 +82,11 @@ def standing(xy_m: np.ndarray, yaw_deg: np.ndarray | float = 0.0) -> np.ndarray:
 
 def rows(whole: Any, index: Any) -> Any:
     """Some rows of a ranking or of labels."""
-    arrays = {field.name: getattr(whole, field.name) for field in fields(whole) if field.name not in ("kinds", "cells")}
+    arrays = {
+        field.name: getattr(whole, field.name)
+        for field in fields(whole)
+        if field.name not in ("kinds", "cells")
+    }
     return replace(whole, **{name: array[index] for name, array in arrays.items()})
 
 
@@ -89,7 +101,8 @@ def write(path: Path, cases: Mapping[Case, Evaluation], **other: Any) -> store.A
 
 
 def judged(correct: np.ndarray, score: np.ndarray) -> Judged:
-    """Queries 2 m apart on a line, each (heading, query) matched 1 m off or 80 m off, with this score; all are valid."""
+    """Queries 2 m apart on a line, each (heading, query) matched 1 m off or 80 m off, with this
+    score; all are valid."""
     headings, n = correct.shape
     xy_m = np.stack([2.0 * np.arange(n), np.zeros(n)], axis=1)
     error_m = np.where(correct, 1.0, 80.0)

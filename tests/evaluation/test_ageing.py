@@ -1,4 +1,5 @@
-"""Lines through a number over the days since training, and the day on which it has fallen too far."""
+"""Lines through a number over the days since training, and the day on which it has fallen too
+far."""
 
 from dataclasses import replace
 
@@ -9,9 +10,13 @@ from pipeline.errors import ConfigError
 from pipeline.evaluation.ageing import Ageing, Line, newness
 from tests.evaluation.made import evaluation
 
-DAYS, VALUES = np.array([0, 100, 200, 300]), np.array([1.0, 0.9, 0.7, 0.6])
-"""Means 150 and .8; Sxx = 50,000, Sxy = −70: slope −.0014, intercept 1.01. Residuals −.01 .03 −.03 .01: squares .002, so
-s² = .001 with 2 degrees of freedom, and the slope's variance .001 / 50,000 = 2e−8."""
+DAYS = np.array([0, 100, 200, 300])
+VALUES = np.array([1.0, 0.9, 0.7, 0.6])
+"""Means 150 and .8; Sxx = 50,000, Sxy = −70: slope −.0014, intercept 1.01.
+
+Residuals −.01 .03 −.03 .01: squares .002, so s² = .001 with 2 degrees of freedom, and the slope's
+variance .001 / 50,000 = 2e−8.
+"""
 T_2 = 4.302653
 """Student's t: 97.5 % with 2 degrees of freedom."""
 
@@ -30,7 +35,9 @@ def test_the_line_is_the_one_of_least_squares_and_the_interval_of_its_slope_is_s
     assert line().trend == -1
     narrow = Ageing(level=0.5).line(DAYS, VALUES)
     assert narrow is not None
-    assert narrow.interval == pytest.approx((-0.0014 - 0.816497 * np.sqrt(2e-8), -0.0014 + 0.816497 * np.sqrt(2e-8)))
+    assert narrow.interval == pytest.approx(
+        (-0.0014 - 0.816497 * np.sqrt(2e-8), -0.0014 + 0.816497 * np.sqrt(2e-8))
+    )
 
 
 def test_the_line_is_least_sure_away_from_the_sequences() -> None:
@@ -42,8 +49,9 @@ def test_the_line_is_least_sure_away_from_the_sequences() -> None:
 
 
 def test_a_tenth_is_lost_where_the_line_says_within_fiellers_interval() -> None:
-    # .101 / .0014 = 72.14 days. Fieller: (.101 − .0014 d)² = t² (.01 · 7e−4 − .2 · 3e−6 d + 2e−8 d²), t² = 18.5128,
-    # so 1.589744e−6 d² − 2.7169229e−4 d + .01007141 = 0, whose roots are 54.359 and 116.544.
+    # .101 / .0014 = 72.14 days. Fieller: (.101 − .0014 d)² = t² (.01 · 7e−4 − .2 · 3e−6 d + 2e−8
+    # d²), t² = 18.5128, so 1.589744e−6 d² − 2.7169229e−4 d + .01007141 = 0, whose roots are 54.359
+    # and 116.544.
     assert line().lost(0.1) == pytest.approx((72.142857, 54.35923, 116.54399), rel=1e-6)
 
 
@@ -53,14 +61,15 @@ def test_on_the_line_nothing_is_uncertain_and_no_day_is_given_unless_it_surely_f
     assert exact.interval == pytest.approx((-0.001, -0.001))
     level = line(np.full(4, 0.7))
     assert (level.interval, level.trend, level.lost(0.1)) == ((0.0, 0.0), 0, None)
-    up_and_down, rising = line(np.array([0.8, 0.7, 0.8, 0.75])), line(VALUES[::-1])
+    up_and_down = line(np.array([0.8, 0.7, 0.8, 0.75]))
+    rising = line(VALUES[::-1])
     assert (up_and_down.trend, up_and_down.lost(0.1)) == (0, None)
     assert (rising.trend, rising.lost(0.1)) == (1, None)
 
 
 def test_one_odd_sequence_hardly_moves_the_middle_slope() -> None:
-    # Slopes between pairs of (0, 1), (100, .9), (200, .8), (300, 0): −.001 thrice, else −8, −4.5 and −3.3 thousandths; the
-    # median is between −.001 and −.00333
+    # Slopes between pairs of (0, 1), (100, .9), (200, .8), (300, 0): −.001 thrice, else −8, −4.5
+    # and −3.3 thousandths; the median is between −.001 and −.00333
     odd = line(np.array([1.0, 0.9, 0.8, 0.0]))
     assert odd.middle_slope == pytest.approx(-(0.001 + 1 / 300) / 2)
     assert odd.slope == pytest.approx(-0.0031)
@@ -73,21 +82,28 @@ def test_two_sequences_give_a_slope_but_no_interval_and_one_gives_none() -> None
     assert np.isnan(two.p)
     assert Ageing().line(DAYS[:1], VALUES[:1]) is None
     assert Ageing().line(np.array([20, 20]), VALUES[:2]) is None  # both of one day
-    found = line(np.append(VALUES, np.nan), np.append(DAYS, 400))  # one without the number is left out
+    found = line(
+        np.append(VALUES, np.nan), np.append(DAYS, 400)
+    )  # one without the number is left out
     assert (found.number, found.last_day, found.slope) == (4, 300, pytest.approx(-0.0014))
 
 
 def test_intervals_hold_the_true_slope_and_the_true_day_as_often_as_they_say() -> None:
-    rng, days = np.random.default_rng(0), np.array([20, 62, 152, 287, 446])
+    rng = np.random.default_rng(0)
+    days = np.array([20, 62, 152, 287, 446])
     lines = [line(0.8 - 0.0004 * days + rng.normal(0, 0.015, 5), days) for _ in range(300)]
     held = [low <= -0.0004 <= high for low, high in (one.interval or (1.0, 0.0) for one in lines)]
-    told = [first <= 200 <= last for _, first, last in (one.lost(0.1) or (0.0, 300.0, 0.0) for one in lines)]
+    told = [
+        first <= 200 <= last
+        for _, first, last in (one.lost(0.1) or (0.0, 300.0, 0.0) for one in lines)
+    ]
     assert np.mean(held) == pytest.approx(0.95, abs=0.03)
     assert np.mean(told) == pytest.approx(0.95, abs=0.03)
 
 
 def test_newness_is_where_the_median_seen_novelty_lies_among_the_held_out() -> None:
-    # By distance, the first five are seen; their median entropy is .2. Below it 3 of 4 held-out ones, or 2 and a tie.
+    # By distance, the first five are seen; their median entropy is .2. Below it 3 of 4 held-out
+    # ones, or 2 and a tie.
     one = evaluation()
     assert newness(one, np.array([0.1, 0.15, 0.19, 0.3])) == 75
     assert newness(one, np.array([0.1, 0.15, np.float64(np.float32(0.2)), 0.3])) == 62.5
@@ -98,5 +114,7 @@ def test_newness_is_where_the_median_seen_novelty_lies_among_the_held_out() -> N
 
 @pytest.mark.parametrize(("name", "value"), [("loss", 0.0), ("loss", 1.0), ("level", 95.0)])
 def test_settings_are_shares(name: str, value: float) -> None:
-    with pytest.raises(ConfigError, match=rf"ageing\.{name}={value}: expected a share between 0 and 1"):
+    with pytest.raises(
+        ConfigError, match=rf"ageing\.{name}={value}: expected a share between 0 and 1"
+    ):
         Ageing(**{name: value})

@@ -23,9 +23,18 @@ def share_of(right: np.ndarray) -> Numbers:
 
 
 def test_blocks_are_metres_travelled_and_not_metres_away() -> None:
-    assert np.bincount(blocks(straight(120), 50.0)).tolist() == [50, 50, 20]  # 0 … 49 m, 50 … 99 m, 100 … 119 m
-    out, back = straight(60), straight(60)[::-1]
-    assert np.bincount(blocks(np.concatenate([out, back]), 50.0)).tolist() == [50, 51, 19]  # one query turns on the spot
+    assert np.bincount(blocks(straight(120), 50.0)).tolist() == [
+        50,
+        50,
+        20,
+    ]  # 0 … 49 m, 50 … 99 m, 100 … 119 m
+    out = straight(60)
+    back = straight(60)[::-1]
+    assert np.bincount(blocks(np.concatenate([out, back]), 50.0)).tolist() == [
+        50,
+        51,
+        19,
+    ]  # one query turns on the spot
     standing = np.zeros((5, 2))
     assert blocks(standing, 50.0).tolist() == [0] * 5
     gap = np.concatenate([straight(10), straight(10) + 1000.0])
@@ -49,22 +58,30 @@ def test_the_queries_of_a_block_stay_together() -> None:
 
 
 def test_the_bounds_are_percentiles_of_the_resampled_numbers() -> None:
-    # Two blocks of 50 m, one all right and one all wrong. Both drawn wrong, one of each, both right: shares 0, 1/2, 1 with
-    # chances 1/4, 1/2, 1/4, so the 2.5 % percentile is 0 and the 97.5 % one 1.
+    # Two blocks of 50 m, one all right and one all wrong. Both drawn wrong, one of each, both
+    # right: shares 0, 1/2, 1 with chances 1/4, 1/2, 1/4, so the 2.5 % percentile is 0 and the 97.5
+    # % one 1.
     right = np.arange(100) < 50
     np.testing.assert_allclose(Bootstrap().intervals(share_of(right), straight(100)), [[0.0, 1.0]])
 
 
-def test_the_same_seed_gives_the_same_intervals_whatever_is_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_seed_gives_the_same_intervals_whatever_is_held_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     right = np.random.default_rng(0).random(700) < 0.6
     first = Bootstrap(resamples=100).intervals(share_of(right), straight(700))
     monkeypatch.setattr(bootstrap, "CHUNK", 1)
     assert (Bootstrap(resamples=100).intervals(share_of(right), straight(700)) == first).all()
-    assert (Bootstrap(resamples=100, seed=1).intervals(share_of(right), straight(700)) != first).all()
+    assert (
+        Bootstrap(resamples=100, seed=1).intervals(share_of(right), straight(700)) != first
+    ).all()
 
 
-def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_there_is_no_interval() -> None:
-    # Only the first of three blocks holds what the number is of; two resamples in seven or so never draw it.
+def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_there_is_no_interval() -> (
+    None
+):
+    # Only the first of three blocks holds what the number is of; two resamples in seven or so never
+    # draw it.
     def numbers(weight: np.ndarray) -> np.ndarray:
         return np.stack([np.where(weight[:, 0] > 0, 0.25, np.nan), np.full(len(weight), np.nan)])
 
@@ -76,7 +93,9 @@ def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_t
         return np.where((weight == 1).all(axis=1), 0.5, np.nan)[None]  # as the estimate is
 
     def of_others(weight: np.ndarray) -> np.ndarray:
-        return np.where(weight[:, :1].T == 1, np.nan, 0.5)  # defined in resamples that draw the first block twice or never
+        return np.where(
+            weight[:, :1].T == 1, np.nan, 0.5
+        )  # defined in resamples that draw the first block twice or never
 
     assert np.isnan(Bootstrap(resamples=3, seed=1).intervals(of_all_once, straight(1000))).all()
     assert np.isnan(Bootstrap(resamples=50).intervals(of_others, straight(150))).all()
@@ -84,7 +103,9 @@ def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_t
 
 @pytest.mark.parametrize("metres", [0, 1, 50])
 def test_a_single_block_tells_nothing_of_the_spread(metres: int) -> None:
-    assert np.isnan(Bootstrap().intervals(lambda weight: np.zeros((1, len(weight))), straight(metres))).all()
+    assert np.isnan(
+        Bootstrap().intervals(lambda weight: np.zeros((1, len(weight))), straight(metres))
+    ).all()
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
@@ -94,19 +115,29 @@ def test_settings_that_make_no_sense_are_refused() -> None:
         Bootstrap(resamples=1.5)  # type: ignore[arg-type]
 
 
-def in_runs(rng: np.random.Generator, drives: int, metres: int, share: float, run_m: float) -> np.ndarray:
-    """Whether each query (drive, metre) is right: it stays as it was, or with chance 1/run_m is drawn anew."""
+def in_runs(
+    rng: np.random.Generator, drives: int, metres: int, share: float, run_m: float
+) -> np.ndarray:
+    """Whether each query (drive, metre) is right: it stays as it was, or with chance 1/run_m is
+    drawn anew."""
     fresh = rng.random((drives, metres)) < share
-    last = np.maximum.accumulate(np.where(rng.random((drives, metres)) < 1 / run_m, np.arange(metres), 0), axis=1)
+    last = np.maximum.accumulate(
+        np.where(rng.random((drives, metres)) < 1 / run_m, np.arange(metres), 0), axis=1
+    )
     return np.take_along_axis(fresh, last, axis=1)
 
 
 def test_an_interval_holds_the_truth_where_errors_come_in_runs_and_single_queries_do_not() -> None:
     # 150 drives of 1.5 km, 70 % right, right and wrong in runs of 10 m and more.
-    right, xy_m = in_runs(np.random.default_rng(0), 150, 1500, 0.7, 10.0), straight(1500)
+    right = in_runs(np.random.default_rng(0), 150, 1500, 0.7, 10.0)
+    xy_m = straight(1500)
 
     def covered(block_m: float) -> float:
-        low, high = Bootstrap(block_m, resamples=200).intervals(lambda weight: right @ weight.T / weight.sum(axis=1), xy_m).T
+        low, high = (
+            Bootstrap(block_m, resamples=200)
+            .intervals(lambda weight: right @ weight.T / weight.sum(axis=1), xy_m)
+            .T
+        )
         return float(((low <= 0.7) & (high >= 0.7)).mean())
 
     assert 0.88 <= covered(50.0) <= 0.99

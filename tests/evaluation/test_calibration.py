@@ -19,7 +19,9 @@ def test_bins_of_six_answers_by_hand() -> None:
     assert ece(confidence, right) == pytest.approx((0.05 + 0.4) / 6)
 
 
-def test_a_confidence_that_means_what_it_says_has_a_small_error_and_an_overconfident_one_a_large_one() -> None:
+def test_a_confidence_that_means_what_it_says_has_a_small_error_and_an_overconfident_one_a_large_one() -> (
+    None
+):
     rng = np.random.default_rng(0)
     chance = rng.random(20_000)
     right = rng.random(20_000) < chance

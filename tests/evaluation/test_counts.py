@@ -16,23 +16,35 @@ def cells(true_rank: np.ndarray, seen: np.ndarray) -> Truth:
 
 
 def test_counts_of_six_queries_by_hand() -> None:
-    # τ .15: only query 0 is accepted, a hit; seen 1, 2, 4 are missed and unseen 3, 5 rejected. τ 1: all six are accepted,
-    # seen 0, 2, 4 right, seen 1 misplaced, unseen 3 and 5 accepted. The rows between follow METHODS.md 2.7.
+    # τ .15: only query 0 is accepted, a hit; seen 1, 2, 4 are missed and unseen 3, 5 rejected. τ 1:
+    # all six are accepted, seen 0, 2, 4 right, seen 1 misplaced, unseen 3 and 5 accepted. The rows
+    # between follow METHODS.md 2.7.
     counts = count(TOY, NOVELTY, THRESHOLDS, top_n=3)
     assert counts.hits.shape == (3, 6)
     assert counts.hits[0].tolist() == [1, 1, 2, 2, 3, 3]
     assert counts.false_alarms[0].tolist() == [0, 1, 1, 2, 2, 3]
     assert counts.misses[0].tolist() == [3, 2, 1, 1, 0, 0]
     assert counts.correct_rejections[0].tolist() == [2, 2, 2, 1, 1, 0]
-    # Query 1's true place is its second answer: from top-2 on it is a hit wherever it is accepted (τ > .2).
+    # Query 1's true place is its second answer: from top-2 on it is a hit wherever it is accepted
+    # (τ > .2).
     assert counts.hits[1].tolist() == counts.hits[2].tolist() == [1, 2, 3, 3, 4, 4]
     assert counts.misses[1].tolist() == counts.misses[0].tolist()
 
 
 def test_a_query_at_the_threshold_is_rejected_and_an_unseen_one_never_a_hit() -> None:
-    counts = count(cells(np.array([0]), np.array([True])), np.array([0.25], np.float32), np.array([0.25, 0.26]), top_n=1)
+    counts = count(
+        cells(np.array([0]), np.array([True])),
+        np.array([0.25], np.float32),
+        np.array([0.25, 0.26]),
+        top_n=1,
+    )
     assert (counts.misses.tolist(), counts.hits.tolist()) == ([[1, 0]], [[0, 1]])
-    counts = count(cells(np.array([0]), np.array([False])), np.array([0.1], np.float32), np.array([0.5]), top_n=1)
+    counts = count(
+        cells(np.array([0]), np.array([False])),
+        np.array([0.1], np.float32),
+        np.array([0.5]),
+        top_n=1,
+    )
     assert (counts.hits.item(), counts.false_alarms.item()) == (0, 1)
 
 
@@ -40,28 +52,46 @@ def test_every_query_has_one_outcome_at_every_threshold() -> None:
     rng = np.random.default_rng(0)
     seen = rng.random(300) < 0.7
     counts = count(
-        cells(np.where(seen, rng.integers(-1, 40, 300), -1), seen), rng.random(300, np.float32), np.linspace(0, 1, 200)
+        cells(np.where(seen, rng.integers(-1, 40, 300), -1), seen),
+        rng.random(300, np.float32),
+        np.linspace(0, 1, 200),
     )
     total = counts.hits + counts.misses + counts.false_alarms + counts.correct_rejections
     assert counts.hits.shape == (25, 200)
     assert (total == 300).all()
-    assert counts.misses[0, 0] == seen.sum()  # at threshold 0 everything is rejected: Table II's seen …
+    assert (
+        counts.misses[0, 0] == seen.sum()
+    )  # at threshold 0 everything is rejected: Table II's seen …
     assert counts.correct_rejections[0, 0] == (~seen).sum()  # … and unseen
 
 
 def test_a_query_neither_seen_nor_unseen_is_in_no_count() -> None:
-    truth = Truth(np.array([True, False, False]), np.array([False, True, False]), np.array([0, -1, -1]), np.zeros(3, bool))
+    truth = Truth(
+        np.array([True, False, False]),
+        np.array([False, True, False]),
+        np.array([0, -1, -1]),
+        np.zeros(3, bool),
+    )
     novelty = np.array([0.1, 0.2, 0.3], np.float32)
     counts = count(truth, novelty, np.array([0.0, 1.0]), top_n=1)
-    found = [a[0].tolist() for a in (counts.hits, counts.misses, counts.false_alarms, counts.correct_rejections)]
-    assert found == [[0, 1], [1, 0], [0, 1], [1, 0]]  # all rejected, all accepted: two queries each time
+    found = [
+        a[0].tolist()
+        for a in (counts.hits, counts.misses, counts.false_alarms, counts.correct_rejections)
+    ]
+    assert found == [
+        [0, 1],
+        [1, 0],
+        [0, 1],
+        [1, 0],
+    ]  # all rejected, all accepted: two queries each time
     swept = ExactCounts(truth, novelty, np.ones((1, 3))).count(1)
     assert swept.hits.tolist() == [[0, 1, 1, 1]]
     assert swept.false_alarms.tolist() == [[0, 0, 1, 1]]
 
 
 def test_a_sweep_accepts_one_distinct_novelty_after_another() -> None:
-    # Novelties .1 .2 .2 .5 in another order: columns reject all, accept .1, accept both .2 at once, accept all.
+    # Novelties .1 .2 .2 .5 in another order: columns reject all, accept .1, accept both .2 at once,
+    # accept all.
     truth = cells(np.array([0, -1, 0, 0]), np.array([True, False, True, True]))
     exact = ExactCounts(truth, np.array([0.2, 0.2, 0.5, 0.1], np.float32), np.ones((1, 4)))
     counts = exact.count(1)
@@ -73,10 +103,19 @@ def test_a_sweep_accepts_one_distinct_novelty_after_another() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(-1, 6), st.booleans(), st.integers(0, 12)), max_size=30))
-def test_a_sweep_with_weights_of_one_counts_as_the_authors_do(queries: list[tuple[int, bool, int]]) -> None:
-    rank, seen, level = (np.array(column) for column in zip(*queries, strict=True)) if queries else np.zeros((3, 0), int)
-    truth, novelty, thresholds = cells(rank, seen.astype(bool)), (level / 12).astype(np.float32), np.linspace(0, 1, 25)
-    counts, exact = count(truth, novelty, thresholds, top_n=5), ExactCounts(truth, novelty, np.ones((1, len(queries))))
+def test_a_sweep_with_weights_of_one_counts_as_the_authors_do(
+    queries: list[tuple[int, bool, int]],
+) -> None:
+    rank, seen, level = (
+        (np.array(column) for column in zip(*queries, strict=True))
+        if queries
+        else np.zeros((3, 0), int)
+    )
+    truth = cells(rank, seen.astype(bool))
+    novelty = (level / 12).astype(np.float32)
+    thresholds = np.linspace(0, 1, 25)
+    counts = count(truth, novelty, thresholds, top_n=5)
+    exact = ExactCounts(truth, novelty, np.ones((1, len(queries))))
     for n in (1, 5):
         swept = exact.count(n, exact.columns(thresholds))
         for name, column in vars(counts).items():
@@ -84,16 +123,22 @@ def test_a_sweep_with_weights_of_one_counts_as_the_authors_do(queries: list[tupl
 
 
 def test_no_queries_give_empty_counts() -> None:
-    counts = count(cells(np.array([], np.int64), np.array([], bool)), np.array([], np.float32), np.array([0.5]))
+    counts = count(
+        cells(np.array([], np.int64), np.array([], bool)), np.array([], np.float32), np.array([0.5])
+    )
     assert counts.hits.shape == (25, 1)
     assert not counts.hits.any()
 
 
 def test_a_novelty_that_is_no_number_and_arrays_of_different_queries_are_refused() -> None:
     with pytest.raises(InputError, match="NaN"):
-        count(cells(np.array([0]), np.array([True])), np.array([np.nan], np.float32), np.array([0.5]))
+        count(
+            cells(np.array([0]), np.array([True])), np.array([np.nan], np.float32), np.array([0.5])
+        )
     with pytest.raises(InputError, match="2 true ranks, 1 seen"):
-        count(cells(np.array([0, 0]), np.array([True])), np.array([0.1], np.float32), np.array([0.5]))
+        count(
+            cells(np.array([0, 0]), np.array([True])), np.array([0.1], np.float32), np.array([0.5])
+        )
 
 
 def test_thresholds_span_an_entropy_s_range_or_the_distances_seen() -> None:

@@ -16,7 +16,9 @@ from pipeline.evaluation.protocols import Truth
 from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY
 
 OFFICIAL = Path(__file__).parents[2].parent / "shared" / "real" / "nclt" / "official_sci_counts"
-recorded = pytest.mark.skipif(not OFFICIAL.is_dir(), reason=f"the SCI authors' published counts are not at {OFFICIAL}")
+recorded = pytest.mark.skipif(
+    not OFFICIAL.is_dir(), reason=f"the SCI authors' published counts are not at {OFFICIAL}"
+)
 
 PUBLISHED = {  # METHODS.md 2.7: AUC top-1, top-5, top-25; Table II: seen, unseen
     "2012-02-04": ((0.9369, 0.9743, 0.9795), (5170, 441)),
@@ -33,7 +35,10 @@ PUBLISHED = {  # METHODS.md 2.7: AUC top-1, top-5, top-25; Table II: seen, unsee
 
 
 def official(sequence: str) -> Counts:
-    arrays = [loadmat(OFFICIAL / sequence / f"{n}.mat")[n] for n in ("nHits", "nMisses", "nFalseAlarms", "nCorrectRejections")]
+    arrays = [
+        loadmat(OFFICIAL / sequence / f"{n}.mat")[n]
+        for n in ("nHits", "nMisses", "nFalseAlarms", "nCorrectRejections")
+    ]
     return Counts(*arrays)
 
 
@@ -43,24 +48,36 @@ def test_precision_recall_and_area_of_six_queries_by_hand() -> None:
     np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
     np.testing.assert_allclose(recall[0], [1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
     assert precision.shape == recall.shape == (25, 6)
-    # Trapezoids: (1/12)(3/4) + (1/3)(7/12) + 0 + (1/3)(11/20) + 0 = 0.0625 + 0.194444 + 0.183333 = 0.440278
+    # Trapezoids: (1/12)(3/4) + (1/3)(7/12) + 0 + (1/3)(11/20) + 0 = 0.0625 + 0.194444 + 0.183333 =
+    # 0.440278
     assert auc(precision, recall)[0] == pytest.approx(0.0625 + 7 / 36 + 11 / 60)
     # With threshold 0 in front, (recall 0, precision 1) joins: one more trapezoid of (1/4) · 1.
     precision, recall = precision_recall(count(TOY, NOVELTY, np.r_[0.0, THRESHOLDS]))
     assert (recall[0, 0], precision[0, 0]) == (0.0, 1.0)
     assert auc(precision, recall)[0] == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
-    # By the usual recall a misplaced query counts: 4 are seen; hits are 1 1 2 2 3 3, and the misplaced one is never recalled.
+    # By the usual recall a misplaced query counts: 4 are seen; hits are 1 1 2 2 3 3, and the
+    # misplaced one is never recalled.
     precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS), seen=4)
     assert recall[0].tolist() == [1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
-    np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])  # as by the authors' rule
+    np.testing.assert_allclose(
+        precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2]
+    )  # as by the authors' rule
 
 
 def test_at_the_ends_of_the_curve() -> None:
-    precision, recall = precision_recall(Counts(*(np.array([[n]]) for n in (0, 0, 0, 4))))  # no seen query at all: 0/0 twice
+    precision, recall = precision_recall(
+        Counts(*(np.array([[n]]) for n in (0, 0, 0, 4)))
+    )  # no seen query at all: 0/0 twice
     assert (precision.item(), recall.item()) == (1.0, 0.0)
-    # All accepted: seen but misplaced is a false alarm, not a miss, so there is one hit, no miss, one false alarm.
+    # All accepted: seen but misplaced is a false alarm, not a miss, so there is one hit, no miss,
+    # one false alarm.
     seen = np.array([True, True])
-    counts = count(Truth(seen, ~seen, np.array([0, -1]), seen), np.array([0.1, 0.2], np.float32), np.array([1.0]), top_n=1)
+    counts = count(
+        Truth(seen, ~seen, np.array([0, -1]), seen),
+        np.array([0.1, 0.2], np.float32),
+        np.array([1.0]),
+        top_n=1,
+    )
     precision, recall = precision_recall(counts)
     assert (recall.item(), precision.item()) == (1.0, 0.5)
 
@@ -72,7 +89,8 @@ def exact(truth: Truth, novelty: np.ndarray, usual: bool) -> tuple[np.ndarray, n
 
 
 def test_the_exact_curve_of_six_queries_by_hand() -> None:
-    # The toy's thresholds lie between its novelties, so with threshold 0 in front they give the exact curve.
+    # The toy's thresholds lie between its novelties, so with threshold 0 in front they give the
+    # exact curve.
     precision, recall = exact(TOY, NOVELTY, usual=False)
     np.testing.assert_allclose(precision, [1, 1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
     np.testing.assert_allclose(recall, [0, 1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
@@ -87,11 +105,14 @@ def test_the_exact_usual_curve_of_six_queries_by_hand() -> None:
     assert recall.tolist() == [0, 1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
     # Trapezoids where recall moves: (1/4)(1) + (1/4)(7/12) + (1/4)(11/20)
     assert auc(precision, recall) == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)
-    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 * 0.75 / 1.35)  # at precision 3/5, recall 3/4
+    assert f1_max(precision, recall) == pytest.approx(
+        2 * 0.6 * 0.75 / 1.35
+    )  # at precision 3/5, recall 3/4
 
 
 def test_where_no_threshold_is_precise_enough_recall_is_zero() -> None:
-    # The surest query is wrong: precision never exceeds 1/2, but for the start where nothing is accepted.
+    # The surest query is wrong: precision never exceeds 1/2, but for the start where nothing is
+    # accepted.
     seen = np.array([True, True])
     truth = Truth(seen, ~seen, np.array([1, 0]), seen)
     assert recall_at_precision(*exact(truth, np.array([0.1, 0.2]), usual=False), 0.99) == 0.0
@@ -109,25 +130,40 @@ def test_two_hundred_thresholds_come_near_the_exact_curve_and_few_do_not() -> No
 
     assert off(np.linspace(0, 1, 200)) < 0.005
     assert off(np.linspace(0, 1, 4)) > 0.01
-    crowded = novelty / 1000  # all between the first two of 200 thresholds: the curve is one straight line
+    crowded = (
+        novelty / 1000
+    )  # all between the first two of 200 thresholds: the curve is one straight line
     assert abs(auc(*exact(truth, crowded, usual=False)) - area) < 1e-12
-    assert abs(auc(*precision_recall(count(truth, crowded, np.linspace(0, 1, 200))))[0] - area) > 0.02
+    assert (
+        abs(auc(*precision_recall(count(truth, crowded, np.linspace(0, 1, 200))))[0] - area) > 0.02
+    )
 
 
 def test_an_unseen_query_more_novel_than_seen_ones_by_hand() -> None:
     # Unseen .4 is above three of the four seen (.1 .2 .3 .6), unseen .7 above all: 7 of 8 pairs.
     assert auroc(ExactCounts(TOY, NOVELTY, np.ones((1, 6))).count(1)).tolist() == [7 / 8]
-    # All alike: every pair is a tie, counting half. Without unseen queries there is nothing to tell apart.
+    # All alike: every pair is a tie, counting half. Without unseen queries there is nothing to tell
+    # apart.
     assert auroc(ExactCounts(TOY, np.zeros(6), np.ones((1, 6))).count(1)).tolist() == [0.5]
-    assert np.isnan(auroc(ExactCounts(replace(TOY, unseen=np.zeros(6, bool)), NOVELTY, np.ones((1, 6))).count(1))).all()
+    assert np.isnan(
+        auroc(
+            ExactCounts(replace(TOY, unseen=np.zeros(6, bool)), NOVELTY, np.ones((1, 6))).count(1)
+        )
+    ).all()
 
 
-QUERIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.integers(0, 8)), min_size=2, max_size=40)
+QUERIES = st.lists(
+    st.tuples(st.booleans(), st.booleans(), st.integers(0, 8)), min_size=2, max_size=40
+)
 
 
 def made(queries: list[tuple[bool, bool, int]]) -> tuple[Truth, np.ndarray]:
-    """Queries (seen, right, level of novelty), after one that is seen and right and one that is unseen, of the middle level."""
-    seen, right, level = (np.array(column) for column in zip((True, True, 4), (False, False, 4), *queries, strict=True))
+    """Queries (seen, right, level of novelty), after one that is seen and right and one that is
+    unseen, of the middle level."""
+    seen, right, level = (
+        np.array(column)
+        for column in zip((True, True, 4), (False, False, 4), *queries, strict=True)
+    )
     return Truth(seen, ~seen, np.where(seen & right, 0, -1), seen), level / 8
 
 
@@ -139,8 +175,11 @@ def test_auroc_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
 
 
 @given(QUERIES)
-def test_where_every_seen_query_is_right_the_curve_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
-    # scikit-learn's recall is of the right answers; those are the seen queries then, by either rule.
+def test_where_every_seen_query_is_right_the_curve_is_scikit_learn_s(
+    queries: list[tuple[bool, bool, int]],
+) -> None:
+    # scikit-learn's recall is of the right answers; those are the seen queries then, by either
+    # rule.
     truth, novelty = made([(seen, True, level) for seen, _, level in queries])
     precision, recall, _ = metrics.precision_recall_curve(truth.seen, -novelty)
     for usual in (False, True):
@@ -156,17 +195,23 @@ def test_the_best_f1_is_that_of_the_best_threshold(queries: list[tuple[bool, boo
     best = {False: 0.0, True: 0.0}
     for threshold in (*np.unique(novelty), np.inf):  # rejected from there on
         accepted = novelty < threshold
-        hits, false_alarms = (accepted & right).sum(), (accepted & ~right).sum()
-        misses, misplaced = (~accepted & truth.seen).sum(), (accepted & truth.seen & ~right).sum()
+        hits = (accepted & right).sum()
+        false_alarms = (accepted & ~right).sum()
+        misses = (~accepted & truth.seen).sum()
+        misplaced = (accepted & truth.seen & ~right).sum()
         for usual in best:
             wanted = hits + misses + (misplaced if usual else 0)
-            best[usual] = max(best[usual], 2 * hits / (hits + false_alarms + wanted) if hits else 0.0)
+            best[usual] = max(
+                best[usual], 2 * hits / (hits + false_alarms + wanted) if hits else 0.0
+            )
     for usual, f1 in best.items():
         assert f1_max(*exact(truth, novelty, usual)) == pytest.approx(f1)
 
 
 def test_small_unsigned_counts_do_not_overflow() -> None:
-    counts = Counts(*(np.array([[n]], np.uint16) for n in (60_000, 0, 20_000, 0)))  # 80,000 does not fit 16 bits
+    counts = Counts(
+        *(np.array([[n]], np.uint16) for n in (60_000, 0, 20_000, 0))
+    )  # 80,000 does not fit 16 bits
     assert precision_recall(counts)[0].item() == 0.75
 
 
@@ -181,5 +226,7 @@ def test_the_authors_counts_give_the_published_areas(sequence: str) -> None:
 
 @recorded
 def test_the_authors_first_sequence_has_the_accuracy_their_notebook_prints() -> None:
-    counts = official("2012-02-04")  # threshold 1 accepts all, so the hits there are all that are right
+    counts = official(
+        "2012-02-04"
+    )  # threshold 1 accepts all, so the hits there are all that are right
     assert counts.hits[0, -1] / 5170 == pytest.approx(0.82766, abs=1e-5)

@@ -1,4 +1,5 @@
-"""Scores that say little: one answer to all, a site within the tolerance, thresholds that reject all or nothing."""
+"""Scores that say little: one answer to all, a site within the tolerance, thresholds that reject
+all or nothing."""
 
 from pathlib import Path
 
@@ -15,7 +16,8 @@ MANY = np.arange(40)
 
 
 def test_what_one_answer_to_all_would_reach() -> None:
-    # By cells place 1 is right for two of the three seen; by distance 10 m is within 15 m of three of the four near ones.
+    # By cells place 1 is right for two of the three seen; by distance 10 m is within 15 m of three
+    # of the four near ones.
     xy_m = np.array([[0.0, 0], [10, 0], [20, 0], [90, 0], [200, 0]])
     found = blind(np.array([1, 1, 2, -1, -1]), np.array([0, 1, 2, 3, 100.0]), xy_m, Distance())
     assert found == {"cells": 2 / 3, "distance": 3 / 4}
@@ -28,7 +30,10 @@ def test_what_one_answer_to_all_would_reach() -> None:
     [
         ({}, {}),
         ({"blind": 0.5}, {VOID: 1}),
-        ({"blind": np.nan, "seen": 0, "blocks": 0}, {VOID: 1, "doubt_few_seen": 0, "doubt_few_blocks": 0}),
+        (
+            {"blind": np.nan, "seen": 0, "blocks": 0},
+            {VOID: 1, "doubt_few_seen": 0, "doubt_few_blocks": 0},
+        ),
         ({"answers": np.minimum(MANY, 21)}, {}),
         ({"answers": np.minimum(MANY, 20)}, {"doubt_one_answer": 0.5}),
         ({"seen": 30}, {"doubt_few_seen": 30}),
@@ -41,7 +46,14 @@ def test_what_one_answer_to_all_would_reach() -> None:
     ],
 )
 def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
-    usual = {"blind": 0.1, "answers": MANY, "novelty": NOVELTY, "reject_from": 0.5, "kept": 0.9, "wanted": 0.9}
+    usual = {
+        "blind": 0.1,
+        "answers": MANY,
+        "novelty": NOVELTY,
+        "reject_from": 0.5,
+        "kept": 0.9,
+        "wanted": 0.9,
+    }
     usual |= {"seen": 31, "blocks": 6}
     found = doubts(**usual | change)
     assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
@@ -60,6 +72,10 @@ def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
         ({}, {"window not yet whole": 2, "no true pose": 1}, {}),
     ],
 )
-def test_submaps_that_do_not_suit_the_views(tmp_path: Path, appearance: dict, left_out: dict, applies: dict) -> None:
-    _, submaps = artifacts(tmp_path, [POLES_M] * 3, ALONG, appearance=SUITED | appearance, left_out=left_out)
+def test_submaps_that_do_not_suit_the_views(
+    tmp_path: Path, appearance: dict, left_out: dict, applies: dict
+) -> None:
+    _, submaps = artifacts(
+        tmp_path, [POLES_M] * 3, ALONG, appearance=SUITED | appearance, left_out=left_out
+    )
     assert unsuited(submaps) == applies

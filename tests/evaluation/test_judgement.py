@@ -13,7 +13,15 @@ from pipeline.alterations import Case, read_cases
 from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge, judge_cases, outcomes
-from pipeline.evaluation.judgement import HIT, MISS, Evaluation, Judgement, columns, metrics, summary
+from pipeline.evaluation.judgement import (
+    HIT,
+    MISS,
+    Evaluation,
+    Judgement,
+    columns,
+    metrics,
+    summary,
+)
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.frames import turns
@@ -47,7 +55,9 @@ LABELS = Labels(
 LEFT_DEG = np.array([30.0, -90.0, 180.0, 0.0, 10.0], np.float32)
 """How far a case turned the robots."""
 TURNED = replace(
-    RANKING, places=RANKING.places[:, ::-1], heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG[:, None]) % np.float32(360)
+    RANKING,
+    places=RANKING.places[:, ::-1],
+    heading_deg=180 - (180 - RANKING.heading_deg - LEFT_DEG[:, None]) % np.float32(360),
 )
 """Their told headings turn with them, and their answers are swapped: right is the third alone."""
 
@@ -60,19 +70,39 @@ def drive(
     turned_deg: np.ndarray | None = None,
     poses: np.ndarray | None = None,
 ) -> Evaluation:
-    """Five queries: right; right but turned around; true place second; right but rejected; unseen and rejected.
+    """Five queries: right; right but turned around; true place second; right but rejected; unseen
+    and rejected.
 
     By distance the third is right, 10 m away, and the fourth is not judged, 6 m from training.
     """
     true = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
     rules = (Distance(), Bootstrap(block_m=5.0, resamples=40))
-    return judge(ranking, reject_from, labels, true, 20, *rules, turned_deg, poses, np.nan if poses is None else 0.9)
+    return judge(
+        ranking,
+        reject_from,
+        labels,
+        true,
+        20,
+        *rules,
+        turned_deg,
+        poses,
+        np.nan if poses is None else 0.9,
+    )
 
 
 def test_an_evaluation_is_what_its_schema_asks_for() -> None:
     found = columns([drive(), drive(TURNED, turned_deg=LEFT_DEG), drive()])
     assert found.keys() == EVALUATIONS.columns.keys()
-    lengths = {"case": 3, "protocol": 2, "xy": 2, "top_n": 25, "threshold": 200, "query": 5, "kind": 2, "bound3": 3}
+    lengths = {
+        "case": 3,
+        "protocol": 2,
+        "xy": 2,
+        "top_n": 25,
+        "threshold": 200,
+        "query": 5,
+        "kind": 2,
+        "bound3": 3,
+    }
     lengths |= {"number": len(NUMBERS), "measure": len(MEASURES), "confidence2": 2}
     for name, column in EVALUATIONS.columns.items():
         assert found[name].dtype == np.dtype(column.dtype), name
@@ -80,14 +110,22 @@ def test_an_evaluation_is_what_its_schema_asks_for() -> None:
 
 
 def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
-    # accepted (novelty < .5): right, right, wrong; rejected: seen → miss, unseen → correct rejection
+    # accepted (novelty < .5): right, right, wrong; rejected: seen → miss, unseen → correct
+    # rejection
     evaluation = drive()
-    cells, distance = evaluation.cells, evaluation.distance
+    cells = evaluation.cells
+    distance = evaluation.distance
     assert (cells.outcome.tolist(), distance.outcome.tolist()) == ([0, 0, 2, 1, 3], [0, 0, 0, 4, 3])
-    assert (cells.true_rank.tolist(), distance.true_rank.tolist()) == ([0, 0, 1, 0, -1], [0, 0, 0, -1, -1])
+    assert (cells.true_rank.tolist(), distance.true_rank.tolist()) == (
+        [0, 0, 1, 0, -1],
+        [0, 0, 0, -1, -1],
+    )
     assert (cells.seen.tolist(), distance.seen.tolist()) == ([1, 1, 1, 1, 0], [1, 1, 1, 0, 0])
     assert (cells.unseen.tolist(), distance.unseen.tolist()) == ([0, 0, 0, 0, 1], [0, 0, 0, 0, 1])
-    assert (cells.oracle_right.tolist(), distance.oracle_right.tolist()) == ([1, 1, 0, 1, 0], [1, 1, 1, 0, 0])
+    assert (cells.oracle_right.tolist(), distance.oracle_right.tolist()) == (
+        [1, 1, 0, 1, 0],
+        [1, 1, 1, 0, 0],
+    )
     assert evaluation.error_m.tolist() == [5.0, 1.0, 10.0, 2.0, 50.0]
     assert evaluation.answer.tolist() == [7, 8, 1, 3, 2]
     assert evaluation.answer_xy_m.tolist() == [[0.0, 0.0]] * 5
@@ -97,26 +135,46 @@ def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
 def test_the_numbers_of_five_queries_by_hand() -> None:
     evaluation = drive()
     numbers = summary(evaluation)
-    cells, distance = numbers["cells"], numbers["distance"]
+    cells = numbers["cells"]
+    distance = numbers["distance"]
     assert (numbers["days"], numbers["queries"]) == (20, 5)
     doubted = ("blind_recall_at_1", "doubt_few_seen", "doubt_few_blocks", "void")
     assert tuple(distance) == ("seen", "unseen", *NUMBERS, "threshold", *doubted)
-    assert tuple(cells) == tuple(distance)[:-1]  # the three seen stand within 15 m of one another, in cells of their own
-    assert [cells[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "recall_at_5")] == [4, 1, 0.5, 3 / 4, 1.0]
-    assert cells["recall_at_1_same_heading"] == 1 / 2  # queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
-    assert (cells["recall_at_1_turned"], cells["oracle"]) == (1.0, 3 / 4)  # turned are 1 (180°) and 3 (46°)
-    assert (cells["precision_at_threshold"], cells["recall_at_threshold"]) == (2 / 3, 2 / 3)  # two hits, false alarm, miss
-    assert (cells["median_error_m"], cells["auroc"]) == (3.5, 1.0)  # of 1, 2, 5 and 10; the unseen query's 50 does not count
-    assert [distance[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "oracle")] == [3, 1, 0.5, 1.0, 1.0]
+    assert (
+        tuple(cells) == tuple(distance)[:-1]
+    )  # the three seen stand within 15 m of one another, in cells of their own
+    assert [
+        cells[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "recall_at_5")
+    ] == [4, 1, 0.5, 3 / 4, 1.0]
+    assert (
+        cells["recall_at_1_same_heading"] == 1 / 2
+    )  # queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
+    assert (cells["recall_at_1_turned"], cells["oracle"]) == (
+        1.0,
+        3 / 4,
+    )  # turned are 1 (180°) and 3 (46°)
+    assert (cells["precision_at_threshold"], cells["recall_at_threshold"]) == (
+        2 / 3,
+        2 / 3,
+    )  # two hits, false alarm, miss
+    assert (cells["median_error_m"], cells["auroc"]) == (
+        3.5,
+        1.0,
+    )  # of 1, 2, 5 and 10; the unseen query's 50 does not count
+    assert [
+        distance[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "oracle")
+    ] == [3, 1, 0.5, 1.0, 1.0]
     assert (distance["median_error_m"], distance["precision_at_threshold"]) == (5.0, 1.0)
     # A heading is judged where the answer is right.
-    assert evaluation.heading_error_deg == pytest.approx([20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4)  # over ±180° too
+    assert evaluation.heading_error_deg == pytest.approx(
+        [20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4
+    )  # over ±180° too
     # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
     assert cells["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
     assert distance["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
     assert (cells["heading_within_10deg"], distance["heading_within_10deg"]) == (2 / 3, 1 / 3)
-    # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1 holds 3 of .95, all right;
-    # .4 … .5 one of .45, wrong.
+    # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1
+    # holds 3 of .95, all right; .4 … .5 one of .45, wrong.
     assert numbers["calibration"]["ece"] == pytest.approx((3 * 0.05 + 0.45) / 4)
     # 1 − cost: .85 .75 .55 right and .65 wrong, each in a bin of its own
     assert numbers["calibration"]["ece_raw"] == pytest.approx((0.15 + 0.25 + 0.65 + 0.45) / 4)
@@ -125,21 +183,34 @@ def test_the_numbers_of_five_queries_by_hand() -> None:
 def test_the_arrays_and_the_numbers_agree() -> None:
     evaluation = drive()
     for name in ("cells", "distance"):
-        numbers, judgement = summary(evaluation)[name], evaluation.protocol(name)
+        numbers = summary(evaluation)[name]
+        judgement = evaluation.protocol(name)
         for n in (1, 5, 25):
             assert judgement.recall_at[n - 1] == numbers[f"recall_at_{n}"]
             assert judgement.auc[n - 1] == numbers[f"auc_top{n}"]
         assert judgement.auc_exact[0] == numbers["auc_exact_top1"]
         assert judgement.rejection[0, :, 0].tolist() == [numbers[measure] for measure in MEASURES]
         indices = [NUMBERS.index(measure) for measure in MEASURES]
-        assert np.array_equal(judgement.rejection[0, :, 1:], judgement.numbers[indices, 1:], equal_nan=True)
-        counts = (judgement.hits, judgement.misses, judgement.false_alarms, judgement.correct_rejections)
-        near = np.searchsorted(evaluation.thresholds, 0.5)  # no query's novelty lies between it and .5
-        assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [array[0, near] for array in counts]
+        assert np.array_equal(
+            judgement.rejection[0, :, 1:], judgement.numbers[indices, 1:], equal_nan=True
+        )
+        counts = (
+            judgement.hits,
+            judgement.misses,
+            judgement.false_alarms,
+            judgement.correct_rejections,
+        )
+        near = np.searchsorted(
+            evaluation.thresholds, 0.5
+        )  # no query's novelty lies between it and .5
+        assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [
+            array[0, near] for array in counts
+        ]
 
 
 def test_each_kind_of_novelty_is_measured_at_its_own_threshold() -> None:
-    # energy rejects from 4.5 on: only query 0; accepted by cells are right 1, misplaced 2, right 3, unseen 4
+    # energy rejects from 4.5 on: only query 0; accepted by cells are right 1, misplaced 2, right 3,
+    # unseen 4
     energy = dict(zip(MEASURES, drive().cells.rejection[1, :, 0], strict=True))
     assert energy["precision_at_threshold"] == 2 / 4
     assert energy["recall_at_threshold"] == 2 / 3
@@ -151,7 +222,11 @@ def test_every_number_lies_in_its_interval() -> None:
     xy_m = np.stack([np.arange(400.0), np.zeros(400)], axis=1)
     places = rng.integers(0, 4, (400, 3))
     ranking = Ranking(
-        *(places, np.sort(rng.random((400, 3)), axis=1).astype(np.float32), xy_m[:, None] + rng.normal(0, 12, (400, 3, 2))),
+        *(
+            places,
+            np.sort(rng.random((400, 3)), axis=1).astype(np.float32),
+            xy_m[:, None] + rng.normal(0, 12, (400, 3, 2)),
+        ),
         *(
             rng.random((400, 1)).astype(np.float32),
             rng.random(400).astype(np.float32),
@@ -159,8 +234,16 @@ def test_every_number_lies_in_its_interval() -> None:
             ("entropy",),
         ),
     )
-    labels = Labels(rng.integers(-1, 4, 400), np.arange(4), places[:, 1], rng.uniform(0, 30, 400), rng.uniform(-180, 180, 400))
-    evaluation = drive(ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0))
+    labels = Labels(
+        rng.integers(-1, 4, 400),
+        np.arange(4),
+        places[:, 1],
+        rng.uniform(0, 30, 400),
+        rng.uniform(-180, 180, 400),
+    )
+    evaluation = drive(
+        ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0)
+    )
     numbers = summary(evaluation)
     for name in ("cells", "distance"):
         low, high = evaluation.protocol(name).numbers[:, 1:].T
@@ -176,8 +259,14 @@ def test_sequences_that_are_all_unseen_or_without_queries_give_valid_json() -> N
     numbers = summary(evaluation)
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
     for name in ("cells", "distance"):
-        assert (numbers[name]["seen"], numbers[name]["unseen"], numbers[name]["precision_at_threshold"]) == (0, 5, 0.0)
-        assert {numbers[name][number] for number in NUMBERS if number != "precision_at_threshold"} == {None}
+        assert (
+            numbers[name]["seen"],
+            numbers[name]["unseen"],
+            numbers[name]["precision_at_threshold"],
+        ) == (0, 5, 0.0)
+        assert {
+            numbers[name][number] for number in NUMBERS if number != "precision_at_threshold"
+        } == {None}
         assert numbers[name]["threshold"] is None
         assert np.isnan(evaluation.protocol(name).auc).all()
     assert numbers["calibration"] == {"ece_raw": None, "ece": None}
@@ -192,7 +281,11 @@ def test_what_is_of_nothing_is_none() -> None:
     assert rejecting["recall_at_threshold"] == 0.0
     silent = np.full(5, np.nan, np.float32)
     numbers = summary(drive(replace(RANKING, heading_deg=silent[:, None], confidence=silent)))
-    assert numbers["cells"]["median_heading_error_deg"] is numbers["cells"]["heading_within_10deg"] is None
+    assert (
+        numbers["cells"]["median_heading_error_deg"]
+        is numbers["cells"]["heading_within_10deg"]
+        is None
+    )
     assert numbers["calibration"] == {"ece_raw": None, "ece": None}
     all_seen = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])
     assert np.isnan(all_seen.number("cells", "auroc")).all()
@@ -206,9 +299,14 @@ def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
     assert read_cases(artifact.attrs) == [*cases]
     for i, evaluation in enumerate(cases.values()):
         again = Evaluation.read(artifact, i)
-        assert (again.kinds, again.reject_from, again.days) == (("entropy", "energy"), (0.5, 4.5), 20)
+        assert (again.kinds, again.reject_from, again.days) == (
+            ("entropy", "energy"),
+            (0.5, 4.5),
+            20,
+        )
         assert isinstance(again.distance, Judgement)
-        found, expected = columns([again]), columns([evaluation])
+        found = columns([again])
+        expected = columns([evaluation])
         for name in EVALUATIONS.columns:
             np.testing.assert_array_equal(found[name], expected[name], name)
 
@@ -216,56 +314,87 @@ def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["numbers", "measures", "protocols"])
 def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path, name: str) -> None:
     artifact = write(tmp_path / "a.zarr", {Case(): drive()}, **{name: ["other"]})
-    with pytest.raises(ArtifactError, match=rf"a.zarr: its {name} are not this version's; `dvc repro` it"):
+    with pytest.raises(
+        ArtifactError, match=rf"a.zarr: its {name} are not this version's; `dvc repro` it"
+    ):
         Evaluation.read(artifact)
 
 
 def test_a_turned_robot_has_a_turned_pose() -> None:
     true = standing(XY_M, YAW_DEG)
     turned = true @ turns(np.deg2rad(LEFT_DEG))
-    assert drive(TURNED, turned_deg=LEFT_DEG, poses=turned).pose_error_deg == pytest.approx(0, abs=1e-4)
-    assert drive(TURNED, turned_deg=LEFT_DEG, poses=true).pose_error_deg == pytest.approx(np.abs(LEFT_DEG), abs=1e-4)
+    assert drive(TURNED, turned_deg=LEFT_DEG, poses=turned).pose_error_deg == pytest.approx(
+        0, abs=1e-4
+    )
+    assert drive(TURNED, turned_deg=LEFT_DEG, poses=true).pose_error_deg == pytest.approx(
+        np.abs(LEFT_DEG), abs=1e-4
+    )
 
 
 def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
-    driven, turned = drive(), drive(TURNED, turned_deg=LEFT_DEG)
+    driven = drive()
+    turned = drive(TURNED, turned_deg=LEFT_DEG)
     np.testing.assert_allclose(turned.heading_error_deg, driven.heading_error_deg, atol=1e-4)
-    # against the nearest training pose: 10 + 30, 180 − 90, −45 + 180, 46 and 0 + 10; only the first of the seen drives its way
+    # against the nearest training pose: 10 + 30, 180 − 90, −45 + 180, 46 and 0 + 10; only the first
+    # of the seen drives its way
     np.testing.assert_allclose(turned.turn_deg, [40, 90, 135, 46, 10], atol=1e-4)
     assert turned.number("cells", "recall_at_1_turned")[0] == pytest.approx(1 / 3)
     assert turned.number("cells", "recall_at_1_same_heading")[0] == 0.0
-    assert (turned.cells.turned_share(turned.turn_deg), driven.cells.turned_share(driven.turn_deg)) == (3 / 4, 2 / 4)
-    assert np.isnan(drive(labels=replace(LABELS, places=np.full(5, -1))).cells.turned_share(driven.turn_deg))
+    assert (
+        turned.cells.turned_share(turned.turn_deg),
+        driven.cells.turned_share(driven.turn_deg),
+    ) == (3 / 4, 2 / 4)
+    assert np.isnan(
+        drive(labels=replace(LABELS, places=np.full(5, -1))).cells.turned_share(driven.turn_deg)
+    )
 
 
 def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
-    cases, ranking = [Case(), Case("turned", repeat=1)], joined([RANKING, TURNED])
-    attrs = {"cases": [asdict(case) for case in cases], "kinds": ["entropy", "energy"], "thresholds": [0.5, 4.5]}
+    cases = [Case(), Case("turned", repeat=1)]
+    ranking = joined([RANKING, TURNED])
+    attrs = {
+        "cases": [asdict(case) for case in cases],
+        "kinds": ["entropy", "energy"],
+        "thresholds": [0.5, 4.5],
+    }
     attrs |= {"wanted_precision": 0.99, "kept_precision": [0.812, None]}
     with store.write(tmp_path / "rankings", schemas.RANKINGS, **attrs) as draft:
         draft.put("turned_deg", np.r_[np.zeros(5), LEFT_DEG])
         for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
             draft.put(name, getattr(ranking, name))
-    with store.write(tmp_path / "labels", schemas.LABELS, days=20, cell_m=10.0, x_m=[0, 1], y_m=[0, 1]) as draft:
+    with store.write(
+        tmp_path / "labels", schemas.LABELS, days=20, cell_m=10.0, x_m=[0, 1], y_m=[0, 1]
+    ) as draft:
         for name in schemas.LABELS.columns:
             draft.put(name, getattr(LABELS, name))
-    with store.write(tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED) as draft:
+    with store.write(
+        tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED
+    ) as draft:
         draft.put("world_T_anchor", standing(XY_M, YAW_DEG))
         draft.put("ground_m", np.zeros(5))
         for name in ("first", "scans", "stamps_ns"):
             draft.put(name, np.arange(5))
         draft.put("used", np.ones(5, bool))
-    artifacts = [store.read(tmp_path / name, getattr(schemas, name.upper())) for name in ("rankings", "labels", "submaps")]
+    artifacts = [
+        store.read(tmp_path / name, getattr(schemas, name.upper()))
+        for name in ("rankings", "labels", "submaps")
+    ]
     found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
     assert list(found) == cases
     assert [(one.wanted, one.kept[0]) for one in found.values()] == [(0.99, 0.812)] * 2
     assert np.isnan(found[Case()].kept[1])
-    for one, alone in zip(found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True):
+    for one, alone in zip(
+        found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True
+    ):
         for name, column in columns([alone]).items():
             np.testing.assert_allclose(columns([one])[name], column, atol=1e-12, err_msg=name)
-    # by cells three of the four seen are right as driven, the third at second rank; swapped, the third alone
+    # by cells three of the four seen are right as driven, the third at second rank; swapped, the
+    # third alone
     driven, turned = found.values()
-    assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (0.75, 0.25)
+    assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (
+        0.75,
+        0.25,
+    )
     assert turned.answer.tolist() == [1, 1, 9, 1, 1]
     artifacts[0].attrs["cases"].pop()
     with pytest.raises(InputError, match="rankings: 10 queries in 1 cases of 5 submaps"):
@@ -273,7 +402,8 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
 
 
 def test_the_exact_curve_passes_every_novelty() -> None:
-    # by cells in the order of novelty: right, right, wrong, right, unseen; all four seen count in recall: hits / (hits + misses)
+    # by cells in the order of novelty: right, right, wrong, right, unseen; all four seen count in
+    # recall: hits / (hits + misses)
     precision, recall = drive().exact_curve("cells")
     np.testing.assert_allclose(precision, [1, 1, 1, 2 / 3, 3 / 4, 3 / 5])
     np.testing.assert_allclose(recall, [0, 1 / 4, 2 / 4, 2 / 3, 1, 1])
@@ -285,7 +415,9 @@ def test_the_exact_curve_passes_every_novelty() -> None:
 
 def test_a_query_at_the_threshold_is_rejected() -> None:
     seen = np.array([True, True])
-    outcome = outcomes(Truth(seen, ~seen, np.zeros(2, np.int64), seen), np.array([0.5, 0.25], np.float32), 0.5)
+    outcome = outcomes(
+        Truth(seen, ~seen, np.zeros(2, np.int64), seen), np.array([0.5, 0.25], np.float32), 0.5
+    )
     assert outcome.tolist() == [1, 0]
 
 
@@ -304,7 +436,8 @@ def test_what_does_not_fit_together_is_refused(given: dict[str, Any], told: str)
 
 def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_alone() -> None:
     ranking = replace(RANKING, places=np.where(np.arange(5)[:, None] == 0, -1, RANKING.places))
-    posed, without = drive(ranking, poses=standing(XY_M + np.array([0.3, 0.4]), YAW_DEG)), drive(ranking)
+    posed = drive(ranking, poses=standing(XY_M + np.array([0.3, 0.4]), YAW_DEG))
+    without = drive(ranking)
     assert posed.pose_error_m == pytest.approx(np.full(5, 0.5))
     assert posed.pose_error_deg == pytest.approx(np.zeros(5), abs=1e-5)
     assert posed.number("distance", "within_2m_5deg")[0] == 1.0
@@ -315,7 +448,8 @@ def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_
 
 
 def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
-    # By distance three are seen, all right and accepted; the fourth is not judged, the fifth is rejected: 3 of 4 answered.
+    # By distance three are seen, all right and accepted; the fourth is not judged, the fifth is
+    # rejected: 3 of 4 answered.
     found = metrics(drive())
     assert {name: found[name] for name in ("recall_at_1", "answered", "right_of_answered")} == {
         "recall_at_1": 1.0,

@@ -28,7 +28,9 @@ QUERIES = Queries(
 EVERYONE = np.ones((1, 6))
 
 
-def told(truth: Truth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE) -> dict[str, float]:
+def told(
+    truth: Truth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE
+) -> dict[str, float]:
     return {name: value.item() for name, value in numbers(truth, queries, weight).items()}
 
 
@@ -36,21 +38,36 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
     found = told()
     assert tuple(found) == NUMBERS
     assert (found["recall_at_1"], found["recall_at_5"], found["recall_at_25"]) == (3 / 4, 1.0, 1.0)
-    assert found["recall_at_1_same_heading"] == 1 / 2  # queries 0 (10°) and 1 (−45°, still the same), of which 0 is right
+    assert (
+        found["recall_at_1_same_heading"] == 1 / 2
+    )  # queries 0 (10°) and 1 (−45°, still the same), of which 0 is right
     assert found["recall_at_1_turned"] == 1.0  # queries 2 (46°) and 4 (180°)
-    assert (found["oracle"], found["oracle_same_heading"], found["oracle_turned"]) == (3 / 4, 1.0, 1 / 2)
-    assert found["auc_top1"] == found["auc_exact_top1"] == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)  # test_curves.py
+    assert (found["oracle"], found["oracle_same_heading"], found["oracle_turned"]) == (
+        3 / 4,
+        1.0,
+        1 / 2,
+    )
+    assert (
+        found["auc_top1"]
+        == found["auc_exact_top1"]
+        == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
+    )  # test_curves.py
     assert found["f1_max"] == pytest.approx(0.75)
     assert found["recall_at_99_precision"] == 1 / 4
     assert found["auroc"] == 7 / 8
     assert found["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
     assert found["recall_at_threshold"] == 2 / 3  # two hits, one miss
     assert found["median_error_m"] == 3.0  # of 1, 2, 4 and 40
-    assert found["median_heading_error_deg"] == 10.0  # of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
+    assert (
+        found["median_heading_error_deg"] == 10.0
+    )  # of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
     assert found["heading_within_10deg"] == 2 / 3
-    # The oracle, nearest first: queries 0 and 1 right, 5 unseen, 2 right, 4 misplaced, 3 unseen. Precision falls from 1 after the
-    # second to 2/3, 3/4, 3/5, 3/6, recall rises 1/4, 2/4, 2/4, 3/4, 1, 1.
-    assert found["oracle_auc_exact_top1"] == pytest.approx(1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8)
+    # The oracle, nearest first: queries 0 and 1 right, 5 unseen, 2 right, 4 misplaced, 3 unseen.
+    # Precision falls from 1 after the second to 2/3, 3/4, 3/5, 3/6, recall rises 1/4, 2/4, 2/4,
+    # 3/4, 1, 1.
+    assert found["oracle_auc_exact_top1"] == pytest.approx(
+        1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8
+    )
     # By the usual recall a misplaced query is not recalled.
     found = told(replace(TOY, usual_recall=True))
     assert found["recall_at_threshold"] == 2 / 4  # two hits of four seen
@@ -71,7 +88,9 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
     assert found["recall_99"] == 2 / 4
     # √((.01 + 9 + 3.61 + .16 + .09) / 5) over the five that have a pose
     assert found["trajectory_m"] == pytest.approx(np.sqrt(12.87 / 5))
-    right_though_unseen = told(queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]]))
+    right_though_unseen = told(
+        queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]])
+    )
     assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
     without = told(queries=replace(QUERIES, promised=np.nan))
     assert all(np.isnan(without[name]) for name in POSES)
@@ -82,37 +101,52 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
 
 
 def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
-    first, second = ({name: value.item() for name, value in measures(TOY, QUERIES, kind, EVERYONE).items()} for kind in (0, 1))
+    first, second = (
+        {name: value.item() for name, value in measures(TOY, QUERIES, kind, EVERYONE).items()}
+        for kind in (0, 1)
+    )
     assert tuple(first) == MEASURES
     assert first == {name: told()[name] for name in MEASURES}
-    # The second kind accepts queries 0, 1, 2 below 7.5: two hits, a false alarm, and the seen query 4 missed.
+    # The second kind accepts queries 0, 1, 2 below 7.5: two hits, a false alarm, and the seen query
+    # 4 missed.
     assert (second["precision_at_threshold"], second["recall_at_threshold"]) == (2 / 3, 2 / 3)
-    assert second["auroc"] == (4 + 3.5) / 8  # 9 is above all four seen; 8 above three and level with one
+    assert (
+        second["auroc"] == (4 + 3.5) / 8
+    )  # 9 is above all four seen; 8 above three and level with one
 
 
 def test_the_area_is_that_of_the_authors_counts() -> None:
     rng = np.random.default_rng(1)
     seen = rng.random(400) < 0.8
     truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
-    novelty, thresholds = rng.random((400, 1)).astype(np.float32), np.linspace(0, 1, 200)
-    found = told(truth, Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5), np.ones((1, 400)))
+    novelty = rng.random((400, 1)).astype(np.float32)
+    thresholds = np.linspace(0, 1, 200)
+    found = told(
+        truth, Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5), np.ones((1, 400))
+    )
     areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
     assert [found[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
 
 
 def test_a_heading_that_is_not_told_counts_neither_way() -> None:
-    found = told(queries=replace(QUERIES, heading_error_deg=np.array([np.nan, 1.0, 10.0, 3.0, 170.0, 0.0])))
+    found = told(
+        queries=replace(QUERIES, heading_error_deg=np.array([np.nan, 1.0, 10.0, 3.0, 170.0, 0.0]))
+    )
     assert (found["median_heading_error_deg"], found["heading_within_10deg"]) == (90.0, 1 / 2)
     found = told(queries=replace(QUERIES, heading_error_deg=np.full(6, np.nan)))
     assert np.isnan([found["median_heading_error_deg"], found["heading_within_10deg"]]).all()
 
 
-@pytest.mark.parametrize(("threshold", "told_there"), [(0.0, (np.nan, 0.0)), (np.inf, (3 / 6, 1.0))])
+@pytest.mark.parametrize(
+    ("threshold", "told_there"), [(0.0, (np.nan, 0.0)), (np.inf, (3 / 6, 1.0))]
+)
 def test_a_threshold_that_accepts_nothing_has_no_precision_and_one_without_end_accepts_all(
     threshold: float, told_there: tuple[float, float]
 ) -> None:
     found = told(queries=replace(QUERIES, reject_from=(threshold, threshold)))
-    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == pytest.approx(told_there, nan_ok=True)
+    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == pytest.approx(
+        told_there, nan_ok=True
+    )
 
 
 def test_a_number_of_nothing_is_missing() -> None:
@@ -120,7 +154,9 @@ def test_a_number_of_nothing_is_missing() -> None:
     nobody = np.zeros(6, bool)
     found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
     assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
-    assert found.pop("wrong_of_accepted_99") == 2 / 4  # a pose may be right where training never went
+    assert (
+        found.pop("wrong_of_accepted_99") == 2 / 4
+    )  # a pose may be right where training never went
     assert found.pop("trajectory_m") > 0  # of all queries
     assert all(np.isnan(value) for value in found.values())
     found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
@@ -134,20 +170,36 @@ def test_a_number_of_nothing_is_missing() -> None:
 @given(
     st.lists(
         st.tuples(  # weight, whether seen, rank, level of novelty, error, turn, heading's error
-            *(st.integers(0, 3), st.sampled_from(["seen", "unseen", "between"]), st.integers(-1, 8), st.integers(0, 6)),
-            *(st.integers(0, 50), st.sampled_from([0.0, 180.0]), st.sampled_from([0.0, 20.0, np.nan])),
+            *(
+                st.integers(0, 3),
+                st.sampled_from(["seen", "unseen", "between"]),
+                st.integers(-1, 8),
+                st.integers(0, 6),
+            ),
+            *(
+                st.integers(0, 50),
+                st.sampled_from([0.0, 180.0]),
+                st.sampled_from([0.0, 20.0, np.nan]),
+            ),
         ),
         min_size=1,
         max_size=25,
     ),
     st.booleans(),
 )
-def test_a_weight_is_a_number_of_equal_queries(rows: list[tuple[int, str, int, int, int, float, float]], usual: bool) -> None:
-    weight, where, rank, level, error_m, turn_deg, off_deg = (np.array(column) for column in zip(*rows, strict=True))
+def test_a_weight_is_a_number_of_equal_queries(
+    rows: list[tuple[int, str, int, int, int, float, float]], usual: bool
+) -> None:
+    weight, where, rank, level, error_m, turn_deg, off_deg = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
 
     def of(index: np.ndarray, weight: np.ndarray) -> dict[str, float]:
-        seen, unseen = where[index] == "seen", where[index] == "unseen"
-        truth = Truth(seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual)
+        seen = where[index] == "seen"
+        unseen = where[index] == "unseen"
+        truth = Truth(
+            seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual
+        )
         novelty = (level[index, None] / 6).astype(np.float32)
         own = (
             error_m[index] / 2,
@@ -169,7 +221,9 @@ def test_each_resample_has_its_own_numbers() -> None:
     weight = np.array([[1, 1, 1, 1, 1, 1], [2, 0, 1, 0, 1, 3], [0, 0, 0, 1, 0, 1]], float)
     together = numbers(TOY, QUERIES, weight)
     for i, row in enumerate(weight):
-        assert told(weight=row[None]) == pytest.approx({name: value[i] for name, value in together.items()}, nan_ok=True)
+        assert told(weight=row[None]) == pytest.approx(
+            {name: value[i] for name, value in together.items()}, nan_ok=True
+        )
 
 
 @given(st.lists(st.tuples(st.floats(-100, 100), st.integers(0, 4)), min_size=1, max_size=20))

@@ -17,17 +17,37 @@ from tests.evaluation.made import standing
 
 METRES = 600
 XY_M = np.stack([np.arange(METRES, dtype=float), np.zeros(METRES)], axis=1)
-BOOTSTRAP, FEW = Bootstrap(block_m=20.0, resamples=199), Bootstrap(resamples=2)
+BOOTSTRAP = Bootstrap(block_m=20.0, resamples=199)
+FEW = Bootstrap(resamples=2)
 
 
-def method(right: np.ndarray, novelty: np.ndarray | None = None, bootstrap: Bootstrap = FEW) -> Evaluation:
+def method(
+    right: np.ndarray, novelty: np.ndarray | None = None, bootstrap: Bootstrap = FEW
+) -> Evaluation:
     """A query a metre, seen but for the last sixth; a wrong answer lies a kilometre off."""
-    seen, nothing = np.arange(METRES) < 500, np.full(METRES, np.nan, np.float32)
-    good, novelty = right & seen, np.where(seen, 0.25, 0.75) if novelty is None else novelty
+    seen = np.arange(METRES) < 500
+    nothing = np.full(METRES, np.nan, np.float32)
+    good = right & seen
+    novelty = np.where(seen, 0.25, 0.75) if novelty is None else novelty
     xy_m = (XY_M + np.where(good, 1.0, 1000.0)[:, None] * (1, 0))[:, None]
-    places, column = np.where(good, 0, 5)[:, None], novelty.astype(np.float32)[:, None]
-    ranking = Ranking(places, np.zeros((METRES, 1), np.float32), xy_m, column, nothing, nothing[:, None], ("distance",))
-    own = np.where(seen, 0, -1), np.arange(6), np.zeros(METRES, int), np.where(seen, 1.0, 99.0), np.zeros(METRES)
+    places = np.where(good, 0, 5)[:, None]
+    column = novelty.astype(np.float32)[:, None]
+    ranking = Ranking(
+        places,
+        np.zeros((METRES, 1), np.float32),
+        xy_m,
+        column,
+        nothing,
+        nothing[:, None],
+        ("distance",),
+    )
+    own = (
+        np.where(seen, 0, -1),
+        np.arange(6),
+        np.zeros(METRES, int),
+        np.where(seen, 1.0, 99.0),
+        np.zeros(METRES),
+    )
     return judge(ranking, (0.5,), Labels(*own), standing(XY_M), 1, Distance(), bootstrap)
 
 
@@ -36,52 +56,75 @@ def runs(share: float, seed: int) -> np.ndarray:
     return np.repeat(np.random.default_rng(seed).random(METRES // 10) < share, 10)
 
 
-HARD, MOST = runs(0.6, 0), np.arange(METRES) % 10 > 0
+HARD = runs(0.6, 0)
+MOST = np.arange(METRES) % 10 > 0
 
 
 @pytest.mark.parametrize("protocol", ["cells", "distance"])
 def test_differences_and_who_alone_is_right_by_hand(protocol: str) -> None:
     first, second = np.zeros((2, METRES), bool)
-    first[:300], second[100:350] = True, True  # 100 right by the first alone, 50 by the second alone, of 500 seen
+    first[:300] = True
+    second[100:350] = True  # 100 right by the first alone, 50 by the second alone, of 500 seen
     found = compare(method(first), method(second), protocol, BOOTSTRAP)
     assert found.differences[COMPARED.index("recall_at_1")].value == pytest.approx(50 / 500)
     assert (found.only_this, found.only_reference) == (100, 50)
 
 
 def test_a_small_but_steady_gain_on_a_hard_path_is_found_where_the_intervals_overlap() -> None:
-    # Both fail in the same streets; one also where the metre is a multiple of 10: some .06 lost in every block.
-    better, worse = method(HARD), method(HARD & MOST)
+    # Both fail in the same streets; one also where the metre is a multiple of 10: some .06 lost in
+    # every block.
+    better = method(HARD)
+    worse = method(HARD & MOST)
     found = compare(better, worse, "cells", BOOTSTRAP).differences[0]
     assert found.p == pytest.approx(2 / 200)  # no resample has it the other way round
     assert 0 < found.low < found.value < found.high
     (_, low, _), (_, _, high) = (
-        method(right, bootstrap=BOOTSTRAP).number("cells", "recall_at_1") for right in (HARD, HARD & MOST)
+        method(right, bootstrap=BOOTSTRAP).number("cells", "recall_at_1")
+        for right in (HARD, HARD & MOST)
     )
     assert low < high
 
 
 def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
-    this, other = method(HARD), method(runs(0.6, 1))
+    this = method(HARD)
+    other = method(runs(0.6, 1))
     found = compare(this, other, "cells", BOOTSTRAP).differences[0]
 
     def recall(evaluation: Evaluation, weight: np.ndarray) -> np.ndarray:
-        return np.asarray(weight @ (evaluation.cells.true_rank == 0) / (weight @ evaluation.cells.seen))
+        return np.asarray(
+            weight @ (evaluation.cells.true_rank == 0) / (weight @ evaluation.cells.seen)
+        )
 
-    (spread,) = BOOTSTRAP.spreads(lambda weight: (recall(this, weight) - recall(other, weight))[None], XY_M)
-    assert found.p == pytest.approx(min(1.0, 2 * (1 + min((spread <= 0).sum(), (spread >= 0).sum())) / 200))
+    (spread,) = BOOTSTRAP.spreads(
+        lambda weight: (recall(this, weight) - recall(other, weight))[None], XY_M
+    )
+    assert found.p == pytest.approx(
+        min(1.0, 2 * (1 + min((spread <= 0).sum(), (spread >= 0).sum())) / 200)
+    )
     assert (found.low, found.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
 
 
 @pytest.mark.parametrize(("stretches", "least"), [(4, 0.125), (5, 0.0625), (8, 2 / 256)])
-def test_p_is_never_less_than_a_sign_test_of_so_few_blocks_can_reach(stretches: int, least: float) -> None:
-    always, never = np.ones(METRES, bool), np.zeros(METRES, bool)
-    block_m = 500 / stretches  # all 500 seen metres, of which the first method alone places every one
-    assert compare(method(always), method(never), "cells", Bootstrap(block_m=block_m)).differences[0].p == pytest.approx(least)
+def test_p_is_never_less_than_a_sign_test_of_so_few_blocks_can_reach(
+    stretches: int, least: float
+) -> None:
+    always = np.ones(METRES, bool)
+    never = np.zeros(METRES, bool)
+    block_m = (
+        500 / stretches
+    )  # all 500 seen metres, of which the first method alone places every one
+    assert compare(method(always), method(never), "cells", Bootstrap(block_m=block_m)).differences[
+        0
+    ].p == pytest.approx(least)
 
 
-def test_the_same_answers_differ_surely_in_nothing_and_a_path_of_one_block_has_no_interval() -> None:
+def test_the_same_answers_differ_surely_in_nothing_and_a_path_of_one_block_has_no_interval() -> (
+    None
+):
     found = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
-    assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [(0.0, 0.0, 0.0, 1.0)] * 2
+    assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [
+        (0.0, 0.0, 0.0, 1.0)
+    ] * 2
     assert (found.only_this, found.only_reference) == (0, 0)
     found = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
     assert np.isnan([found.low, found.high, found.p]).all()
@@ -96,8 +139,10 @@ def test_the_area_is_compared_too() -> None:
 
 
 def test_either_way_round_is_the_same_test() -> None:
-    this, other = method(HARD), method(runs(0.7, 1))
-    there, back = compare(this, other, "cells", BOOTSTRAP), compare(other, this, "cells", BOOTSTRAP)
+    this = method(HARD)
+    other = method(runs(0.7, 1))
+    there = compare(this, other, "cells", BOOTSTRAP)
+    back = compare(other, this, "cells", BOOTSTRAP)
     for one, two in zip(there.differences, back.differences, strict=True):
         assert one.value == -two.value
         assert (one.low, one.high) == pytest.approx((-two.high, -two.low))
@@ -106,9 +151,13 @@ def test_either_way_round_is_the_same_test() -> None:
 
 
 def test_chance_is_called_a_difference_as_often_as_the_level_says() -> None:
-    # Pairs of methods that are equally good, each failing in runs of 10 m of its own: some 5 % of p below .05.
+    # Pairs of methods that are equally good, each failing in runs of 10 m of its own: some 5 % of p
+    # below .05.
     seeds = range(0, 120, 2)
-    p = [compare(method(runs(0.6, i)), method(runs(0.6, i + 1)), "cells", BOOTSTRAP).differences[0].p for i in seeds]
+    p = [
+        compare(method(runs(0.6, i)), method(runs(0.6, i + 1)), "cells", BOOTSTRAP).differences[0].p
+        for i in seeds
+    ]
     assert np.mean(np.array(p) < 0.05) <= 0.15
 
 
@@ -117,11 +166,19 @@ def test_other_queries_are_refused() -> None:
     with pytest.raises(InputError, match="same queries"):
         compare(this, replace(this, xy_m=this.xy_m + 1), "cells", BOOTSTRAP)
     with pytest.raises(InputError, match="same queries"):
-        compare(this, replace(this, cells=replace(this.cells, seen=~this.cells.seen)), "cells", BOOTSTRAP)
+        compare(
+            this,
+            replace(this, cells=replace(this.cells, seen=~this.cells.seen)),
+            "cells",
+            BOOTSTRAP,
+        )
 
 
-def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls_and_nan_is_no_test() -> None:
-    # Ascending .01 .02 .03 .2 become .04, .06, .06 (.03 · 2 is no less), .2; of two, .6 · 2 is cut at 1.
+def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls_and_nan_is_no_test() -> (
+    None
+):
+    # Ascending .01 .02 .03 .2 become .04, .06, .06 (.03 · 2 is no less), .2; of two, .6 · 2 is cut
+    # at 1.
     np.testing.assert_allclose(holm(np.array([0.02, 0.01, 0.2, 0.03])), [0.06, 0.04, 0.2, 0.06])
     np.testing.assert_allclose(holm(np.array([0.6, 0.7])), [1.0, 1.0])
     np.testing.assert_allclose(holm(np.array([np.nan, 0.02, 0.04])), [np.nan, 0.04, 0.04])

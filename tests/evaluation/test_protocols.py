@@ -8,7 +8,8 @@ from pipeline.evaluation.protocols import Distance, by_cells
 
 
 def test_by_cells_the_query_s_own_cell_is_right_and_padding_is_no_place() -> None:
-    places, true_places = np.array([[7, 1], [1, 9], [2, 3], [2, 3]]), np.array([7, 9, 4, -1])
+    places = np.array([[7, 1], [1, 9], [2, 3], [2, 3]])
+    true_places = np.array([7, 9, 4, -1])
     truth = by_cells(places, true_places, oracle=np.array([7, 8, 4, 2]))
     assert truth.seen.tolist() == [True, True, True, False]
     assert truth.unseen.tolist() == [False, False, False, True]
@@ -23,15 +24,20 @@ def test_by_cells_the_query_s_own_cell_is_right_and_padding_is_no_place() -> Non
 def test_by_distance_the_first_answer_near_enough_is_right() -> None:
     # All queries stand at (10, 0). Answers lie at 0, 15, 16 and 40 m from it: right up to 15.
     xy_m = np.tile([10.0, 0.0], (4, 1))
-    answers_m = np.array([[[10, 0], [10, 15]], [[10, 16], [10, 15]], [[10, 16], [50, 0]], [[10, 0], [10, 0]]], float)
+    answers_m = np.array(
+        [[[10, 0], [10, 15]], [[10, 16], [10, 15]], [[10, 16], [50, 0]], [[10, 0], [10, 0]]], float
+    )
     truth = Distance().truth(answers_m, xy_m, nearest_m=np.array([0.0, 4.9, 4.9, 15.1]))
     assert truth.true_rank.tolist() == [0, 1, -1, -1]
     assert truth.oracle_right.tolist() == [True, True, True, False]
     assert truth.usual_recall
-    # An answer without a position is wrong, and so is the nearest anchor where it is farther than right reaches.
+    # An answer without a position is wrong, and so is the nearest anchor where it is farther than
+    # right reaches.
     truth = Distance().truth(np.array([[[np.nan, 0.0], [0.0, 0.0]]]), np.zeros((1, 2)), np.zeros(1))
     assert truth.true_rank.tolist() == [1]
-    truth = Distance(seen_m=5.0, correct_m=3.0).truth(np.zeros((2, 1, 2)), np.zeros((2, 2)), np.array([2.0, 4.0]))
+    truth = Distance(seen_m=5.0, correct_m=3.0).truth(
+        np.zeros((2, 1, 2)), np.zeros((2, 2)), np.array([2.0, 4.0])
+    )
     assert truth.oracle_right.tolist() == [True, False]
 
 
@@ -44,7 +50,9 @@ def test_between_seen_and_unseen_a_query_is_not_judged() -> None:
 
 
 def test_distances_that_make_no_sense_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"distance.seen_m=20.0: expected at most distance.unseen_m=15.0"):
+    with pytest.raises(
+        ConfigError, match=r"distance.seen_m=20.0: expected at most distance.unseen_m=15.0"
+    ):
         Distance(seen_m=20.0)
     with pytest.raises(ConfigError, match=r"distance.correct_m=0: expected a number above 0"):
         Distance(correct_m=0)

@@ -26,17 +26,30 @@ from pipeline.matching.rejection import Evidence
 from pipeline.report.study import against
 from tests.evaluation.made import BOOTSTRAP, LABELS, M2DP, SCI, evaluation, judged, write
 
-FEB, MAR, RAIN = "february", "march", "rain"
+FEB = "february"
+MAR = "march"
+RAIN = "rain"
 DAYS = {FEB: 20, MAR: 62, RAIN: 21}
 STUDY: Mapping[str, Any] = {
     "question": "robustness",
-    **{"train": "2012-01-15", "tests": [MAR, FEB], "grids": ["10m"], "cells": ["5m"], "stress": {RAIN: "wet"}},
-    "methods": [{"name": "sci", "variants": {"4way": "method.n_way=4"}}, {"name": "sad", "stage": "birdviews"}],
+    **{
+        "train": "2012-01-15",
+        "tests": [MAR, FEB],
+        "grids": ["10m"],
+        "cells": ["5m"],
+        "stress": {RAIN: "wet"},
+    },
+    "methods": [
+        {"name": "sci", "variants": {"4way": "method.n_way=4"}},
+        {"name": "sad", "stage": "birdviews"},
+    ],
 }
 CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
 WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
 """As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
-KNOWN, UNKNOWN = (dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7))
+KNOWN, UNKNOWN = (
+    dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7)
+)
 EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
 """Right, and told apart."""
 
@@ -47,19 +60,33 @@ def gathering(root: Path, study: Mapping[str, Any] = STUDY) -> Gathering:
 
 @pytest.fixture(scope="module")
 def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the stages before leave of the study: two methods and a variant, tests, a sequence of stress, turned queries."""
+    """What the stages before leave of the study: two methods and a variant, tests, a sequence of
+    stress, turned queries."""
     root = tmp_path_factory.mktemp("artifacts")
-    for grid, model in (("10m", "sci"), ("10m", "sci-4way"), ("10m", "sad"), ("5m", "sci"), ("5m", "sad")):
+    for grid, model in (
+        ("10m", "sci"),
+        ("10m", "sci-4way"),
+        ("10m", "sad"),
+        ("5m", "sci"),
+        ("5m", "sad"),
+    ):
         store.write_model(root / f"train/campus/{grid}/{model}.safetensors", EVIDENCE.arrays(), {})
         for name in (FEB, MAR, RAIN) if grid == "10m" else (FEB, MAR):
-            ranking = M2DP if model == "sad" else WORSE if name == MAR or model == "sci-4way" else SCI
-            cases = dict.fromkeys(CASES if (model, name) == ("sci", FEB) else CASES[:1], evaluation(DAYS[name], ranking))
+            ranking = (
+                M2DP if model == "sad" else WORSE if name == MAR or model == "sci-4way" else SCI
+            )
+            cases = dict.fromkeys(
+                CASES if (model, name) == ("sci", FEB) else CASES[:1],
+                evaluation(DAYS[name], ranking),
+            )
             write(root / f"evaluate/campus/{grid}/{model}/{name}.zarr", cases)
     (root / "events/campus").mkdir(parents=True)
     for name in (FEB, MAR):
         write_changes(root / f"events/campus/{name}.csv", [Change("construction", 1, 2, 0.0, 0.0)])
     turned = judged(np.array([[True, True], [True, False]]), np.array([[2.0, 1.0], [2.0, 1.0]]))
-    with store.write(root / f"viewpoints/campus/10m/sad/{FEB}.zarr", schemas.VIEWPOINTS, **turned.attrs()) as draft:
+    with store.write(
+        root / f"viewpoints/campus/10m/sad/{FEB}.zarr", schemas.VIEWPOINTS, **turned.attrs()
+    ) as draft:
         for column, values in turned.columns().items():
             draft.put(column, values)
     return root
@@ -94,19 +121,31 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
     )
     novelties = [f"novelty {kind}" for kind in one.kinds]
     assert list(found) == [
-        *(key for by in ("cells", "distance") for key in (
-            *(("", by, name) for name in (*names, *one.doubts(by))),
-            *((case, by, name) for case in novelties for name in (*MEASURES, "kept_precision")))),
+        *(
+            key
+            for by in ("cells", "distance")
+            for key in (
+                *(("", by, name) for name in (*names, *one.doubts(by))),
+                *((case, by, name) for case in novelties for name in (*MEASURES, "kept_precision")),
+            )
+        ),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
-    ]  # fmt: skip
+    ]
     told = {name: found["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
-    # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and unseen right, energy all.
+    # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and
+    # unseen right, energy all.
     assert [told[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
     assert told["answered"] == 5 / 7  # novelties below .5: .1, .2, .3, .05, .4
-    assert (told["kept_precision"], told["wanted_precision"], told["doubt_less_kept"]) == (0.731, 0.9, 0.731)
+    assert (told["kept_precision"], told["wanted_precision"], told["doubt_less_kept"]) == (
+        0.731,
+        0.9,
+        0.731,
+    )
     assert found["novelty energy", "cells", "kept_precision"]["value"] == 0.95
     assert told["recall_at_1"] == 3 / 5
-    assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx([0.9, 1.0])
+    assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx(
+        [0.9, 1.0]
+    )
     assert found["novelty energy", "cells", "auroc"]["kind"] == "energy"
     recall = found["", "cells", "recall_at_1"]
     assert (recall["value"], recall["low"], recall["high"]) == one.number("cells", "recall_at_1")
@@ -116,85 +155,162 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
     found = list(of_evaluation(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
     others = Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0)
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
-    parts = {(row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found}
+    parts = {
+        (row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found
+    }
     assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
     assert len(found) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2
 
 
-def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(gathered: pd.DataFrame) -> None:
+def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(
+    gathered: pd.DataFrame,
+) -> None:
     assert gathered.columns.tolist() == [*COLUMNS, *TYPED]
-    kinds = {name: gathered[name].dtype.kind for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")}
-    assert kinds == {"simulated": "b", "seed": "i", "days": "f", "level": "f", "shadow": "b", "repeat": "i", "value": "f"}
-    assert gathered[["study", "dataset", "simulated"]].drop_duplicates().to_numpy().tolist() == [["campus", "campus", True]]
+    kinds = {
+        name: gathered[name].dtype.kind
+        for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")
+    }
+    assert kinds == {
+        "simulated": "b",
+        "seed": "i",
+        "days": "f",
+        "level": "f",
+        "shadow": "b",
+        "repeat": "i",
+        "value": "f",
+    }
+    assert gathered[["study", "dataset", "simulated"]].drop_duplicates().to_numpy().tolist() == [
+        ["campus", "campus", True]
+    ]
     assert table([]).dtypes.tolist() == table([{}]).dtypes.tolist()
 
 
 def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataFrame) -> None:
-    driven = gathered[(gathered["number"] == "queries") & (gathered["case"] == "") & (gathered["protocol"] == "cells")]
-    found = set(map(tuple, driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist()))
+    driven = gathered[
+        (gathered["number"] == "queries")
+        & (gathered["case"] == "")
+        & (gathered["protocol"] == "cells")
+    ]
+    found = set(
+        map(
+            tuple,
+            driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist(),
+        )
+    )
     tests = [(FEB, 20.0, ""), (MAR, 62.0, "")]
-    models, asked = (("sci", ""), ("sci", "4way"), ("sad", "")), (*tests, (RAIN, 21.0, "wet"))
+    models = (("sci", ""), ("sci", "4way"), ("sad", ""))
+    asked = (*tests, (RAIN, 21.0, "wet"))
     own = [("10m", *model, *test) for model in models for test in asked]
-    assert found == {*own, *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests)}
+    assert found == {
+        *own,
+        *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests),
+    }
     changes = gathered[gathered["change"].isin(["turned", "construction"])]
     assert set(changes["case"]) == {"turned 1", "construction 2 walls, shadow"}
-    assert changes[["method", "variant", "sequence"]].drop_duplicates().to_numpy().tolist() == [["sci", "", FEB]]
+    assert changes[["method", "variant", "sequence"]].drop_duplicates().to_numpy().tolist() == [
+        ["sci", "", FEB]
+    ]
     held_out = gathered[gathered["number"] == "held_out_auc"]
     assert held_out["value"].tolist() == pytest.approx([1.0] * 5)
 
 
 def test_each_grid_says_how_near_is_right(gathered: pd.DataFrame) -> None:
-    assert value(gathered, "correct_m", protocol="distance") == 12.0  # as the evaluations were judged
+    assert (
+        value(gathered, "correct_m", protocol="distance") == 12.0
+    )  # as the evaluations were judged
 
 
 def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
-    # By cells 3/5 of day 20 and 2/5 of day 62: −.2 in 42 days, and .2 · 20 / 42 more on the day of training.
+    # By cells 3/5 of day 20 and 2/5 of day 62: −.2 in 42 days, and .2 · 20 / 42 more on the day of
+    # training.
     cells = {"method": "sci", "variant": "", "protocol": "cells"}
     assert value(gathered, "recall_at_1_per_100_days", **cells) == pytest.approx(-20 / 42)
     assert value(gathered, "recall_at_1_day_0", **cells) == pytest.approx(0.6 + 4 / 42)
     assert value(gathered, "recall_at_1_line", sequence=MAR, **cells) == pytest.approx(0.4)
-    # The median entropy of the seen, .2, lies among .1 .2 .3 of the held out: above one and level with one, in single precision.
+    # The median entropy of the seen, .2, lies among .1 .2 .3 of the held out: above one and level
+    # with one, in single precision.
     assert value(gathered, "novelty_percentile", sequence=FEB, method="sci") == pytest.approx(50.0)
     # The nearest anchor is in the right cell at four of five on both days; it is no method's.
     assert value(gathered, "recall_at_1", method="oracle", sequence=FEB) == pytest.approx(0.8)
-    assert value(gathered, "recall_at_1_per_100_days", method="oracle", protocol="cells") == pytest.approx(0)
+    assert value(
+        gathered, "recall_at_1_per_100_days", method="oracle", protocol="cells"
+    ) == pytest.approx(0)
     lines = gathered[gathered["number"].str.endswith("_line")]
-    assert set(zip(lines["protocol"], lines["number"].str.removesuffix("_line"), strict=True)) == set(AGEING)
+    assert set(
+        zip(lines["protocol"], lines["number"].str.removesuffix("_line"), strict=True)
+    ) == set(AGEING)
     assert set(lines["sequence"]) == {FEB, MAR}
 
 
 def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.DataFrame) -> None:
-    # On day 20 by cells one is right at 0, 1 and 4, the other at 0 and 2, of five seen; later the one is wrong at 0 too.
-    tested = {"method": "sad", "change": "against", "case": "against sci", "kind": "sci", "protocol": "cells"}
+    # On day 20 by cells one is right at 0, 1 and 4, the other at 0 and 2, of five seen; later the
+    # one is wrong at 0 too.
+    tested = {
+        "method": "sad",
+        "change": "against",
+        "case": "against sci",
+        "kind": "sci",
+        "protocol": "cells",
+    }
     for sequence, told in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
         names = ("recall_at_1_difference", "only_this_right", "only_reference_right")
-        assert [value(gathered, name, sequence=sequence, **tested) for name in names] == pytest.approx(told)
+        assert [
+            value(gathered, name, sequence=sequence, **tested) for name in names
+        ] == pytest.approx(told)
         assert 0 < value(gathered, "recall_at_1_difference_p", sequence=sequence, **tested) <= 1
 
 
 def test_in_a_study_of_the_year_variants_are_compared_too(artifacts: Path) -> None:
     frame = gathering(artifacts, {**STUDY, "question": "year"}).table()
     variant = {"method": "sci", "variant": "4way", "protocol": "cells"}
-    assert [value(frame, "recall_at_1_difference", sequence=name, **variant) for name in (FEB, MAR)] == pytest.approx([-1 / 5, 0])
+    assert [
+        value(frame, "recall_at_1_difference", sequence=name, **variant) for name in (FEB, MAR)
+    ] == pytest.approx([-1 / 5, 0])
     assert set(against(frame, "cells")["model"]) == {"sci-4way", "sad"}
 
 
 def test_queries_are_grouped_by_the_distance_to_real_changes(gathered: pd.DataFrame) -> None:
-    # Something is built at the origin: the first three queries, 0, 10 and 20 m off, are within 25 m; of both days together the
-    # one that is better is right at 2 + 1 of six. No change is still to come.
-    near = {"method": "sci", "change": "change shown", "level": 25.0, "case": "change shown, 0–25 m", "protocol": "cells"}
-    assert (value(gathered, "seen", **near), value(gathered, "recall_at_1", **near)) == (6, pytest.approx(3 / 6))
+    # Something is built at the origin: the first three queries, 0, 10 and 20 m off, are within 25
+    # m; of both days together the one that is better is right at 2 + 1 of six. No change is still
+    # to come.
+    near = {
+        "method": "sci",
+        "change": "change shown",
+        "level": 25.0,
+        "case": "change shown, 0–25 m",
+        "protocol": "cells",
+    }
+    assert (value(gathered, "seen", **near), value(gathered, "recall_at_1", **near)) == (
+        6,
+        pytest.approx(3 / 6),
+    )
     far = near | {"change": "change to come", "level": np.inf, "case": "change to come, over 25 m"}
-    assert value(gathered, "seen", **{**far, "change": "change shown", "case": "change shown, over 25 m"}) == 4
-    assert (value(gathered, "construction_changes"), value(gathered, "demolition_changes")) == (1, 0)
+    assert (
+        value(
+            gathered, "seen", **{**far, "change": "change shown", "case": "change shown, over 25 m"}
+        )
+        == 4
+    )
+    assert (value(gathered, "construction_changes"), value(gathered, "demolition_changes")) == (
+        1,
+        0,
+    )
     assert value(gathered, "seen_near_a_change", sequence=FEB) == 3
 
 
-def test_methods_on_bird_views_are_asked_from_other_headings(artifacts: Path, gathered: pd.DataFrame) -> None:
-    # Two headings between two: 90° and 270°; both matches are right at the first, one of two at the second.
+def test_methods_on_bird_views_are_asked_from_other_headings(
+    artifacts: Path, gathered: pd.DataFrame
+) -> None:
+    # Two headings between two: 90° and 270°; both matches are right at the first, one of two at the
+    # second.
     of = {"method": "sad", "sequence": FEB}
-    assert [value(gathered, "accuracy", case=f"viewpoint {deg}°", level=deg, **of) for deg in (90, 270)] == [1.0, 0.5]
-    assert (value(gathered, "queries", case="viewpoint", **of), value(gathered, "bytes_per_place", **of)) == (2, 8224.0)
+    assert [
+        value(gathered, "accuracy", case=f"viewpoint {deg}°", level=deg, **of) for deg in (90, 270)
+    ] == [1.0, 0.5]
+    assert (
+        value(gathered, "queries", case="viewpoint", **of),
+        value(gathered, "bytes_per_place", **of),
+    ) == (2, 8224.0)
     assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
     alone = gathering(artifacts, {**STUDY, "question": "viewpoints"}).table()
     assert set(alone["change"]) == {"viewpoint", "viewpoint of all"}
@@ -202,10 +318,17 @@ def test_methods_on_bird_views_are_asked_from_other_headings(artifacts: Path, ga
 
 @pytest.mark.parametrize(
     "missing",
-    ["evaluate/campus/10m/sci-4way/rain.zarr", "evaluate/campus/5m/sad/march.zarr", "train/campus/10m/sad.safetensors",
-     "viewpoints/campus/10m/sad", "events/campus/march.csv"],
-)  # fmt: skip
-def test_an_artifact_that_is_not_there_is_one_clear_line(artifacts: Path, tmp_path: Path, missing: str) -> None:
+    [
+        "evaluate/campus/10m/sci-4way/rain.zarr",
+        "evaluate/campus/5m/sad/march.zarr",
+        "train/campus/10m/sad.safetensors",
+        "viewpoints/campus/10m/sad",
+        "events/campus/march.csv",
+    ],
+)
+def test_an_artifact_that_is_not_there_is_one_clear_line(
+    artifacts: Path, tmp_path: Path, missing: str
+) -> None:
     path = (artifacts / missing).rename(tmp_path / "away")
     try:
         with pytest.raises((ArtifactError, LogError), match=missing):
@@ -214,9 +337,13 @@ def test_an_artifact_that_is_not_there_is_one_clear_line(artifacts: Path, tmp_pa
         path.rename(artifacts / missing)
 
 
-def test_the_plots_show_each_methods_own_answers_to_the_tests(artifacts: Path, gathered: pd.DataFrame) -> None:
+def test_the_plots_show_each_methods_own_answers_to_the_tests(
+    artifacts: Path, gathered: pd.DataFrame
+) -> None:
     wide = year(gathered)
-    shown = [[method, sequence, DAYS[sequence]] for method in ("sad", "sci") for sequence in (FEB, MAR)]
+    shown = [
+        [method, sequence, DAYS[sequence]] for method in ("sad", "sci") for sequence in (FEB, MAR)
+    ]
     assert wide[["method", "sequence", "days"]].to_numpy().tolist() == shown
     assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
     curve = precision_recall(gathering(artifacts))
@@ -230,7 +357,10 @@ def unseen(days: int) -> Answers:
     nowhere = replace(LABELS, places=np.full(7, -1), nearest_m=np.full(7, 99.0))
     labels = {"a": LABELS, "b": nowhere, "c": LABELS}
     on = {name: days * (i + 1) for i, name in enumerate(labels)}
-    sci, sad = ({name: evaluation(on[name], ranking, labels[name]) for name in labels} for ranking in (SCI, M2DP))
+    sci, sad = (
+        {name: evaluation(on[name], ranking, labels[name]) for name in labels}
+        for ranking in (SCI, M2DP)
+    )
     return Answers({"sci": sci, "sad": sad}, {"sci": np.array([0.1, 0.3])})
 
 
@@ -238,15 +368,22 @@ def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by
     answers = unseen(10)
     frame = table([*ageing_rows(answers, Ageing()), *paired_rows(answers, BOOTSTRAP)], grid="10m")
     cells = {"method": "sci", "protocol": "cells"}
-    assert value(frame, "recall_at_1_per_100_days", **cells) == 0.0  # through the first and the third
+    assert (
+        value(frame, "recall_at_1_per_100_days", **cells) == 0.0
+    )  # through the first and the third
     assert value(frame, "recall_at_1_line", sequence="b", **cells) == pytest.approx(3 / 5)
     for gone in (
         value(frame, "novelty_percentile", method="sci", sequence="b"),
         value(frame, "recall_at_1", method="oracle", sequence="b"),
-        *(value(frame, f"recall_at_1_difference{p}", method="sad", protocol="cells", sequence="b") for p in ("", "_p")),
+        *(
+            value(frame, f"recall_at_1_difference{p}", method="sad", protocol="cells", sequence="b")
+            for p in ("", "_p")
+        ),
     ):
         assert np.isnan(gone)
-    assert np.isnan(frame.loc[(frame["method"] == "sad") & (frame["number"] == "novelty_percentile"), "value"]).all()
+    assert np.isnan(
+        frame.loc[(frame["method"] == "sad") & (frame["number"] == "novelty_percentile"), "value"]
+    ).all()
     one_day = table(ageing_rows(unseen(0), Ageing()))
     assert one_day.loc[one_day["number"].str.endswith("_line"), "value"].isna().all()
     assert not one_day["number"].str.contains("per_100_days").any()
@@ -261,10 +398,14 @@ def written(gathered: pd.DataFrame, tmp_path: Path) -> Path:
 
 def test_every_digit_comes_back_from_the_csv(gathered: pd.DataFrame, written: Path) -> None:
     rng = np.random.default_rng(0)
-    noisy = gathered.assign(value=rng.normal(0, 1, len(gathered)) * 10.0 ** rng.integers(-12, 12, len(gathered)))
+    noisy = gathered.assign(
+        value=rng.normal(0, 1, len(gathered)) * 10.0 ** rng.integers(-12, 12, len(gathered))
+    )
     for frame in (gathered, noisy):
         frame.to_csv(written / "results/campus/results.csv", index=False)
-        pd.testing.assert_frame_equal(results.read(written, {"campus": {}}), frame, check_exact=True)
+        pd.testing.assert_frame_equal(
+            results.read(written, {"campus": {}}), frame, check_exact=True
+        )
 
 
 def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) -> None:
@@ -275,9 +416,13 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
     assert len(found) == len(gathered) + 1
     assert value(found, "query_ms", method="sci") == 3.0
     assert found.dtypes.tolist() == gathered.dtypes.tolist()
-    assert results.read(written, {"campus": {"latency": False}})["number"].ne("query_ms").all()  # measured for another study
+    assert (
+        results.read(written, {"campus": {"latency": False}})["number"].ne("query_ms").all()
+    )  # measured for another study
     assert results.read(written, {}).empty
-    with pytest.raises(ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"):
+    with pytest.raises(
+        ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"
+    ):
         results.read(written, {"campus": {}, "town": {}})
 
 
@@ -295,17 +440,37 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
 def test_a_damaged_table_is_refused(written: Path, damage: Callable[[str], str]) -> None:
     path = written / "results/campus/results.csv"
     path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
-    with pytest.raises(ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"):
+    with pytest.raises(
+        ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"
+    ):
         results.read(written, {"campus": {}})
 
 
 def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) -> None:
-    wanted = {"method": "sci,sad", "number": "recall_at_1", "case": "", "sequence": FEB, "protocol": "cells"}
+    wanted = {
+        "method": "sci,sad",
+        "number": "recall_at_1",
+        "case": "",
+        "sequence": FEB,
+        "protocol": "cells",
+    }
     found = results.where(gathered, wanted)
-    assert found["method"].tolist() == ["sci", "sci", "sad", "sci", "sad"]  # own, variant, own; and in other cells
+    assert found["method"].tolist() == [
+        "sci",
+        "sci",
+        "sad",
+        "sci",
+        "sad",
+    ]  # own, variant, own; and in other cells
     assert len(results.where(found, {"seed": "0", "simulated": "True"})) == 5
-    assert len(results.where(found, {"days": "20"})) == len(results.where(found, {"days": "62,20.0"})) == 5
+    assert (
+        len(results.where(found, {"days": "20"}))
+        == len(results.where(found, {"days": "62,20.0"}))
+        == 5
+    )
     assert results.where(found, {"days": "2"}).empty
     assert results.where(found, {"method": "sc"}).empty
-    with pytest.raises(ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"):
+    with pytest.raises(
+        ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"
+    ):
         results.where(gathered, {"model": "sci"})

@@ -1,4 +1,5 @@
-"""Latency: what is timed, on which submaps, the rows that tell it, and the stage on artifacts at their smallest."""
+"""Latency: what is timed, on which submaps, the rows that tell it, and the stage on artifacts at
+their smallest."""
 
 import json
 import time
@@ -14,7 +15,15 @@ from omegaconf import OmegaConf
 from pipeline import schemas, store
 from pipeline.errors import ConfigError, InputError
 from pipeline.evaluation.rows import COLUMNS, TYPED
-from pipeline.evaluation.timing import WARM_UP, Contender, Latency, clouds, cost_rows, machine, processor
+from pipeline.evaluation.timing import (
+    WARM_UP,
+    Contender,
+    Latency,
+    clouds,
+    cost_rows,
+    machine,
+    processor,
+)
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.methods.m2dp import M2dp
 from pipeline.running.compute import Compute
@@ -27,7 +36,11 @@ from tests.views.made import SUITED
 
 BY_HAND = Latency(
     generation={"wide": np.array([1.0, 2.0, 3.0]), "narrow": np.array([10.0, 10.0, 40.0])},
-    retrieval={"a": np.array([4.0, 1.0, 1.0]), "b": np.array([0.5, 0.5, 0.5]), "c": np.array([7.0, 8.0, 9.0])},
+    retrieval={
+        "a": np.array([4.0, 1.0, 1.0]),
+        "b": np.array([0.5, 0.5, 0.5]),
+        "c": np.array([7.0, 8.0, 9.0]),
+    },
     views={"a": "wide", "b": "narrow", "c": "wide"},
     points=np.array([100, 300, 5_000]),
     k=25,
@@ -38,15 +51,27 @@ BY_HAND = Latency(
 PARTS = [f"{part}_ms{end}" for part in ("generation", "retrieval", "query") for end in ("", "_p95")]
 
 
-def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1) -> tuple[store.Artifact, store.Artifact]:
-    """Scans two metres apart along x, and submaps of one or more of them; scan i has 200 + i points."""
-    scans, lengths = submaps + sweeps - 1, 200 + np.arange(submaps + sweeps - 1)
-    points_m, last = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3)), np.arange(sweeps - 1, scans)
+def drive(
+    folder: Path, sequence: str, submaps: int, sweeps: int = 1
+) -> tuple[store.Artifact, store.Artifact]:
+    """Scans two metres apart along x, and submaps of one or more of them; scan i has 200 + i
+    points."""
+    scans = submaps + sweeps - 1
+    lengths = 200 + np.arange(submaps + sweeps - 1)
+    points_m = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3))
+    last = np.arange(sweeps - 1, scans)
     poses = standing(np.c_[2.0 * np.arange(scans), np.zeros(scans)])
     columns = {
-        "scans": {"points": (points_m / 0.005).astype(np.int16), "offsets": np.r_[0, np.cumsum(lengths)]}
+        "scans": {
+            "points": (points_m / 0.005).astype(np.int16),
+            "offsets": np.r_[0, np.cumsum(lengths)],
+        }
         | {"stamps_ns": 10 * np.arange(scans), "world_T_scan": poses, "odom_T_scan": poses},
-        "submaps": {"first": last - (sweeps - 1), "scans": last, "ground_m": np.full(len(last), 0.25)}
+        "submaps": {
+            "first": last - (sweeps - 1),
+            "scans": last,
+            "ground_m": np.full(len(last), 0.25),
+        }
         | {"used": np.ones(scans, bool), "stamps_ns": 10 * last, "world_T_anchor": poses[last]},
     }
     attrs = {
@@ -55,7 +80,9 @@ def drive(folder: Path, sequence: str, submaps: int, sweeps: int = 1) -> tuple[s
     }
     found = []
     for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS)):
-        with store.write(folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]) as draft:
+        with store.write(
+            folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]
+        ) as draft:
             for name, column in columns[kind].items():
                 draft.put(name, column)
         found.append(store.read(folder / kind / "campus" / f"{sequence}.zarr", schema))
@@ -92,7 +119,9 @@ def recorder() -> Recorder:
 @pytest.fixture
 def measured(recorder: Recorder, tmp_path: Path) -> Latency:
     """Two methods of one view on five of nine submaps."""
-    one, two = (Contender("view", recorder.draw, recorder.localize(wait_s)) for wait_s in (0.002, 0.008))
+    one, two = (
+        Contender("view", recorder.draw, recorder.localize(wait_s)) for wait_s in (0.002, 0.008)
+    )
     return Latency.measure({"one": one, "two": two}, *drive(tmp_path, "a", 9), queries=5, k=7)
 
 
@@ -101,18 +130,32 @@ def test_each_part_takes_its_own_time(measured: Latency) -> None:
     assert (measured.retrieval["one"] >= 2).all()
     assert (measured.retrieval["two"] >= 8).all()
     assert np.median(measured.generation["view"]) < 8 > np.median(measured.retrieval["one"])
-    np.testing.assert_allclose(measured.total["two"], measured.generation["view"] + measured.retrieval["two"])
+    np.testing.assert_allclose(
+        measured.total["two"], measured.generation["view"] + measured.retrieval["two"]
+    )
     assert measured.machine["busy"] < 0.5  # it slept
 
 
-def test_queries_are_spread_over_the_sequence_and_the_first_calls_do_not_count(measured: Latency, recorder: Recorder) -> None:
-    # Rows 0, 2, 4, 6 and 8 of nine; submap i has 200 + i points. A view that two methods look at is drawn once.
+def test_queries_are_spread_over_the_sequence_and_the_first_calls_do_not_count(
+    measured: Latency, recorder: Recorder
+) -> None:
+    # Rows 0, 2, 4, 6 and 8 of nine; submap i has 200 + i points. A view that two methods look at is
+    # drawn once.
     assert measured.points.tolist() == [200, 202, 204, 206, 208]
     assert recorder.drawn == [200] * WARM_UP + [200, 202, 204, 206, 208]
-    assert all(len(took) == 5 for took in (*measured.generation.values(), *measured.retrieval.values(), *measured.total.values()))
+    assert all(
+        len(took) == 5
+        for took in (
+            *measured.generation.values(),
+            *measured.retrieval.values(),
+            *measured.total.values(),
+        )
+    )
 
 
-def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(measured: Latency, recorder: Recorder) -> None:
+def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(
+    measured: Latency, recorder: Recorder
+) -> None:
     assert len(recorder.asked) == 2 * (WARM_UP + 5)
     last = recorder.asked[-1]
     assert np.asarray(last.images).tolist() == [[208]]
@@ -120,7 +163,9 @@ def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(measure
     assert last.world_T_anchor[:, 0, 3].tolist() == [16]
 
 
-def test_there_are_no_more_queries_than_submaps_and_nothing_to_measure_is_an_error(recorder: Recorder, tmp_path: Path) -> None:
+def test_there_are_no_more_queries_than_submaps_and_nothing_to_measure_is_an_error(
+    recorder: Recorder, tmp_path: Path
+) -> None:
     one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
     assert len(Latency.measure(one, *drive(tmp_path, "a", 3), queries=50, k=7).points) == 3
     with pytest.raises(InputError, match="no submap"):
@@ -132,7 +177,9 @@ def test_there_are_no_more_queries_than_submaps_and_nothing_to_measure_is_an_err
 @pytest.mark.parametrize("sweeps", [1, 3])
 def test_points_are_those_that_views_are_drawn_from(sweeps: int, tmp_path: Path) -> None:
     scans, submaps = drive(tmp_path, "a", 8, sweeps)
-    drawn = np.concatenate(list(Drawing(scans, submaps, lambda points: points.sum(axis=0)).blocks(Compute(workers=1))))
+    drawn = np.concatenate(
+        list(Drawing(scans, submaps, lambda points: points.sum(axis=0)).blocks(Compute(workers=1)))
+    )
     rows = np.array([1, 2, 6])
     found = list(clouds(scans, submaps, rows))
     np.testing.assert_allclose([points.sum(axis=0) for points in found], drawn[rows], atol=1e-9)
@@ -140,13 +187,16 @@ def test_points_are_those_that_views_are_drawn_from(sweeps: int, tmp_path: Path)
 
 
 def test_rows_hold_medians_and_95th_percentiles_of_each_part() -> None:
-    # b: generation 10 10 40, retrieval 0.5, total 10.5 10.5 40.5; nine tenths of the way from the second to the third: 37.
-    # a: totals 5 3 4.
+    # b: generation 10 10 40, retrieval 0.5, total 10.5 10.5 40.5; nine tenths of the way from the
+    # second to the third: 37. a: totals 5 3 4.
     found = {(one["method"], one["number"]): one["value"] for one in BY_HAND.rows()}
     assert list(found) == [(method, part) for method in "abc" for part in PARTS]
     assert [found["b", part] for part in PARTS] == pytest.approx([10, 37, 0.5, 0.5, 10.5, 37.5])
     assert (found["a", "generation_ms"], found["a", "query_ms"]) == (2, 4)
-    assert BY_HAND.line() == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
+    assert (
+        BY_HAND.line()
+        == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
+    )
 
 
 def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_here(
@@ -156,18 +206,39 @@ def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_her
     for name in ("here", "elsewhere"):
         Path(name).write_bytes(bytes(2_500))
     Trace(wall_s=3.0, cpu_s=5.0, peak_memory_mb=70.0).write("here")
-    found = list(cost_rows({ModelName("sci", "4way", 1): Path("here"), ModelName("m2dp"): Path("elsewhere")}))
-    assert {(one["method"], one["variant"], one["seed"]) for one in found} == {("sci", "4way", 1), ("m2dp", "", 0)}
-    assert [(one["number"], one["value"]) for one in found if one["method"] == "m2dp"] == [("model_mb", 0.0025)]
-    costs = {"model_mb": 0.0025, "train_cpu_s": 5.0, "train_wall_s": 3.0, "train_peak_memory_mb": 70.0}
+    found = list(
+        cost_rows({ModelName("sci", "4way", 1): Path("here"), ModelName("m2dp"): Path("elsewhere")})
+    )
+    assert {(one["method"], one["variant"], one["seed"]) for one in found} == {
+        ("sci", "4way", 1),
+        ("m2dp", "", 0),
+    }
+    assert [(one["number"], one["value"]) for one in found if one["method"] == "m2dp"] == [
+        ("model_mb", 0.0025)
+    ]
+    costs = {
+        "model_mb": 0.0025,
+        "train_cpu_s": 5.0,
+        "train_wall_s": 3.0,
+        "train_peak_memory_mb": 70.0,
+    }
     assert {one["number"]: one["value"] for one in found[:-1]} == costs
 
 
 def test_every_sample_is_recorded() -> None:
     kept = json.loads(json.dumps(BY_HAND.record()))
-    assert kept["milliseconds"]["total"] == {"a": [5, 3, 4], "b": [10.5, 10.5, 40.5], "c": [8, 10, 12]}
+    assert kept["milliseconds"]["total"] == {
+        "a": [5, 3, 4],
+        "b": [10.5, 10.5, 40.5],
+        "c": [8, 10, 12],
+    }
     assert kept["milliseconds"]["generation"]["narrow"] == [10, 10, 40]
-    about = {"machine": {"processor": "Abacus"}, "views": BY_HAND.views, "k": 25, "points": [100, 300, 5_000]}
+    about = {
+        "machine": {"processor": "Abacus"},
+        "views": BY_HAND.views,
+        "k": 25,
+        "points": [100, 300, 5_000],
+    }
     assert {name: kept[name] for name in about} == about
 
 
@@ -194,13 +265,24 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
 ) -> None:
     drive(tmp_path / "artifacts", "2012-02-04", 6)
     rng = np.random.default_rng(0)
-    views = Rows(rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1)))
+    views = Rows(
+        rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1))
+    )
     model = M2dp().learn(views, np.arange(12), Progress())
     store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
     study = {"tests": ["2012-02-04"], "methods": [{"name": "m2dp", "view": "m2dp"}]}
     monkeypatch.setattr(stage, "studies", lambda conf: {"campus": study})
-    cfg = {"study": "campus", "cells": "10m", "artifacts": "artifacts", "queries": 4, "k": 3, "dataset": {"simulated": True}}
-    line = stage.main.run(OmegaConf.create(cfg | {"out": "artifacts/latency/campus/10m.csv", "samples": "10m.json"}))
+    cfg = {
+        "study": "campus",
+        "cells": "10m",
+        "artifacts": "artifacts",
+        "queries": 4,
+        "k": 3,
+        "dataset": {"simulated": True},
+    }
+    line = stage.main.run(
+        OmegaConf.create(cfg | {"out": "artifacts/latency/campus/10m.csv", "samples": "10m.json"})
+    )
     assert line.startswith("m2dp ")
     assert line.endswith(" ms; medians of 4 queries, from points to places")
     table = pd.read_csv("artifacts/latency/campus/10m.csv")
@@ -208,4 +290,8 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
     assert table["number"].tolist() == [*PARTS, "model_mb"]
     assert (stage.alone("sci").threads, stage.alone("m2dp")) == (1, M2dp())
     kept = json.loads(Path("10m.json").read_text())
-    assert (kept["sequence"], kept["k"], len(kept["milliseconds"]["total"]["m2dp"])) == ("2012-02-04", 3, 4)
+    assert (kept["sequence"], kept["k"], len(kept["milliseconds"]["total"]["m2dp"])) == (
+        "2012-02-04",
+        3,
+        4,
+    )

@@ -24,10 +24,15 @@ POSTS_M = np.random.default_rng(3).uniform((-40, -40), (120, 140), (900, 2))
 
 
 def drive(n: int = 30, headings: int = 16) -> Rows:
-    """A row every 3 m north, then bending east, past random posts: what is seen from each heading is drawn for itself."""
-    heading, more = np.linspace(np.pi / 2, 0, n), 2 * np.pi * np.arange(headings) / headings
+    """A row every 3 m north, then bending east, past random posts: what is seen from each heading
+    is drawn for itself."""
+    heading = np.linspace(np.pi / 2, 0, n)
+    more = 2 * np.pi * np.arange(headings) / headings
     xy_m = np.cumsum(STEP_M * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
-    images = [[seen(*place, ahead + left) for left in more] for place, ahead in zip(xy_m, heading, strict=True)]
+    images = [
+        [seen(*place, ahead + left) for left in more]
+        for place, ahead in zip(xy_m, heading, strict=True)
+    ]
     return Rows(np.array(images), np.arange(n), standing(xy_m, np.rad2deg(heading)))
 
 
@@ -44,7 +49,8 @@ def seen(x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
 
 @dataclass
 class Fake:
-    """The nearest reference image, blurred to 8 × 8, at any even heading; keeps what it was asked."""
+    """The nearest reference image, blurred to 8 × 8, at any even heading; keeps what it was
+    asked."""
 
     view: str = "birdview"
     length: int = 4
@@ -56,8 +62,14 @@ class Fake:
 
     def moved(self, model: Model, views: Rows, places: np.ndarray) -> Model:
         self.moves.append((model, views, places))
-        kept = {"evidence": np.zeros(5)} | {name: array for name, array in model.items() if name == "evidence"}
-        return kept | {"codes": small(views.images[:, ::2]), "xy_m": views.world_T_anchor[:, :2, 3], "places": places}
+        kept = {"evidence": np.zeros(5)} | {
+            name: array for name, array in model.items() if name == "evidence"
+        }
+        return kept | {
+            "codes": small(views.images[:, ::2]),
+            "xy_m": views.world_T_anchor[:, :2, 3],
+            "places": places,
+        }
 
     def reconstructed(self, model: Model, images: np.ndarray) -> np.ndarray:
         return 255 - images
@@ -65,7 +77,9 @@ class Fake:
     def localizer(self, model: Model) -> Localizer:
         def localize(views: Rows, k: int) -> Ranking:
             self.asked.append(views)
-            away = np.linalg.norm(model["codes"] - small(views.images[:, :1])[:, None], axis=3)  # (q, n, heading)
+            away = np.linalg.norm(
+                model["codes"] - small(views.images[:, :1])[:, None], axis=3
+            )  # (q, n, heading)
             row = away.min(axis=2).argmin(axis=1)
             return ranking(model["xy_m"][row], away.min(axis=(1, 2)), model["places"][row])
 
@@ -80,14 +94,18 @@ def small(images: np.ndarray) -> np.ndarray:
 def ranking(xy_m: np.ndarray, novelty: np.ndarray, row: np.ndarray | None = None) -> Ranking:
     n = len(xy_m)
     row = np.zeros(n, np.int64) if row is None else row
-    nan, new = np.full(n, np.nan, np.float32), novelty[:, None].astype(np.float32)
+    nan = np.full(n, np.nan, np.float32)
+    new = novelty[:, None].astype(np.float32)
     return Ranking(row[:, None], new, xy_m[:, None], new, nan, nan[:, None], ("cost",))
 
 
 class Scripted(Fake):
-    """Answers as it is told: the heading in degrees, by which it knows a query's turn, to positions and novelties."""
+    """Answers as it is told: the heading in degrees, by which it knows a query's turn, to positions
+    and novelties."""
 
-    def __init__(self, answers: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]], length: int = 4) -> None:
+    def __init__(
+        self, answers: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]], length: int = 4
+    ) -> None:
         super().__init__(length=length)
         self.answers = answers
 
@@ -99,7 +117,9 @@ class Scripted(Fake):
         return localize
 
 
-VIEWS, MODEL, AS_IS = drive(), {"evidence": np.ones(5)}, Viewpoints()
+VIEWS = drive()
+MODEL = {"evidence": np.ones(5)}
+AS_IS = Viewpoints()
 
 
 def judge(method: Fake, views: Rows = VIEWS, viewpoints: Viewpoints = AS_IS) -> Judged:
@@ -107,15 +127,20 @@ def judge(method: Fake, views: Rows = VIEWS, viewpoints: Viewpoints = AS_IS) -> 
 
 
 def test_a_turned_query_shows_what_a_turned_robot_sees_at_the_same_places() -> None:
-    # Heading 3 is 67.5° counter-clockwise: drawn anew from the turned poses, every one of its 16 images is the same.
+    # Heading 3 is 67.5° counter-clockwise: drawn anew from the turned poses, every one of its 16
+    # images is the same.
     query = turned(VIEWS, 3)
-    assert np.rad2deg(yaw(query.world_T_anchor) - yaw(VIEWS.world_T_anchor)) % 360 == pytest.approx(67.5)
+    assert np.rad2deg(yaw(query.world_T_anchor) - yaw(VIEWS.world_T_anchor)) % 360 == pytest.approx(
+        67.5
+    )
     assert (query.world_T_anchor[:, :, 3] == VIEWS.world_T_anchor[:, :, 3]).all()
     for i in (0, 17):
         pose = query.world_T_anchor[i]
         for j in (0, 1, 5):
             anew = seen(*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0]) + 2 * np.pi * j / 16)
-            assert (anew != query.images[i, j]).sum() <= 4  # of some 60 posts: the rounding of a post on a border
+            assert (
+                anew != query.images[i, j]
+            ).sum() <= 4  # of some 60 posts: the rounding of a post on a border
             assert (anew != VIEWS.images[i, j]).sum() > 40
     left = turned(VIEWS, 4)  # a quarter turn to the left: what lay on the left lies in front
     assert (np.rot90(VIEWS.images[5, 0], -1) != left.images[5, 0]).sum() <= 4
@@ -125,38 +150,57 @@ def test_the_queries_are_the_odd_headings_and_the_reference_is_the_sequence_itse
     method = Fake()
     found = judge(method)
     assert found.headings_deg.tolist() == [22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5]
-    assert [(rows.images[:, 0] == VIEWS.images[:, 2 * i + 1]).all() for i, rows in enumerate(method.asked)] == [True] * 8
+    assert [
+        (rows.images[:, 0] == VIEWS.images[:, 2 * i + 1]).all()
+        for i, rows in enumerate(method.asked)
+    ] == [True] * 8
     model, reference, places = method.moves[0]
     assert model is MODEL
     assert (reference.images == VIEWS.images).all()
     assert (reference.world_T_anchor == VIEWS.world_T_anchor).all()
     assert places.tolist() == list(range(30))
     assert found.row.shape == (8, 30)
-    assert found.error_m == pytest.approx(np.linalg.norm(found.xy_m[found.row] - found.xy_m, axis=2))
+    assert found.error_m == pytest.approx(
+        np.linalg.norm(found.xy_m[found.row] - found.xy_m, axis=2)
+    )
     assert (found.novelty, found.length, found.correct_m) == ("cost", 4, 10.0)
     assert found.score.dtype == np.float32
     assert (found.score < 0).all()  # a distance's negative
-    assert (found.pictures == VIEWS.images[15, ::2]).all()  # the middle place at the reference's eight headings
+    assert (
+        found.pictures == VIEWS.images[15, ::2]
+    ).all()  # the middle place at the reference's eight headings
     assert (found.reconstructed == 255 - found.pictures).all()
     # 8 codes of 64 float32 a place, 16 B of position and 8 B of place; the evidence does not grow
     assert found.bytes_per_place == 8 * 64 * 4 + 16 + 8
 
 
 def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
-    # Elsewhere every second query is matched with its own place, less surely than the others with one 50 m off.
+    # Elsewhere every second query is matched with its own place, less surely than the others with
+    # one 50 m off.
     def answers(heading_deg: float, xy_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         odd = np.arange(len(xy_m)) % 2
         off_m = 0.0 if heading_deg == 22.5 else 50.0 * odd
-        return xy_m + np.stack([off_m * np.ones(len(xy_m)), np.zeros(len(xy_m))], axis=1), 1.0 - 0.5 * odd
+        return xy_m + np.stack(
+            [off_m * np.ones(len(xy_m)), np.zeros(len(xy_m))], axis=1
+        ), 1.0 - 0.5 * odd
 
     found = judge(Scripted(answers))
     np.testing.assert_allclose(found.values, [[np.nan, 1, 1, 1], *[[0, 0.25, 0.5, 0]] * 7])
     numbers = found.numbers()
-    assert list(numbers) == [*(f"{deg}_deg" for deg in (22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5)), "mean"]
+    assert list(numbers) == [
+        *(f"{deg}_deg" for deg in (22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5)),
+        "mean",
+    ]
     assert numbers["22.5_deg"] == {"roc_auc": None, "pr_auc": 1.0, "accuracy": 1.0, "recall": 1.0}
-    # Precision falls from 1 (nothing accepted) to 0 with the wrong half at recall 0, then rises to 1/2 at recall 1: area 1/4.
+    # Precision falls from 1 (nothing accepted) to 0 with the wrong half at recall 0, then rises to
+    # 1/2 at recall 1: area 1/4.
     for heading, told in list(numbers.items())[1:8]:
-        assert told == {"roc_auc": 0.0, "pr_auc": pytest.approx(0.25), "accuracy": 0.5, "recall": 0.0}, heading
+        assert told == {
+            "roc_auc": 0.0,
+            "pr_auc": pytest.approx(0.25),
+            "accuracy": 0.5,
+            "recall": 0.0,
+        }, heading
     assert numbers["mean"] == {
         "roc_auc": 0.0,  # of the seven that have one
         "pr_auc": pytest.approx((1 + 7 * 0.25) / 8),
@@ -169,9 +213,14 @@ def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
     ("viewpoints", "accuracy"),
     [(AS_IS, 2 / 4), (Viewpoints(10.1), 3 / 4), (Viewpoints(9.5), 1 / 4), (Viewpoints(5.0), 0.0)],
 )
-def test_a_match_is_correct_up_to_ten_metres_off_whatever_the_direction(viewpoints: Viewpoints, accuracy: float) -> None:
-    # 9.4 m off, 6 and 8 m (10 m, and 14 by the block), 10.05 m, and nowhere; the first and last two rows are not valid.
-    off_m = np.array([[0, 0], [0, 0], [9.4, 0], [-6, 8], [0, -10.05], [np.nan, np.nan], [0, 0], [0, 0]])
+def test_a_match_is_correct_up_to_ten_metres_off_whatever_the_direction(
+    viewpoints: Viewpoints, accuracy: float
+) -> None:
+    # 9.4 m off, 6 and 8 m (10 m, and 14 by the block), 10.05 m, and nowhere; the first and last two
+    # rows are not valid.
+    off_m = np.array(
+        [[0, 0], [0, 0], [9.4, 0], [-6, 8], [0, -10.05], [np.nan, np.nan], [0, 0], [0, 0]]
+    )
     poses = np.tile(np.eye(4), (8, 1, 1))
     views = Rows(VIEWS.images[:8], VIEWS.stamps_ns[:8], poses)
     found = judge(Scripted(lambda _, xy_m: (xy_m + off_m, np.arange(8.0))), views, viewpoints)
@@ -187,7 +236,9 @@ def test_only_rows_with_a_whole_window_around_them_are_valid() -> None:
     assert found.numbers()["mean"]["accuracy"] == 1.0
     assert found.correct.sum(axis=1).tolist() == [20] * 8
     assert (found.xy_m == xy_m).all()
-    short = judge(Fake(length=10), Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10]))
+    short = judge(
+        Fake(length=10), Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10])
+    )
     assert not short.valid.any()
     assert all(value is None for one in short.numbers().values() for value in one.values())
 
@@ -207,7 +258,8 @@ def test_the_areas_are_those_of_scikit_learn(ties: int) -> None:
 
 
 def test_recall_is_of_all_valid_queries_at_the_last_threshold_that_is_precise() -> None:
-    # As the score falls: 100 correct, a wrong (100/101 = .9901), a correct, a wrong (101/103 < .99), 7 correct (108/110 = .982).
+    # As the score falls: 100 correct, a wrong (100/101 = .9901), a correct, a wrong (101/103 <
+    # .99), 7 correct (108/110 = .982).
     correct = np.array([True] * 100 + [False, True, False] + [True] * 7)
     told = judged(correct[None], -np.arange(110.0)[None]).numbers()["mean"]
     assert told["recall"] == pytest.approx(101 / 110)  # and not 101 of the 108 correct

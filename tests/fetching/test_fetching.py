@@ -1,4 +1,5 @@
-"""Fetching from a local server that drops connections, changes its files and errs, and archives made to do harm."""
+"""Fetching from a local server that drops connections, changes its files and errs, and archives
+made to do harm."""
 
 import gzip
 import hashlib
@@ -75,8 +76,14 @@ class Handler(BaseHTTPRequestHandler):
         data = self.served.files.get(self.path.lstrip("/"))
         if data is None:
             return self.head(404, 0)
-        tag = f'"{hashlib.sha256(data).hexdigest()}"' if self.served.tag is None else self.served.tag
-        start = int((self.headers.get("Range") or "bytes=0-")[6:-1]) if self.headers.get("If-Range") == tag else 0
+        tag = (
+            f'"{hashlib.sha256(data).hexdigest()}"' if self.served.tag is None else self.served.tag
+        )
+        start = (
+            int((self.headers.get("Range") or "bytes=0-")[6:-1])
+            if self.headers.get("If-Range") == tag
+            else 0
+        )
         ranged = {"Content-Range": f"bytes {start}-{len(data) - 1}/{len(data)}"} if start else {}
         self.head(206 if start else 200, len(data) - start, ETag=tag, **ranged)
         self.wfile.write(data[start:][:limit])
@@ -161,7 +168,8 @@ def arrived(served: Served) -> list[int]:
 # One file
 
 
-TEN, RANGE = 10 * CHUNK, f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}"
+TEN = 10 * CHUNK
+RANGE = f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}"
 
 
 @pytest.mark.parametrize(
@@ -174,11 +182,20 @@ TEN, RANGE = 10 * CHUNK, f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}"
         ([drops(TEN), says(200, len(BIG), BIG)], [0, TEN]),
         # Another part than was asked for is thrown away.
         ([drops(TEN), says(206, 10, bytes(10), Content_Range="bytes 0-9/10")], [0, TEN, 0]),
-        ([drops(TEN), says(206, 10, bytes(10), Content_Range=f"bytes {TEN}-{TEN + 9}/{len(BIG)}")], [0, TEN, 0]),
+        (
+            [
+                drops(TEN),
+                says(206, 10, bytes(10), Content_Range=f"bytes {TEN}-{TEN + 9}/{len(BIG)}"),
+            ],
+            [0, TEN, 0],
+        ),
         ([drops(TEN), says(206, 10, bytes(10))], [0, TEN, 0]),
         ([drops(TEN), says(416, 0, Content_Range="bytes */5")], [0, TEN, 0]),
         # The right part, of a file that has changed, from a server that ignores If-Range.
-        ([drops(TEN), says(206, REST, BIG[-REST:], Content_Range=RANGE, ETag='"another"')], [0, TEN, 0]),
+        (
+            [drops(TEN), says(206, REST, BIG[-REST:], Content_Range=RANGE, ETag='"another"')],
+            [0, TEN, 0],
+        ),
         ([hangs], [0, 0]),
         *(([says(status), says(status)], [0, 0, 0]) for status in (408, 429, 500, 502, 503, 504)),
     ],
@@ -197,19 +214,34 @@ def test_a_file_comes_whole_whatever_happens_on_the_way(
     [
         ([hangs] * 9, 3, "gave up after 3 tries, the last one: ReadTimeout"),
         ([says(503)] * 9, 3, "gave up after 3 tries, the last one: TryAgainError: 503"),
-        ([says(200, len(BIG) + 5, BIG, ETag='"x"'), *[says(200, len(BIG) + 5, BIG)] * 9], 3, "gave up after 3 tries"),
-        *(([says(status)], 1, f"/big: the server says {status} .*is there such a") for status in (400, 401, 403, 404, 410)),
+        (
+            [says(200, len(BIG) + 5, BIG, ETag='"x"'), *[says(200, len(BIG) + 5, BIG)] * 9],
+            3,
+            "gave up after 3 tries",
+        ),
+        *(
+            ([says(status)], 1, f"/big: the server says {status} .*is there such a")
+            for status in (400, 401, 403, 404, 410)
+        ),
         ([says(200, None, BIG)], 1, "does not say how long the file is"),
         ([says(200, -1)], 1, "does not say how long the file is"),
         ([says(200, len(BIG), BIG, Content_Encoding="br")], 1, "does not say how long the file is"),
         *(
             ([says(301, Location=to)], 1, "is the base address right")
-            for to in ("file:///etc/passwd", "ftp://127.0.0.1/big", "gopher:x", "http://[", "javascript:1")
+            for to in (
+                "file:///etc/passwd",
+                "ftp://127.0.0.1/big",
+                "gopher:x",
+                "http://[",
+                "javascript:1",
+            )
         ),
         ([says(301, Location="/big")] * 50, 6, "more than 5 times"),
     ],
 )
-def test_a_file_that_cannot_come_is_one_line(big: Served, tmp_path: Path, answers: list[Answer], asked: int, match: str) -> None:
+def test_a_file_that_cannot_come_is_one_line(
+    big: Served, tmp_path: Path, answers: list[Answer], asked: int, match: str
+) -> None:
     big.answers = list(answers)
     with one_line(LogError, match):
         download(big, tmp_path / "big", tries=3)
@@ -219,7 +251,10 @@ def test_a_file_that_cannot_come_is_one_line(big: Served, tmp_path: Path, answer
 
 def test_a_later_call_goes_on_from_what_an_earlier_one_kept(big: Served, tmp_path: Path) -> None:
     big.answers = [drops(7 * CHUNK)]
-    with pytest.raises(LogError, match=r"gave up after 1 tries, the last one: .*; what has arrived is kept, call again"):
+    with pytest.raises(
+        LogError,
+        match=r"gave up after 1 tries, the last one: .*; what has arrived is kept, call again",
+    ):
         download(big, tmp_path / "big", tries=1)
     assert not (tmp_path / "big").exists()
     assert download(big, tmp_path / "big", tries=1) == BIG
@@ -235,9 +270,9 @@ def test_a_killed_process_leaves_what_the_next_goes_on_from(big: Served, tmp_pat
 
     big.answers = [stalls]
     code = (
-        "from pathlib import Path; from pipeline.fetching.download import Downloader\n"
-        "from pipeline.running.progress import Progress\n"
-        f"Downloader(1, 60.0, 1.0).fetch({big.address + 'big'!r}, Path({str(tmp_path / 'big')!r}), Progress())"
+        "from pathlib import Path; from pipeline.fetching.download import Downloader\nfrom "
+        "pipeline.running.progress import Progress\nDownloader(1, 60.0, "
+        f"1.0).fetch({big.address + 'big'!r}, Path({str(tmp_path / 'big')!r}), Progress())"
     )
     process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
     part = tmp_path / "big.part"
@@ -253,7 +288,9 @@ def test_a_killed_process_leaves_what_the_next_goes_on_from(big: Served, tmp_pat
     assert arrived(big) == [0, kept]
 
 
-def test_a_file_that_arrived_whole_before_a_kill_is_not_asked_for_again(big: Served, tmp_path: Path) -> None:
+def test_a_file_that_arrived_whole_before_a_kill_is_not_asked_for_again(
+    big: Served, tmp_path: Path
+) -> None:
     big.answers = [drops(len(BIG) - 1)]
     with pytest.raises(LogError):
         download(big, tmp_path / "big", tries=1)
@@ -262,7 +299,9 @@ def test_a_file_that_arrived_whole_before_a_kill_is_not_asked_for_again(big: Ser
     assert len(big.gets()) == 1
 
 
-def test_a_file_that_changed_between_tries_is_not_pieced_together(big: Served, tmp_path: Path) -> None:
+def test_a_file_that_changed_between_tries_is_not_pieced_together(
+    big: Served, tmp_path: Path
+) -> None:
     def changes(handler: Handler, data: bytes) -> bool:
         done = drops(10 * CHUNK)(handler, data)
         big.files["big"] = BIG[::-1]
@@ -280,16 +319,30 @@ def test_without_a_strong_tag_nothing_is_resumed(big: Served, tmp_path: Path, ta
     assert arrived(big) == [0, 0]
 
 
-def test_a_redirection_is_followed_and_the_rest_asked_for_there(big: Served, tmp_path: Path) -> None:
+def test_a_redirection_is_followed_and_the_rest_asked_for_there(
+    big: Served, tmp_path: Path
+) -> None:
     big.files["moved"] = BIG
-    big.answers = [says(302, Location="/moved"), drops(5 * CHUNK), says(307, Location=f"{big.address}moved")]
+    big.answers = [
+        says(302, Location="/moved"),
+        drops(5 * CHUNK),
+        says(307, Location=f"{big.address}moved"),
+    ]
     assert download(big, tmp_path / "big") == BIG
-    assert big.gets() == [("big", None), ("moved", None), ("big", f"bytes={5 * CHUNK}-"), ("moved", f"bytes={5 * CHUNK}-")]
+    assert big.gets() == [
+        ("big", None),
+        ("moved", None),
+        ("big", f"bytes={5 * CHUNK}-"),
+        ("moved", f"bytes={5 * CHUNK}-"),
+    ]
 
 
-def test_a_redirection_from_https_to_http_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_redirection_from_https_to_http_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     answer = requests.Response()
-    answer.status_code, answer.raw = 302, io.BytesIO()
+    answer.status_code = 302
+    answer.raw = io.BytesIO()
     answer.headers["Location"] = "http://127.0.0.1/big"
     monkeypatch.setattr(requests, "request", lambda *_, **__: answer)
     with one_line(LogError, r"sends us on to http://127\.0\.0\.1/big, which is not followed"):
@@ -326,7 +379,8 @@ def tarred(path: Path, *members: tuple[str, bytes | str], **odd: Any) -> Path:
         for name, data in members:
             info = tarfile.TarInfo(name)
             if isinstance(data, str):
-                info.type, info.linkname = getattr(tarfile, data.split()[0]), data.partition(" ")[2]
+                info.type = getattr(tarfile, data.split()[0])
+                info.linkname = data.partition(" ")[2]
                 tar.addfile(info)
             else:
                 info.size = len(data)
@@ -338,9 +392,15 @@ def test_an_archive_is_laid_flat_whatever_folders_it_nests(tmp_path: Path) -> No
     for number, head in enumerate(("", "./", f"{DATE}/", f"velodyne_data/{DATE}/")):
         folder = tmp_path / str(number)
         folder.mkdir()
-        path = tarred(tmp_path / "a.tar.gz", (f"{head}scans/1.bin", b"one"), (f"{head}hits.bin", b"hits"))
+        path = tarred(
+            tmp_path / "a.tar.gz", (f"{head}scans/1.bin", b"one"), (f"{head}hits.bin", b"hits")
+        )
         assert unpack(path, folder, "scans") == 2
-        assert sorted(str(file.relative_to(folder)) for file in folder.rglob("*")) == ["hits.bin", "scans", "scans/1.bin"]
+        assert sorted(str(file.relative_to(folder)) for file in folder.rglob("*")) == [
+            "hits.bin",
+            "scans",
+            "scans/1.bin",
+        ]
     assert not (tmp_path / "a.tar.gz.unpacking").exists()
 
 
@@ -361,8 +421,11 @@ def test_an_archive_is_laid_flat_whatever_folders_it_nests(tmp_path: Path) -> No
         ([("else", b"x")], "holds no ok; it is not the archive"),
     ],
 )
-def test_an_archive_that_reaches_outside_is_refused_whole(tmp_path: Path, members: list[tuple[str, Any]], says: str) -> None:
-    store, folder = tmp_path / "store", tmp_path / "folder"
+def test_an_archive_that_reaches_outside_is_refused_whole(
+    tmp_path: Path, members: list[tuple[str, Any]], says: str
+) -> None:
+    store = tmp_path / "store"
+    folder = tmp_path / "folder"
     store.mkdir(), folder.mkdir()
     path = tarred(store / "a.tar.gz", *([] if "holds" in says else [("ok", b"fine")]), *members)
     with pytest.raises(LogError, match=says):
@@ -374,7 +437,9 @@ def test_an_archive_that_reaches_outside_is_refused_whole(tmp_path: Path, member
     ]
 
 
-def test_an_archive_larger_than_the_disk_is_refused_before_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_archive_larger_than_the_disk_is_refused_before_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tarred(tmp_path / "a.tar.gz", ("ok", b"fine"), ("zeros", bytes(10**6)))
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, 10**6))  # type: ignore[attr-defined]
     with pytest.raises(LogError, match=r"unpacks to more than the 0.0 GB free"):
@@ -383,7 +448,8 @@ def test_an_archive_larger_than_the_disk_is_refused_before_it_is_written(tmp_pat
 
 def header(name: str, claims: int, kind: bytes) -> bytes:
     info = tarfile.TarInfo(name)
-    info.size, info.type = claims, kind
+    info.size = claims
+    info.type = kind
     return info.tobuf(tarfile.GNU_FORMAT)
 
 
@@ -401,7 +467,10 @@ DAMAGED = {
         f"header {kind!r}": gzip.compress(header("bomb", 8 * 10**9, kind) + bytes(2048))
         for kind in (tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.GNUTYPE_LONGNAME)
     },
-    **{f"length {n}": gzip.compress(header("odd", n, tarfile.REGTYPE) + bytes(2048)) for n in (-1, -512, -10_000)},
+    **{
+        f"length {n}": gzip.compress(header("odd", n, tarfile.REGTYPE) + bytes(2048))
+        for n in (-1, -512, -10_000)
+    },
 }
 
 
@@ -409,7 +478,10 @@ DAMAGED = {
 def test_a_damaged_archive_is_removed_and_nothing_kept_of_it(tmp_path: Path, fault: str) -> None:
     path = tmp_path / "a.tar.gz"
     path.write_bytes(DAMAGED[fault])
-    with pytest.raises(LogError, match=r"a.tar.gz: (damaged .* and removed; fetch it anew|holds no ok|'odd' is a link)"):
+    with pytest.raises(
+        LogError,
+        match=r"a.tar.gz: (damaged .* and removed; fetch it anew|holds no ok|'odd' is a link)",
+    ):
         unpack(path, tmp_path, "ok")
     assert not path.exists() or fault not in [name for name in DAMAGED if name.startswith("header")]
     assert not (tmp_path / "ok").exists()
@@ -433,7 +505,9 @@ def conf() -> dict[str, Any]:
 
 
 def publisher(served: Served, **change: Any) -> Publisher:
-    return Publisher.of({**conf(), "base": served.address, "tries": 4, "timeout_s": 1.0, "wait_s": 0.001, **change})
+    return Publisher.of(
+        {**conf(), "base": served.address, "tries": 4, "timeout_s": 1.0, "wait_s": 0.001, **change}
+    )
 
 
 def fetch(served: Served, root: Path, *sequences: str, **change: Any) -> list[str]:
@@ -442,14 +516,25 @@ def fetch(served: Served, root: Path, *sequences: str, **change: Any) -> list[st
 
 @pytest.fixture
 def nclt(served: Served, tmp_path: Path) -> Served:
-    """One date as its publisher has it: ten metres driven north in a second, one scan, wheels at 12 m/s."""
+    """One date as its publisher has it: ten metres driven north in a second, one scan, wheels at 12
+    m/s."""
     rows = [
-        (f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n", f"{START + 100_000 * i}, {1.2 * i}, 0, 0, 0, 0, 0\n") for i in range(11)
+        (
+            f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n",
+            f"{START + 100_000 * i}, {1.2 * i}, 0, 0, 0, 0, 0\n",
+        )
+        for i in range(11)
     ]
     truth, wheels = ("".join(column).encode() for column in zip(*rows, strict=True))
     scan = np.array([20_200, 20_400, 19_600, 0], "<u2").tobytes()
-    sensors = tarred(tmp_path / "sen", (f"{DATE}/gps.csv", b"1"), (f"{DATE}/odometry_mu_100hz.csv", wheels))
-    scans = tarred(tmp_path / "vel", (f"{DATE}/velodyne_hits.bin", BIG), (f"{DATE}/velodyne_sync/{START + 150_000}.bin", scan))
+    sensors = tarred(
+        tmp_path / "sen", (f"{DATE}/gps.csv", b"1"), (f"{DATE}/odometry_mu_100hz.csv", wheels)
+    )
+    scans = tarred(
+        tmp_path / "vel",
+        (f"{DATE}/velodyne_hits.bin", BIG),
+        (f"{DATE}/velodyne_sync/{START + 150_000}.bin", scan),
+    )
     served.files = {
         f"ground_truth/groundtruth_{DATE}.csv": truth,
         f"sensor_data/{DATE}_sen.tar.gz": sensors.read_bytes(),
@@ -462,8 +547,15 @@ def test_a_date_is_fetched_laid_and_read(nclt: Served, tmp_path: Path) -> None:
     nclt.answers = [usual, says(503), usual, drops(10 * CHUNK), drops(10 * CHUNK)]
     root = tmp_path / "root"
     lines = fetch(nclt, root, DATE)
-    assert [line.split(":")[0] for line in lines] == [f"groundtruth_{DATE}.csv", f"{DATE}_sen.tar.gz", f"{DATE}_vel.tar.gz"]
-    assert lines[2].startswith(f"{DATE}_vel.tar.gz: {len(nclt.files[f'velodyne_data/{DATE}_vel.tar.gz']) / 1e6:.1f} MB, files: 2")
+    assert [line.split(":")[0] for line in lines] == [
+        f"groundtruth_{DATE}.csv",
+        f"{DATE}_sen.tar.gz",
+        f"{DATE}_vel.tar.gz",
+    ]
+    assert lines[2].startswith(
+        f"{DATE}_vel.tar.gz: {len(nclt.files[f'velodyne_data/{DATE}_vel.tar.gz']) / 1e6:.1f} MB, "
+        "files: 2"
+    )
     log = Nclt().open(root, DATE)
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1.5, 0, 0])
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1.8, 0, 0])
@@ -471,7 +563,11 @@ def test_a_date_is_fetched_laid_and_read(nclt: Served, tmp_path: Path) -> None:
     assert (root / DATE / "velodyne_hits.bin").read_bytes() == BIG
     assert Nclt().sequences(root) == {DATE: []}
     left = sorted(path.name for path in (root / "archives").iterdir() if path.name != ".lock")
-    assert left == [f"{DATE}_sen.tar.gz.sha256", f"{DATE}_vel.tar.gz.sha256", f"groundtruth_{DATE}.csv.sha256"]
+    assert left == [
+        f"{DATE}_sen.tar.gz.sha256",
+        f"{DATE}_vel.tar.gz.sha256",
+        f"groundtruth_{DATE}.csv.sha256",
+    ]
 
 
 def test_a_second_call_fetches_nothing(nclt: Served, tmp_path: Path) -> None:
@@ -491,7 +587,9 @@ def test_a_later_fetch_is_checked_against_the_recorded_sum(nclt: Served, tmp_pat
     assert recorded.read_text() == f"{digest}  groundtruth_{DATE}.csv\n"
     (root / DATE / f"groundtruth_{DATE}.csv").unlink()
     nclt.files[path] = nclt.files[path].replace(b"0", b"1")
-    with pytest.raises(LogError, match=rf"{recorded} says {digest}; damaged, or changed by its publisher"):
+    with pytest.raises(
+        LogError, match=rf"{recorded} says {digest}; damaged, or changed by its publisher"
+    ):
         fetch(nclt, root, DATE)
     assert not (root / DATE / f"groundtruth_{DATE}.csv").exists()
 
@@ -504,15 +602,25 @@ def test_a_sum_of_the_publisher_counts(nclt: Served, tmp_path: Path) -> None:
         fetch(nclt, tmp_path / "bad", DATE, sha256={path: "0" * 64})
 
 
-def test_the_disk_is_looked_at_before_a_byte_is_fetched(nclt: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Unpacked: the csv once, 5 × the sensors', 2.5 × the scans' archive, and beside them the scans' archive itself.
+def test_the_disk_is_looked_at_before_a_byte_is_fetched(
+    nclt: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Unpacked: the csv once, 5 × the sensors', 2.5 × the scans' archive, and beside them the scans'
+    # archive itself.
     sizes = [len(data) for data in nclt.files.values()]
     need = sizes[0] + 5 * sizes[1] + 3.5 * sizes[2]
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) - 1))  # type: ignore[attr-defined]
-    with pytest.raises(LogError, match=r"the 3 files and what they unpack to need about 0.0 GB, 0.0 GB are free; make room"):
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) - 1)
+    )  # type: ignore[attr-defined]
+    with pytest.raises(
+        LogError,
+        match=r"the 3 files and what they unpack to need about 0.0 GB, 0.0 GB are free; make room",
+    ):
         fetch(nclt, tmp_path / "root", DATE)
     assert nclt.gets() == []
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) + 1))  # type: ignore[attr-defined]
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, int(need) + 1)
+    )  # type: ignore[attr-defined]
     assert len(fetch(nclt, tmp_path / "root", DATE)) == 3
 
 
@@ -554,7 +662,9 @@ def test_two_fetches_do_not_write_one_file(nclt: Served, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("sequence", ["2012-1-8", "../2012-01-08", "", "2012-01-08/..", "all"])
-def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(nclt: Served, tmp_path: Path, sequence: str) -> None:
+def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(
+    nclt: Served, tmp_path: Path, sequence: str
+) -> None:
     with pytest.raises(ConfigError, match="expected a name like"):
         fetch(nclt, tmp_path / "root", DATE, sequence)
     assert nclt.seen == []
@@ -571,24 +681,37 @@ def test_numbered_files_are_fetched_and_checked_together(served: Served, tmp_pat
     run = publisher(served, archives=[known], sequence="run", licence="For research.")
     first, licence = run.fetch(tmp_path, ["run"], Progress())
     assert first.startswith("0.pcd … 2.pcd: 0.0 MB, files: 3, sha256")
-    assert (licence, (tmp_path / "LICENCE.txt").read_text()) == ("For research.", f"For research.\nFrom {served.address}\n")
-    assert [(tmp_path / f"run/{i}.pcd").read_bytes() for i in range(3)] == [bytes([i]) for i in range(3)]
+    assert (licence, (tmp_path / "LICENCE.txt").read_text()) == (
+        "For research.",
+        f"For research.\nFrom {served.address}\n",
+    )
+    assert [(tmp_path / f"run/{i}.pcd").read_bytes() for i in range(3)] == [
+        bytes([i]) for i in range(3)
+    ]
     assert {method for method, _, _ in served.seen} == {"GET"}  # their length is known
     (tmp_path / "run/1.pcd").unlink()
-    assert next(run.fetch(tmp_path, ["run"], Progress())).startswith("0.pcd … 2.pcd: 0.0 MB, files: 1")
+    assert next(run.fetch(tmp_path, ["run"], Progress())).startswith(
+        "0.pcd … 2.pcd: 0.0 MB, files: 1"
+    )
     assert next(run.fetch(tmp_path, ["run"], Progress())) == "0.pcd … 2.pcd: here already"
 
 
 def test_numbered_files_of_another_sum_are_removed(served: Served, tmp_path: Path) -> None:
     served.files = {f"frames/{i}.pcd": bytes([i]) for i in range(3)}
     run = publisher(served, archives=[NUMBERED | {"together": "0" * 64}], sequence="run")
-    with one_line(LogError, "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them anew"):
+    with one_line(
+        LogError,
+        "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them anew",
+    ):
         list(run.fetch(tmp_path, ["run"], Progress()))
     assert list((tmp_path / "run").iterdir()) == []
 
 
 def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"groundtruth_2012-01-09.csv: the server says 404 .*is there such a sequence"):
+    with pytest.raises(
+        LogError,
+        match=r"groundtruth_2012-01-09.csv: the server says 404 .*is there such a sequence",
+    ):
         fetch(nclt, tmp_path / "root", "2012-01-09")
 
 
@@ -605,10 +728,15 @@ def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) 
         ({"archives": [{"path": "../x", "holds": "x"}]}, "expected a path below the base"),
         ({"archives": [{"path": "x", "holds": "../x"}]}, "expected a path below the base"),
         ({"archives": [{"path": "x"}]}, "missing 1 required"),
-        ({"archives": [{"path": "x", "holds": "x", "together": "12"}]}, "archives.together=12: expected 64"),
+        (
+            {"archives": [{"path": "x", "holds": "x", "together": "12"}]},
+            "archives.together=12: expected 64",
+        ),
     ],
 )
-def test_a_setting_that_cannot_be_is_named(served: Served, change: dict[str, Any], says: str) -> None:
+def test_a_setting_that_cannot_be_is_named(
+    served: Served, change: dict[str, Any], says: str
+) -> None:
     with pytest.raises(ConfigError, match=says):
         publisher(served, **change)
 

@@ -1,4 +1,5 @@
-"""Bags as written: the same bytes each time, readable by rosbags alone; and ROS messages taken apart from bytes made by hand."""
+"""Bags as written: the same bytes each time, readable by rosbags alone; and ROS messages taken
+apart from bytes made by hand."""
 
 import struct
 import time
@@ -18,11 +19,16 @@ from tests.readers.by_hand import Cdr, ros1_header
 
 
 def digest(path: Path) -> dict[str, bytes]:
-    return {file.name: file.read_bytes() for file in ([path] if path.is_file() else sorted(path.iterdir()))}
+    return {
+        file.name: file.read_bytes()
+        for file in ([path] if path.is_file() else sorted(path.iterdir()))
+    }
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_bags_bytes_do_not_depend_on_the_clock_and_it_is_never_written_over(tmp_path: Path, kind: str) -> None:
+def test_a_bags_bytes_do_not_depend_on_the_clock_and_it_is_never_written_over(
+    tmp_path: Path, kind: str
+) -> None:
     path = drive(bag_path(tmp_path / "a", kind), kind)
     first = digest(path)
     time.sleep(1.1)
@@ -35,13 +41,26 @@ def test_a_bags_bytes_do_not_depend_on_the_clock_and_it_is_never_written_over(tm
 def test_a_bag_is_read_by_its_own_definitions(tmp_path: Path, kind: str) -> None:
     path = bag_path(tmp_path, kind)
     with BagWriter(path, kind) as bag:
-        bag.points(START_NS + 7, "lidar", np.array([[1, 2, 3], [4, 5, 6]], np.float32), np.array([7, 8]), np.array([0, 31]))
+        bag.points(
+            START_NS + 7,
+            "lidar",
+            np.array([[1, 2, 3], [4, 5, 6]], np.float32),
+            np.array([7, 8]),
+            np.array([0, 31]),
+        )
         bag.odometry(START_NS + 8, "map", "base_link", at(2, np.pi / 2))
         bag.laser_scan(START_NS + 9, "laser", np.array([1.0, 2.0]), -0.5, 0.25, 0.1, 30.0)
     with AnyReader([path]) as reader:
-        found = {c.msgtype: (stamp, reader.deserialize(data, c.msgtype)) for c, stamp, data in reader.messages()}
+        found = {
+            c.msgtype: (stamp, reader.deserialize(data, c.msgtype))
+            for c, stamp, data in reader.messages()
+        }
     stamp_ns, cloud = found[CLOUD]
-    assert (stamp_ns, cloud.header.stamp.sec, cloud.header.stamp.nanosec) == (START_NS + 7, START_NS // 10**9, 7)
+    assert (stamp_ns, cloud.header.stamp.sec, cloud.header.stamp.nanosec) == (
+        START_NS + 7,
+        START_NS // 10**9,
+        7,
+    )
     assert (cloud.header.frame_id, cloud.width, cloud.point_step) == ("lidar", 2, 20)
     # x, y, z, intensity as float32, ring as uint16, two bytes of padding.
     assert bytes(cloud.data) == struct.pack("<4fHxx4fHxx", 1, 2, 3, 7, 0, 4, 5, 6, 8, 31)
@@ -74,13 +93,16 @@ def test_a_header_is_found_in_both_wire_formats() -> None:
         (b"\0\1\0\0" + struct.pack("<iII", -1, 0, 1) + b"\0", 2, "which is no time"),  # before 1970
     ],
 )
-def test_a_header_that_is_cut_short_or_has_no_valid_time_is_refused(data: bytes, ros: int, says: str) -> None:
+def test_a_header_that_is_cut_short_or_has_no_valid_time_is_refused(
+    data: bytes, ros: int, says: str
+) -> None:
     with pytest.raises(LogError, match=says):
         header(data, ros)
 
 
 def test_a_pose_is_a_place_on_earth_and_a_rotation() -> None:
-    half, nan = 0.5**0.5, float("nan")
+    half = 0.5**0.5
+    nan = float("nan")
     rows = [
         (1, 2, 3, 0, 0, half, half),
         (nan, 0, 0, 0, 0, 0, 1),
@@ -89,13 +111,16 @@ def test_a_pose_is_a_place_on_earth_and_a_rotation() -> None:
         (1e300, 0, 0, 0, 0, 0, 1),
     ]
     found = poses(rows)
-    np.testing.assert_allclose(found[0], [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(
+        found[0], [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], atol=1e-12
+    )
     assert np.isnan(found[1:]).all()
     assert poses([]).shape == (0, 4, 4)
 
 
 def test_a_laser_scan_from_bytes_made_by_hand() -> None:
-    # Five beams from 90° down to −90° in steps of −45°: none, too near, 2 m at 0°, too far, 4 m at −90°.
+    # Five beams from 90° down to −90° in steps of −45°: none, too near, 2 m at 0°, too far, 4 m at
+    # −90°.
     cdr = Cdr(big=False)
     cdr.header(5, "laser")
     cdr.add("f", np.pi / 2, -np.pi / 2, -np.pi / 4, 0, 0, 0.5, 10.0)
@@ -106,14 +131,20 @@ def test_a_laser_scan_from_bytes_made_by_hand() -> None:
     np.testing.assert_allclose(found, [[2, 0, 0], [0, -4, 0]], atol=1e-6)
 
 
-@pytest.mark.parametrize("far", [float("inf"), 0.0, float("nan")], ids=["infinite", "left out", "not a number"])
+@pytest.mark.parametrize(
+    "far", [float("inf"), 0.0, float("nan")], ids=["infinite", "left out", "not a number"]
+)
 def test_a_limit_that_is_none_leaves_every_finite_range(far: float) -> None:
     sizes = {"angle_min": 0.0, "angle_increment": np.pi / 2, "range_min": 0.1, "range_max": far}
-    found = sweep_points(SimpleNamespace(**sizes, ranges=np.array([2, np.inf, 300, 0.05], np.float32)))
+    found = sweep_points(
+        SimpleNamespace(**sizes, ranges=np.array([2, np.inf, 300, 0.05], np.float32))
+    )
     np.testing.assert_allclose(found, [[2, 0, 0], [-300, 0, 0]], atol=1e-4)
 
 
-@pytest.mark.parametrize("wrong", [{"angle_min": float("nan")}, {"angle_increment": float("inf")}, {"angle_min": 1e30}])
+@pytest.mark.parametrize(
+    "wrong", [{"angle_min": float("nan")}, {"angle_increment": float("inf")}, {"angle_min": 1e30}]
+)
 def test_a_laser_scan_of_no_scanner_is_refused(wrong: dict[str, float]) -> None:
     sizes = {"angle_min": 0.0, "angle_increment": 0.1, "range_min": 0.1, "range_max": 30.0} | wrong
     with pytest.raises(LogError, match="no such scanner"):

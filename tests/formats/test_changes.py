@@ -13,7 +13,11 @@ CHANGES = [Change("construction", 20, 130, 5_735_010.25, -3.5), Change("tree", 4
 def test_what_is_written_is_read(tmp_path: Path, changes: list[Change]) -> None:
     path = tmp_path / "changes.csv"
     write_changes(path, changes)
-    lines = ["what,from_day,day,x_m,y_m", "construction,20,130,5735010.25,-3.50", "tree,41,41,0.00,7.00"]
+    lines = [
+        "what,from_day,day,x_m,y_m",
+        "construction,20,130,5735010.25,-3.50",
+        "tree,41,41,0.00,7.00",
+    ]
     assert path.read_text().splitlines() == lines[: 1 + len(changes)]
     assert read_changes(path) == changes
 
@@ -28,7 +32,9 @@ def test_what_is_written_is_read(tmp_path: Path, changes: list[Change]) -> None:
         ("what,from_day,day,x_m,y_m\ntree,1,1,nan,0\n", "row 1 holds no change"),
     ],
 )
-def test_what_is_no_such_csv_is_one_line_of_error(tmp_path: Path, text: str | None, says: str) -> None:
+def test_what_is_no_such_csv_is_one_line_of_error(
+    tmp_path: Path, text: str | None, says: str
+) -> None:
     path = tmp_path / "changes.csv"
     if text is not None:
         path.write_text(text)

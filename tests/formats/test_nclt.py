@@ -14,14 +14,19 @@ from pipeline.readers.nclt import read_poses, read_velodyne_sync
 
 
 def test_a_hit_is_eight_bytes_of_the_data_sets_own_frame() -> None:
-    # 1 m forward, 2 m left, 3 m up is (1, −2, −3) in the file: 20200, 19600, 19400, little-endian; intensity 5, laser 31.
-    data = nclt.encode(np.array([[1, 2, 3]], np.float32), np.array([5], np.uint8), np.array([31], np.uint8))
+    # 1 m forward, 2 m left, 3 m up is (1, −2, −3) in the file: 20200, 19600, 19400, little-endian;
+    # intensity 5, laser 31.
+    data = nclt.encode(
+        np.array([[1, 2, 3]], np.float32), np.array([5], np.uint8), np.array([31], np.uint8)
+    )
     assert data == struct.pack("<3H2B", 20_200, 19_600, 19_400, 5, 31)
 
 
 @given(st.lists(st.tuples(*[st.floats(-99.5, 99.5, width=32)] * 3), min_size=1, max_size=20))
 @settings(max_examples=25, deadline=None)
-def test_points_come_back_within_half_a_grain(tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, ...]]) -> None:
+def test_points_come_back_within_half_a_grain(
+    tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, ...]]
+) -> None:
     path = tmp_path_factory.getbasetemp() / "scan.bin"
     zeros = np.zeros(len(points), np.uint8)
     path.write_bytes(nclt.encode(np.array(points, np.float32), zeros, zeros))
@@ -30,11 +35,19 @@ def test_points_come_back_within_half_a_grain(tmp_path_factory: pytest.TempPathF
 
 def test_poses_come_back(tmp_path: Path) -> None:
     path = tmp_path / "new" / "groundtruth.csv"
-    rows = np.array([[1, 2, 3, 0.1, 0.2, 0.3], [1.5, np.nan, 3, 0, 0, 0], [-1e3, 12.345678, 0, 0, 0, -3]])
-    nclt.write_pose_rows(path, np.array([1_326_030_975_000_000, 1_326_030_975_000_001, 1_326_030_976_000_000]), rows)
+    rows = np.array(
+        [[1, 2, 3, 0.1, 0.2, 0.3], [1.5, np.nan, 3, 0, 0, 0], [-1e3, 12.345678, 0, 0, 0, -3]]
+    )
+    nclt.write_pose_rows(
+        path, np.array([1_326_030_975_000_000, 1_326_030_975_000_001, 1_326_030_976_000_000]), rows
+    )
     np.testing.assert_allclose(np.loadtxt(path, delimiter=",")[:, 1:], rows, rtol=1e-8)
     truth = read_poses(path)
-    assert truth.stamps_ns.tolist() == [1_326_030_975_000_000_000, 1_326_030_975_000_001_000, 1_326_030_976_000_000_000]
+    assert truth.stamps_ns.tolist() == [
+        1_326_030_975_000_000_000,
+        1_326_030_975_000_001_000,
+        1_326_030_976_000_000_000,
+    ]
     assert np.isfinite(truth.world_T_body).all(axis=(1, 2)).tolist() == [True, False, True]
 
 
@@ -48,7 +61,10 @@ def test_the_lidars_forward_axis_points_left_in_the_body() -> None:
 
 @pytest.mark.parametrize("lift_m", [0.0, 1.73])
 def test_decoding_gives_the_bits_of_the_plain_formula(lift_m: float) -> None:
-    # Every 16-bit word on every axis; bits, since artifacts' bytes follow from them: −0.0 is not 0.0.
+    # Every 16-bit word on every axis; bits, since artifacts' bytes follow from them: −0.0 is not
+    # 0.0.
     words = np.repeat(np.arange(2**16, dtype=np.uint16), 4)
-    plain = (words.reshape(-1, 4)[:, :3] * 0.005 - 100.0) * np.array([1.0, -1.0, -1.0]) + np.array([0.0, 0.0, lift_m])
+    plain = (words.reshape(-1, 4)[:, :3] * 0.005 - 100.0) * np.array([1.0, -1.0, -1.0]) + np.array(
+        [0.0, 0.0, lift_m]
+    )
     assert nclt.decode(words, lift_m).tobytes() == plain.tobytes()

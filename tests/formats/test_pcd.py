@@ -18,11 +18,17 @@ LARGEST = 2**28
 
 
 def header(
-    data: str, fields: str = "x y z", sizes: str = "4 4 4", types: str = "F F F", counts: str = "1 1 1", points: int = 2
+    data: str,
+    fields: str = "x y z",
+    sizes: str = "4 4 4",
+    types: str = "F F F",
+    counts: str = "1 1 1",
+    points: int = 2,
 ) -> str:
     return (
-        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\nCOUNT {counts}\n"
-        f"WIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}\n"
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE "
+        f"{sizes}\nTYPE {types}\nCOUNT {counts}\nWIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 "
+        f"0\nPOINTS {points}\nDATA {data}\n"
     )
 
 
@@ -31,28 +37,50 @@ def read(data: bytes | str) -> NDArray[np.float64]:
 
 
 def compressed(columns: bytes, block: bytes, head: str | None = None) -> bytes:
-    return (head or header("binary_compressed")).encode() + struct.pack("<II", len(block), len(columns)) + block
+    return (
+        (head or header("binary_compressed")).encode()
+        + struct.pack("<II", len(block), len(columns))
+        + block
+    )
 
 
 def literals(data: bytes) -> bytes:
     """LZF that copies nothing: runs of up to 32 bytes, each behind its length less one."""
-    return b"".join(bytes([len(data[at : at + 32]) - 1]) + data[at : at + 32] for at in range(0, len(data), 32))
+    return b"".join(
+        bytes([len(data[at : at + 32]) - 1]) + data[at : at + 32] for at in range(0, len(data), 32)
+    )
 
 
 def squeezed(data: bytes) -> bytes:
     """LZF that copies wherever three bytes or more were seen within the last 8,192."""
-    out, run, at = b"", b"", 0
+    out = b""
+    run = b""
+    at = 0
     while at < len(data):
-        back = next((at - start for start in range(max(0, at - 8192), at) if data[start : start + 3] == data[at : at + 3]), 0)
+        back = next(
+            (
+                at - start
+                for start in range(max(0, at - 8192), at)
+                if data[start : start + 3] == data[at : at + 3]
+            ),
+            0,
+        )
         if back and at + 3 <= len(data):
             count = 3
-            while count < 264 and at + count < len(data) and data[at + count] == data[at + count - back]:
+            while (
+                count < 264
+                and at + count < len(data)
+                and data[at + count] == data[at + count - back]
+            ):
                 count += 1
             high, low = divmod(back - 1, 256)
             size = [count - 2 << 5 | high] if count < 9 else [7 << 5 | high, count - 9]
-            out, run, at = out + literals(run) + bytes([*size, low]), b"", at + count
+            out = out + literals(run) + bytes([*size, low])
+            run = b""
+            at = at + count
         else:
-            run, at = run + data[at : at + 1], at + 1
+            run = run + data[at : at + 1]
+            at = at + 1
     return out + literals(run)
 
 
@@ -74,9 +102,12 @@ def test_lines_of_numbers_are_points() -> None:
 
 
 def test_records_are_little_endian_and_may_hold_anything_between() -> None:
-    # 2 bytes of ring, then z, a padding of three 1-byte fields, x as a double, y as a signed 16-bit number: 2+4+3+8+2 = 19.
+    # 2 bytes of ring, then z, a padding of three 1-byte fields, x as a double, y as a signed 16-bit
+    # number: 2+4+3+8+2 = 19.
     head = header("binary", "ring z _ x y", "2 4 1 8 2", "U F U F I", "1 1 3 1 1")
-    data = struct.pack("<Hf3Bdh", 9, 3.5, 1, 2, 3, 1.25, -2) + struct.pack("<Hf3Bdh", 9, -1, 1, 2, 3, 1e5, 300)
+    data = struct.pack("<Hf3Bdh", 9, 3.5, 1, 2, 3, 1.25, -2) + struct.pack(
+        "<Hf3Bdh", 9, -1, 1, 2, 3, 1e5, 300
+    )
     assert len(data) == 2 * 19
     np.testing.assert_array_equal(read(head.encode() + data), [[1.25, -2, 3.5], [1e5, 300, -1]])
 
@@ -88,24 +119,29 @@ def test_the_headers_lines_may_come_in_any_order_and_without_counts() -> None:
 
 
 def test_a_compressed_block_holds_one_field_after_the_other() -> None:
-    # Points (1, 2, 3) and (1, 2, 3): x x y y z z. As 32-bit floats 1 is 0000803f, 2 is 00000040, 3 is 00004040.
-    # By hand: four literals "0000803f" (control 3), copy 4 from 4 back (control (4−2)·32, then 3), and so for y and z.
+    # Points (1, 2, 3) and (1, 2, 3): x x y y z z. As 32-bit floats 1 is 0000803f, 2 is 00000040, 3
+    # is 00004040. By hand: four literals "0000803f" (control 3), copy 4 from 4 back (control
+    # (4−2)·32, then 3), and so for y and z.
     columns = bytes.fromhex("0000803f0000803f 0000004000000040 0000404000004040")
     block = bytes.fromhex("03 0000803f 40 03  03 00000040 40 03  03 00004040 40 03")
     np.testing.assert_array_equal(read(compressed(columns, block)), [[1, 2, 3], [1, 2, 3]])
-    np.testing.assert_array_equal(read(compressed(columns, literals(columns))), [[1, 2, 3], [1, 2, 3]])
+    np.testing.assert_array_equal(
+        read(compressed(columns, literals(columns))), [[1, 2, 3], [1, 2, 3]]
+    )
 
 
 def test_a_long_copy_reads_what_it_writes() -> None:
-    # 100 points at 0: 1,200 zero bytes. A literal zero (control 0), then copies from 1 back (low byte 0) of 9 + 255 = 264 bytes
-    # (control 7·32, then 255): four of them make 1,056, and one of 9 + 134 = 143 the rest.
+    # 100 points at 0: 1,200 zero bytes. A literal zero (control 0), then copies from 1 back (low
+    # byte 0) of 9 + 255 = 264 bytes (control 7·32, then 255): four of them make 1,056, and one of 9
+    # + 134 = 143 the rest.
     block = bytes.fromhex("00 00") + 4 * bytes.fromhex("e0 ff 00") + bytes([0xE0, 134, 0])
     found = read(compressed(bytes(1200), block, header("binary_compressed", points=100)))
     np.testing.assert_array_equal(found, np.zeros((100, 3)))
 
 
 def test_a_copy_may_reach_eight_thousand_bytes_back() -> None:
-    # 8,192 back is 31·256 + 255 + 1: upper bits 31, low byte 255. One point of 12 bytes with a field of 8,188 behind it.
+    # 8,192 back is 31·256 + 255 + 1: upper bits 31, low byte 255. One point of 12 bytes with a
+    # field of 8,188 behind it.
     rng = np.random.default_rng(3)
     first = rng.bytes(8192)
     data = first + first[:8]
@@ -123,7 +159,8 @@ def test_points_come_back(data: str, points: list[tuple[float, ...]]) -> None:
     np.testing.assert_array_equal(read(written(cloud, data)), cloud.astype(np.float64))
 
 
-ASCII, BINARY = header("ascii") + "1 2 3\n4 5 6\n", header("binary").encode() + bytes(24)
+ASCII = header("ascii") + "1 2 3\n4 5 6\n"
+BINARY = header("binary").encode() + bytes(24)
 ZEROS = compressed(bytes(24), literals(bytes(24)))
 HUGE = header("binary", points=10**12).encode()
 
@@ -141,9 +178,15 @@ HUGE = header("binary", points=10**12).encode()
         (ASCII.replace("SIZE 4 4 4", "SIZE 4 4 2"), "TYPE F and SIZE 2"),
         (ASCII.replace("COUNT 1 1 1", "COUNT 1 -1 1"), "COUNT 1 -1 1; expected whole numbers"),
         (ASCII.replace("POINTS 2\n", "").replace("WIDTH 2\n", ""), "no line 'POINTS NUMBER'"),
-        (ASCII.replace("POINTS 2\n", "").replace("HEIGHT 1", "HEIGHT 2"), "2 lines of points for the 4 points"),
+        (
+            ASCII.replace("POINTS 2\n", "").replace("HEIGHT 1", "HEIGHT 2"),
+            "2 lines of points for the 4 points",
+        ),
         (ASCII.replace("POINTS 2", "POINTS two"), "POINTS two; expected whole numbers"),
-        (ASCII.replace("DATA ascii", "DATA text"), "DATA text; expected ascii, binary or binary_compressed"),
+        (
+            ASCII.replace("DATA ascii", "DATA text"),
+            "DATA text; expected ascii, binary or binary_compressed",
+        ),
         (ASCII + "7 8 9\n", "3 lines of points for the 2 points"),
         (ASCII.replace("1 2 3\n4 5 6", "1 2\n4 5"), "2 numbers, 3 by its header"),
         (ASCII.replace("4 5 6", "4 5 six"), "lines of 3 numbers"),
@@ -153,10 +196,22 @@ HUGE = header("binary", points=10**12).encode()
         (ZEROS[: len(header("binary_compressed")) + 5], "no sizes after"),
         (compressed(bytes(25), literals(bytes(24))), "25 bytes of points, 24 for"),
         (compressed(bytes(24), literals(bytes(23))), "compressed block is damaged"),
-        (compressed(bytes(24), bytes([0x20, 0])), "compressed block is damaged"),  # copies from before the start
-        (compressed(bytes(24), bytes([31]) + bytes(5)), "compressed block is damaged"),  # 32 literals, five there
-        (compressed(bytes(24), bytes([0, 0, 0xE0])), "compressed block is damaged"),  # a copy without its length
-        (compressed(bytes(24), bytes([0, 0, 0xE0, 255, 0])), "compressed block is damaged"),  # copies over the end
+        (
+            compressed(bytes(24), bytes([0x20, 0])),
+            "compressed block is damaged",
+        ),  # copies from before the start
+        (
+            compressed(bytes(24), bytes([31]) + bytes(5)),
+            "compressed block is damaged",
+        ),  # 32 literals, five there
+        (
+            compressed(bytes(24), bytes([0, 0, 0xE0])),
+            "compressed block is damaged",
+        ),  # a copy without its length
+        (
+            compressed(bytes(24), bytes([0, 0, 0xE0, 255, 0])),
+            "compressed block is damaged",
+        ),  # copies over the end
     ],
 )
 def test_a_damaged_file_is_one_clear_line(data: bytes | str, says: str) -> None:
@@ -166,14 +221,16 @@ def test_a_damaged_file_is_one_clear_line(data: bytes | str, says: str) -> None:
 
 @pytest.mark.parametrize("points", [357_913_941, 20_000_000])
 def test_a_block_that_claims_gigabytes_is_refused_before_they_are_taken(points: int) -> None:
-    # 12 · 357,913,941 is 2³² − 4 bytes; 240 MB are within the largest scan, yet 1,000 bytes of LZF hold 88,000 at most.
+    # 12 · 357,913,941 is 2³² − 4 bytes; 240 MB are within the largest scan, yet 1,000 bytes of LZF
+    # hold 88,000 at most.
     head = header("binary_compressed", points=points).encode()
     with pytest.raises(LogError, match="claims that 1000 compressed bytes hold"):
         read(head + struct.pack("<II", 1000, 12 * points) + bytes(1000))
 
 
 @pytest.mark.parametrize(
-    ("line", "other"), [("POINTS 2\n", ""), ("HEIGHT 1\n", ""), ("HEIGHT 1", "HEIGHT 2"), ("WIDTH 2\nHEIGHT 1\n", "")]
+    ("line", "other"),
+    [("POINTS 2\n", ""), ("HEIGHT 1\n", ""), ("HEIGHT 1", "HEIGHT 2"), ("WIDTH 2\nHEIGHT 1\n", "")],
 )
 def test_the_count_of_points_may_be_said_once(line: str, other: str) -> None:
     np.testing.assert_array_equal(read(ASCII.replace(line, other)), [[1, 2, 3], [4, 5, 6]])
@@ -181,14 +238,17 @@ def test_the_count_of_points_may_be_said_once(line: str, other: str) -> None:
 
 def test_writers_that_leave_the_width_at_0_and_fill_a_page_with_zeros_are_read() -> None:
     points = np.arange(6, dtype=np.float32).reshape(2, 3)
-    odd = written(points, "binary_compressed").replace(b"WIDTH 2\nHEIGHT 1", b"WIDTH 0\nHEIGHT 0") + bytes(100)
+    odd = written(points, "binary_compressed").replace(
+        b"WIDTH 2\nHEIGHT 1", b"WIDTH 0\nHEIGHT 0"
+    ) + bytes(100)
     np.testing.assert_array_equal(read(odd), points)
     with pytest.raises(LogError, match="the file is damaged"):
         read(odd + b"\1")
 
 
 def test_real_key_frames_of_nclt_are_read(real: Path) -> None:
-    """METHODS 7.6: 498 to 5,435 points each, half of them 3,268 or fewer, the ground some .78 m below."""
+    """METHODS 7.6: 498 to 5,435 points each, half of them 3,268 or fewer, the ground some .78 m
+    below."""
     paths = sorted((real / "nclt_keyframes").glob("*.pcd"))[::20]
     clouds = [pcd.decode(path.read_bytes(), path, LARGEST) for path in paths]
     counts = np.array([len(cloud) for cloud in clouds])

@@ -16,7 +16,8 @@ from pipeline.formats.bag import CLOUD, typestore
 from pipeline.formats.pointcloud2 import DATATYPES, decode
 from tests.readers.damage import one_line
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,9 @@ ODD = (field("z", 1), field("x", 5, 8), field("y", 13, 3))
 DOUBLES = (field("x", 0, 8), field("y", 8, 8), field("z", 16, 8))
 
 
-def message(data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, **sizes: int | bool) -> Message:
+def message(
+    data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, **sizes: int | bool
+) -> Message:
     made = Message(np.frombuffer(data, np.uint8), width, fields)
     return replace(made, **({"row_step": width * int(sizes.get("point_step", 12))} | sizes))
 
@@ -50,24 +53,83 @@ def message(data: bytes, width: int, fields: tuple[SimpleNamespace, ...] = XYZ, 
 @pytest.mark.parametrize(
     ("message", "points", "kind"),
     [
-        (message(struct.pack("<6f", 1, 2, 3, -4, 5.5, 6), 2), [[1, 2, 3], [-4, 5.5, 6]], np.float32),
-        (message(struct.pack("<12f", 1, 2, 3, NAN, 0, 0, 0, INF, 0, 0, 0, -INF), 4), [[1, 2, 3]], np.float32),
-        (message(struct.pack("<Bfdh", 9, 3, 1, -2), 1, ODD, point_step=15), [[1, -2, 3]], np.float64),
-        (message(struct.pack(">6f", 1, 2, 3, 4, 5, 6), 2, is_bigendian=True), [[1, 2, 3], [4, 5, 6]], np.float64),
-        (message(struct.pack("<3f3x3f3x", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<3f3x3f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=24), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=0), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 2, height=0, row_step=24), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 2, row_step=0), [[1, 2, 3], [4, 5, 6]], np.float32),
-        (message(struct.pack("<6d", 1e300, 0, 0, 1, 2, 3), 2, DOUBLES, point_step=24), [[1, 2, 3]], np.float64),
+        (
+            message(struct.pack("<6f", 1, 2, 3, -4, 5.5, 6), 2),
+            [[1, 2, 3], [-4, 5.5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<12f", 1, 2, 3, NAN, 0, 0, 0, INF, 0, 0, 0, -INF), 4),
+            [[1, 2, 3]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<Bfdh", 9, 3, 1, -2), 1, ODD, point_step=15),
+            [[1, -2, 3]],
+            np.float64,
+        ),
+        (
+            message(struct.pack(">6f", 1, 2, 3, 4, 5, 6), 2, is_bigendian=True),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float64,
+        ),
+        (
+            message(struct.pack("<3f3x3f3x", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<3f3x3f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=15),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=24),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 1, height=2, row_step=0),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 2, height=0, row_step=24),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<6f", 1, 2, 3, 4, 5, 6), 2, row_step=0),
+            [[1, 2, 3], [4, 5, 6]],
+            np.float32,
+        ),
+        (
+            message(struct.pack("<6d", 1e300, 0, 0, 1, 2, 3), 2, DOUBLES, point_step=24),
+            [[1, 2, 3]],
+            np.float64,
+        ),
     ],
     ids=[
-        *("plain", "not finite", "another order at odd offsets", "big-endian", "padded rows", "no padding behind the last row"),
-        *("the size of all as row_step", "no row_step", "no height", "one row without row_step", "beyond float32"),
+        *(
+            "plain",
+            "not finite",
+            "another order at odd offsets",
+            "big-endian",
+            "padded rows",
+            "no padding behind the last row",
+        ),
+        *(
+            "the size of all as row_step",
+            "no row_step",
+            "no height",
+            "one row without row_step",
+            "beyond float32",
+        ),
     ],
 )
-def test_finite_points_of_any_layout_are_read(message: Message, points: list[list[float]], kind: type) -> None:
+def test_finite_points_of_any_layout_are_read(
+    message: Message, points: list[list[float]], kind: type
+) -> None:
     found = decode(message)
     np.testing.assert_array_equal(found, points)
     assert found.dtype == kind
@@ -95,26 +157,35 @@ def test_sizes_that_do_not_fit_are_one_line(made: Message, says: str) -> None:
 
 @st.composite
 def layouts(draw: st.DrawFn) -> tuple[Message, NDArray[np.float64]]:
-    """Any order of x, y, z and others, with gaps, of any type, count and byte order, in padded rows; and the points in it."""
+    """Any order of x, y, z and others, with gaps, of any type, count and byte order, in padded
+    rows; and the points in it."""
     big = draw(st.booleans())
-    offset, fields, formats = 0, [], {}
+    offset = 0
+    fields = []
+    formats = {}
     for name in draw(st.permutations(["x", "y", "z", "intensity", "ring"])):
-        datatype, count = draw(st.sampled_from(sorted(DATATYPES))), draw(st.integers(1, 3))
+        datatype = draw(st.sampled_from(sorted(DATATYPES)))
+        count = draw(st.integers(1, 3))
         offset += draw(st.integers(0, 5))
         fields.append(field(name, offset, datatype, count))
         formats[name] = (np.dtype((">" if big else "<") + DATATYPES[datatype]), offset)
         offset += np.dtype(DATATYPES[datatype]).itemsize * count
     step = offset + draw(st.integers(0, 5))
-    height, width = draw(st.integers(1, 3)), draw(st.integers(1, 4))
+    height = draw(st.integers(1, 3))
+    width = draw(st.integers(1, 4))
     row = width * step + draw(st.integers(0, 7))
-    data = np.frombuffer(draw(st.binary(min_size=height * row, max_size=height * row + 3)), np.uint8).copy()
+    data = np.frombuffer(
+        draw(st.binary(min_size=height * row, max_size=height * row + 3)), np.uint8
+    ).copy()
     points = np.zeros((height * width, 3))
     for i in range(len(points)):
         for axis, name in enumerate("xyz"):
             kind, at = formats[name]
             value = draw(st.integers(0, 100))
             start = i // width * row + i % width * step + at
-            data[start : start + kind.itemsize] = np.frombuffer(np.array(value, kind).tobytes(), np.uint8)
+            data[start : start + kind.itemsize] = np.frombuffer(
+                np.array(value, kind).tobytes(), np.uint8
+            )
             points[i, axis] = value
     return Message(data, width, tuple(fields), height, big, step, row), points
 
@@ -127,13 +198,20 @@ def test_any_layout_is_read(laid: tuple[Message, NDArray[np.float64]]) -> None:
 
 
 SIZES = st.one_of(st.integers(0, 40), st.sampled_from([2**31 - 1, 2**31, 2**32 - 1]))
-NAMES, COUNTS = st.sampled_from(["x", "y", "z", "x\n", ""]), st.one_of(st.integers(0, 3), st.just(2**32 - 1))
-FIELDS = st.one_of(st.just(XYZ), st.lists(st.builds(field, NAMES, SIZES, st.integers(0, 12), COUNTS), max_size=5))
+NAMES = st.sampled_from(["x", "y", "z", "x\n", ""])
+COUNTS = st.one_of(st.integers(0, 3), st.just(2**32 - 1))
+FIELDS = st.one_of(
+    st.just(XYZ), st.lists(st.builds(field, NAMES, SIZES, st.integers(0, 12), COUNTS), max_size=5)
+)
 DATA = st.binary(max_size=200).map(lambda data: np.frombuffer(data, np.uint8))
 STEPS = st.one_of(st.just(12), SIZES)
 
 
-@given(st.builds(Message, DATA, SIZES, FIELDS, st.one_of(st.just(1), SIZES), st.booleans(), STEPS, STEPS))
+@given(
+    st.builds(
+        Message, DATA, SIZES, FIELDS, st.one_of(st.just(1), SIZES), st.booleans(), STEPS, STEPS
+    )
+)
 @settings(max_examples=200, deadline=None, derandomize=True)
 def test_a_damaged_message_is_points_or_a_line(made: Message) -> None:
     try:
@@ -154,4 +232,6 @@ def test_a_real_message_of_26_bytes_a_point(real: Path) -> None:
     assert found.shape == (64_000, 3)
     assert int((found[:, 0] == 0).sum()) == 4_578
     start = data.find(found[:1].tobytes())
-    np.testing.assert_array_equal(struct.unpack_from("<3f", data, start + 26 * 63_999), found[63_999])
+    np.testing.assert_array_equal(
+        struct.unpack_from("<3f", data, start + 26 * 63_999), found[63_999]
+    )

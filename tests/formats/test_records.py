@@ -13,20 +13,33 @@ EXTRA = {
     16: [("intensity", "<f4")],
     20: [("intensity", "<f4"), ("ring", "<f4")],
     22: [("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")],
-    26: [("intensity", "<f4"), ("t", "<u4"), ("reflectivity", "<u2"), ("ring", "<u2"), ("ambient", "<u2")],
+    26: [
+        ("intensity", "<f4"),
+        ("t", "<u4"),
+        ("reflectivity", "<u2"),
+        ("ring", "<u2"),
+        ("ambient", "<u2"),
+    ],
 }
 REAL = Path(__file__).parents[3] / "shared/real"
 
 
 def sweep(width: int, n: int = 2000) -> tuple[bytes, np.ndarray]:
     """Rings of a room of 12 × 8 m, with the other columns as a sensor fills them."""
-    rng, turn = np.random.default_rng(0), np.linspace(0, 40 * np.pi, n)
+    rng = np.random.default_rng(0)
+    turn = np.linspace(0, 40 * np.pi, n)
     range_m = 1 / np.maximum(np.abs(np.cos(turn)) / 6, np.abs(np.sin(turn)) / 4)
-    xyz = np.column_stack([range_m * np.cos(turn), range_m * np.sin(turn), 0.1 * np.floor(turn / 6.3)]).astype("<f4")
+    xyz = np.column_stack(
+        [range_m * np.cos(turn), range_m * np.sin(turn), 0.1 * np.floor(turn / 6.3)]
+    ).astype("<f4")
     rows = np.zeros(n, [("xyz", "<f4", 3), *EXTRA[width]])
     rows["xyz"] = xyz
     for name, kind in EXTRA[width]:
-        column = {"intensity": rng.uniform(0, 1, n), "ring": np.floor(turn / 6.3), "time": np.linspace(0, 0.1, n)}
+        column = {
+            "intensity": rng.uniform(0, 1, n),
+            "ring": np.floor(turn / 6.3),
+            "time": np.linspace(0, 0.1, n),
+        }
         rows[name] = column.get(name, np.arange(n) * (1000 if kind == "<u4" else 1))
     return rows.tobytes(), xyz
 
@@ -45,7 +58,8 @@ def test_few_points_have_the_commonest_layout_that_fits() -> None:
 
 @pytest.mark.parametrize("width", [12, 16, 20])
 def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: int) -> None:
-    """1,980 points are as many bytes as whole records of 12, 16 and 20 bytes; neighbours in the file tell nothing."""
+    """1,980 points are as many bytes as whole records of 12, 16 and 20 bytes; neighbours in the
+    file tell nothing."""
     data, _ = sweep(width, 1980)
     rows = np.frombuffer(data, np.uint8).reshape(-1, width)
     mixed = np.random.default_rng(1).permutation(rows).tobytes()
@@ -53,7 +67,8 @@ def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: in
 
 
 def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
-    """A cube filled evenly: heights are spread as positions are, and 500 points of 16 bytes are 400 of 20."""
+    """A cube filled evenly: heights are spread as positions are, and 500 points of 16 bytes are 400
+    of 20."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
     assert layout(cube) == (16, False)
 
@@ -61,7 +76,9 @@ def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
 def test_a_cloud_as_high_as_it_is_wide_is_not_taken_for_one_by_columns() -> None:
     """A shaft of 12 m each way, scanned from below to above, whose intensity is no length."""
     rng = np.random.default_rng(0)
-    shaft = np.column_stack([rng.uniform(-6, 6, (4000, 2)), np.linspace(-6, 6, 4000), rng.uniform(0, 1, 4000)]).astype("<f4")
+    shaft = np.column_stack(
+        [rng.uniform(-6, 6, (4000, 2)), np.linspace(-6, 6, 4000), rng.uniform(0, 1, 4000)]
+    ).astype("<f4")
     refuse_planar(shaft.tobytes(), Path("1.bin"))
     np.testing.assert_array_equal(points(shaft.tobytes(), Path("1.bin")), shaft[:, :3])
 
@@ -72,7 +89,10 @@ def test_a_file_of_all_x_then_all_y_is_refused_with_what_to_do(width: int, order
     data, _ = sweep(width)
     rows = np.frombuffer(data, "<f4").reshape(-1, width // 4)
     rows = rows if ordered else np.random.default_rng(1).permutation(rows)
-    with pytest.raises(LogError, match=r"1.bin: holds all x, then all y, then all z; with N numbers .*reshape\(N, -1\)"):
+    with pytest.raises(
+        LogError,
+        match=r"1.bin: holds all x, then all y, then all z; with N numbers .*reshape\(N, -1\)",
+    ):
         points(rows.T.tobytes(), Path("1.bin"))
     refuse_planar(rows.tobytes(), Path("1.bin"))
 
@@ -83,7 +103,10 @@ def test_a_file_of_all_x_then_all_y_is_refused_with_what_to_do(width: int, order
         (b"", "0 bytes that are no points"),
         (bytes(1600), "bytes that are no points"),
         (np.random.default_rng(0).bytes(8000), "bytes that are no points"),
-        (np.tile(np.array([20000, 20100, 19000, 7 << 8], "<u2"), 100).tobytes(), "integers as NCLT's; the dataset nclt reads"),
+        (
+            np.tile(np.array([20000, 20100, 19000, 7 << 8], "<u2"), 100).tobytes(),
+            "integers as NCLT's; the dataset nclt reads",
+        ),
     ],
     ids=["empty", "zeros", "noise", "nclt"],
 )
@@ -94,6 +117,11 @@ def test_what_holds_no_floats_is_refused(data: bytes, why: str) -> None:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no real data beside the project")
 def test_real_scans_tell_their_layout() -> None:
-    scans = {8: REAL.glob("nclt/*/velodyne_sync/*.bin"), 16: REAL.glob("kitti/sequences/00/velodyne/*.bin")}
-    found = {width: [point_bytes(path.read_bytes()) for path in paths] for width, paths in scans.items()}
+    scans = {
+        8: REAL.glob("nclt/*/velodyne_sync/*.bin"),
+        16: REAL.glob("kitti/sequences/00/velodyne/*.bin"),
+    }
+    found = {
+        width: [point_bytes(path.read_bytes()) for path in paths] for width, paths in scans.items()
+    }
     assert all(len(every) and set(every) == {width} for width, every in found.items())

@@ -41,7 +41,9 @@ def test_tables_are_laid_as_the_data_set_lays_them(tmp_path: Path) -> None:
         "1405349390000000,INS_SOLUTION_GOOD,nan,nan,110,5735000.12346,620000.5,-110,30U,nan,nan,nan,0,0,0.25",
     ]
     robotcar.write_timestamps(tmp_path / "lms_front.timestamps", utimes)
-    assert (tmp_path / "lms_front.timestamps").read_text() == "1405349390000000 1\n1405349390062500 1\n"
+    assert (
+        tmp_path / "lms_front.timestamps"
+    ).read_text() == "1405349390000000 1\n1405349390062500 1\n"
 
 
 def test_the_extrinsics_are_those_of_the_sdk(tmp_path: Path, real: Path) -> None:
@@ -53,7 +55,8 @@ def test_the_extrinsics_are_those_of_the_sdk(tmp_path: Path, real: Path) -> None
 
 @pytest.mark.parametrize("lasers", [("lms_front",), ("lms_rear",), ("lms_front", "lms_rear")])
 def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str, ...]) -> None:
-    # A winding climb, known z up; the files hold the INS unit's z-down poses, and motion between images.
+    # A winding climb, known z up; the files hold the INS unit's z-down poses, and motion between
+    # images.
     rng = np.random.default_rng(4)
     s = np.arange(20.0)
     xyz = np.column_stack([5.7e6 + 3 * s, -6.2e5 + np.sin(s), 110 + 0.1 * s])
@@ -62,9 +65,16 @@ def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str,
     ned = flip_ned(world_T_vehicle)
     numbers = np.array([robotcar.EXTRINSICS["ins"]])
     robotcar.write_extrinsics(tmp_path / "extrinsics")
-    robotcar.write_vo(tmp_path / SEQUENCE / robotcar.VO, utimes, xyzrpy(np.linalg.inv(ned[:-1]) @ ned[1:]))
+    robotcar.write_vo(
+        tmp_path / SEQUENCE / robotcar.VO, utimes, xyzrpy(np.linalg.inv(ned[:-1]) @ ned[1:])
+    )
     statuses = [robotcar.INS_GOOD] * 20
-    robotcar.write_ins(tmp_path / SEQUENCE / robotcar.INS, utimes, statuses, xyzrpy(ned @ pose(*np.hsplit(numbers, 2))))
+    robotcar.write_ins(
+        tmp_path / SEQUENCE / robotcar.INS,
+        utimes,
+        statuses,
+        xyzrpy(ned @ pose(*np.hsplit(numbers, 2))),
+    )
     returns = {laser: rng.uniform(-40, 40, (20, 9, 2)) for laser in lasers}
     for laser in lasers:
         robotcar.write_timestamps(tmp_path / SEQUENCE / robotcar.STAMPS.format(laser=laser), utimes)
@@ -76,8 +86,12 @@ def test_a_drive_that_is_written_is_read_back(tmp_path: Path, lasers: tuple[str,
     log = RobotCar(lasers).open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == [1000 * utime for utime in utimes]
     assert (log.notes, log.skipped) == ((), {})
-    np.testing.assert_allclose(log.world_T_scan, world_T_vehicle, atol=1e-4)  # the file has 12 digits: 10 µm of a northing
-    np.testing.assert_allclose(log.odom_T_scan, np.linalg.inv(world_T_vehicle[0]) @ world_T_vehicle, atol=1e-6)
+    np.testing.assert_allclose(
+        log.world_T_scan, world_T_vehicle, atol=1e-4
+    )  # the file has 12 digits: 10 µm of a northing
+    np.testing.assert_allclose(
+        log.odom_T_scan, np.linalg.inv(world_T_vehicle[0]) @ world_T_vehicle, atol=1e-6
+    )
     for row in (0, 7, 19):
         points = np.split(log.points(row), len(lasers))
         for laser, cloud in zip(lasers, points, strict=True):

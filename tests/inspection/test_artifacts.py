@@ -13,11 +13,39 @@ from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
 
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
-LENGTHS = {"xyz": 3, "row": 4, "col": 4, "xy": 2, "ring": 6, "sector": 8, "rank": 5, "top_n": 25, "kind": 2, "case": 1}
-LENGTHS |= {"protocol": 2, "number": len(NUMBERS), "measure": len(MEASURES), "bound3": 3, "confidence2": 2}
-ATTRS = {"protocols": PROTOCOLS, "numbers": NUMBERS, "measures": MEASURES, "kinds": ("entropy", "energy")}
+LENGTHS = {
+    "xyz": 3,
+    "row": 4,
+    "col": 4,
+    "xy": 2,
+    "ring": 6,
+    "sector": 8,
+    "rank": 5,
+    "top_n": 25,
+    "kind": 2,
+    "case": 1,
+}
+LENGTHS |= {
+    "protocol": 2,
+    "number": len(NUMBERS),
+    "measure": len(MEASURES),
+    "bound3": 3,
+    "confidence2": 2,
+}
+ATTRS = {
+    "protocols": PROTOCOLS,
+    "numbers": NUMBERS,
+    "measures": MEASURES,
+    "kinds": ("entropy", "energy"),
+}
 ATTRS |= {"bootstrap": {"block_m": 50.0}}
-ATTRS |= {"layout": "odom_T_scan", "left_out": {"no true pose": 7}, "grain_m": 0.005, "skipped": {}, "clipped": 0}
+ATTRS |= {
+    "layout": "odom_T_scan",
+    "left_out": {"no true pose": 7},
+    "grain_m": 0.005,
+    "skipped": {},
+    "clipped": 0,
+}
 ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ATTRS |= {"kept_precision": (0.731, None)}
@@ -28,7 +56,9 @@ SCHEMAS = {schema.kind: schema for schema in ALL}
 def write(path: Path, kind: str, **given: np.ndarray) -> Path:
     """An artifact of any kind: rows of plausible numbers, unless given."""
     schema = SCHEMAS[kind]
-    with store.write(path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attrs}) as draft:
+    with store.write(
+        path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attrs}
+    ) as draft:
         for name, column in schema.columns.items():
             shape = [LENGTHS.get(dim, ROWS + dim.endswith("+1")) for dim in column.dims]
             draft.put(name, given.get(name, plain(name, shape, column.dtype)))
@@ -53,7 +83,8 @@ def scans(path: Path, cloud: np.ndarray, **given: np.ndarray) -> Path:
 
 @pytest.mark.parametrize("kind", [kind for kind in SCHEMAS if kind != "scans"])
 def test_every_kind_is_described_with_each_array_and_attribute(tmp_path: Path, kind: str) -> None:
-    text, schema = inspect(write(tmp_path / "a.zarr", kind)).text(), SCHEMAS[kind]
+    text = inspect(write(tmp_path / "a.zarr", kind)).text()
+    schema = SCHEMAS[kind]
     assert f"{schema.kind}, version {schema.version}" in text.splitlines()[0]
     for name in (*schema.columns, *schema.attrs):
         assert f"\n  {name} " in text
@@ -62,7 +93,9 @@ def test_every_kind_is_described_with_each_array_and_attribute(tmp_path: Path, k
 def test_scans_tell_path_date_and_clouds(tmp_path: Path) -> None:
     found = inspect(scans(tmp_path / "2012-01-15.zarr", scan(64)))
     assert found.warnings == ()
-    assert_says(found, "2012-01-15 18:39:55 UTC", "18 m, step median 2 m", "clouds, vehicle frame")  # 9 steps of 2 m
+    assert_says(
+        found, "2012-01-15 18:39:55 UTC", "18 m, step median 2 m", "clouds, vehicle frame"
+    )  # 9 steps of 2 m
 
 
 def test_a_warning_that_all_scans_share_is_said_once(tmp_path: Path) -> None:
@@ -73,10 +106,19 @@ def test_a_warning_that_all_scans_share_is_said_once(tmp_path: Path) -> None:
 
 
 def test_submaps_tell_what_they_gather_and_what_was_left_out(tmp_path: Path) -> None:
-    rows = {"first": np.arange(ROWS) // 2, "scans": np.arange(ROWS), "ground_m": -np.arange(ROWS) / 10}
+    rows = {
+        "first": np.arange(ROWS) // 2,
+        "scans": np.arange(ROWS),
+        "ground_m": -np.arange(ROWS) / 10,
+    }
     found = inspect(write(tmp_path / "a.zarr", "submaps", used=np.ones(ROWS, bool), **rows))
     # The first gathers itself alone; the last: 4, 5, … 9.
-    assert_says(found, "1 … 6 scans each, laid out by odom_T_scan", "−0.90 … 0.00 m", "7 anchors: no true pose")
+    assert_says(
+        found,
+        "1 … 6 scans each, laid out by odom_T_scan",
+        "−0.90 … 0.00 m",
+        "7 anchors: no true pose",
+    )
 
 
 def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: Path) -> None:
@@ -97,9 +139,18 @@ def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
 
 def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
     novelty = np.stack([np.linspace(0.1, 1.0, ROWS), np.ones(ROWS)], axis=1).astype(np.float32)
-    found = inspect(write(tmp_path / "a.zarr", "rankings", novelty=novelty, confidence=np.full(ROWS, np.nan, np.float32)))
+    found = inspect(
+        write(
+            tmp_path / "a.zarr",
+            "rankings",
+            novelty=novelty,
+            confidence=np.full(ROWS, np.nan, np.float32),
+        )
+    )
     # .5 … 1.0 are six of ten.
-    assert_says(found, "rejects 60.0 % from 0.5 on", "rejects 0.0 % from 2 on", "confidence     none")
+    assert_says(
+        found, "rejects 60.0 % from 0.5 on", "rejects 0.0 % from 2 on", "confidence     none"
+    )
     assert found.warnings[0].startswith("every query gets the same first answer")
 
 
@@ -116,16 +167,22 @@ def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) 
     assert_says(found, "heading    median error 1.000°, within 10° 1.000 of the right")
     assert found.warnings == ()
     numbers[:, NUMBERS.index("heading_within_10deg")] = np.nan
-    untold = inspect(write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])).text()
+    untold = inspect(
+        write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])
+    ).text()
     assert "\n  heading  " not in untold
 
 
 def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:
     seen = np.stack([np.ones(ROWS, bool), np.zeros(ROWS, bool)])
     none = np.full((1, 2, len(NUMBERS), 3), np.nan)
-    found = inspect(write(tmp_path / "a.zarr", "evaluations", seen=seen[None], unseen=~seen[None], numbers=none))
+    found = inspect(
+        write(tmp_path / "a.zarr", "evaluations", seen=seen[None], unseen=~seen[None], numbers=none)
+    )
     assert "at 1 none" in found.text()
-    assert found.warnings == ("no query was seen in training by distance: recall and AUC mean nothing there",)
+    assert found.warnings == (
+        "no query was seen in training by distance: recall and AUC mean nothing there",
+    )
 
 
 def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:
@@ -133,27 +190,41 @@ def test_provenance_is_what_dvc_lock_says(tmp_path: Path) -> None:
     lock = tmp_path / "dvc.lock"
     assert f"there is no {lock}" in inspect(path, lock=lock).text()
     lock.write_text(
-        "schema: '2.0'\nstages:\n  labels@a:\n    cmd: python -m stages.labels a\n"
-        "    deps:\n    - path: stages/labels.py\n      hash: md5\n      md5: 0123456789abcdef\n      size: 1200\n"
-        "    - path: artifacts/submaps/a.zarr\n      hash: md5\n      md5: fedcba98.dir\n      size: 34000\n      nfiles: 9\n"
-        "    params:\n      conf/labels.yaml:\n        cell_m: 10.0\n        out:\n"
-        "    outs:\n    - path: artifacts/labels/a.zarr\n      md5: ff.dir\n"
+        "schema: '2.0'\nstages:\n  labels@a:\n    cmd: python -m stages.labels a\n    deps:\n    "
+        "- path: stages/labels.py\n      hash: md5\n      md5: 0123456789abcdef\n      size: "
+        "1200\n    - path: artifacts/submaps/a.zarr\n      hash: md5\n      md5: fedcba98.dir\n   "
+        "   size: 34000\n      nfiles: 9\n    params:\n      conf/labels.yaml:\n        cell_m: "
+        "10.0\n        out:\n    outs:\n    - path: artifacts/labels/a.zarr\n      md5: ff.dir\n"
     )
     found = inspect(path, lock=lock)
-    assert_says(found, "labels@a", "python -m stages.labels a", "conf/labels.yaml: cell_m=10", "code    stages/labels.py")
+    assert_says(
+        found,
+        "labels@a",
+        "python -m stages.labels a",
+        "conf/labels.yaml: cell_m=10",
+        "code    stages/labels.py",
+    )
     assert_says(found, "artifacts/submaps/a.zarr (fedcba98, 34 kB, 9 files)")
     other = write(tmp_path / "artifacts" / "labels" / "b.zarr", "labels")
     assert "has no entry for it" in inspect(other, lock=lock).text()
 
 
 def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
-    path, lock = write(tmp_path / "a.zarr", "labels"), tmp_path / "dvc.lock"
+    path = write(tmp_path / "a.zarr", "labels")
+    lock = tmp_path / "dvc.lock"
     files = [file for file in path.rglob("*") if file.is_file()]
     size = sum(file.stat().st_size for file in files)
-    lock.write_text(f"stages:\n  labels:\n    outs:\n    - path: a.zarr\n      size: {size}\n      nfiles: {len(files)}\n")
+    lock.write_text(
+        f"stages:\n  labels:\n    outs:\n    - path: a.zarr\n      size: {size}\n      nfiles: "
+        f"{len(files)}\n"
+    )
     assert inspect(path, lock=lock).warnings == ()
     (path / "more").touch()
-    assert inspect(path, lock=lock).warnings[0].startswith(f"not what {lock} recorded: {len(files) + 1} files")
+    assert (
+        inspect(path, lock=lock)
+        .warnings[0]
+        .startswith(f"not what {lock} recorded: {len(files) + 1} files")
+    )
     next(file for file in files if file.name != "zarr.json").unlink()
     with one_line(ArtifactError, r"a\.zarr: 1 of 1 files of \w+ are missing"):
         inspect(path, lock=lock)
@@ -161,7 +232,11 @@ def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
 
 def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
     path = tmp_path / "sci.safetensors"
-    store.write_model(path, {"weight": np.array([[1.0, np.nan]], np.float32), "scale": np.array(2.0)}, {"epochs": 30})
+    store.write_model(
+        path,
+        {"weight": np.array([[1.0, np.nan]], np.float32), "scale": np.array(2.0)},
+        {"epochs": 30},
+    )
     found = inspect(path)
     assert "epochs  30" in found.text()
     assert found.warnings[0].startswith("NaN/inf in weight")
@@ -169,11 +244,16 @@ def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
 
 def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
     path = write(tmp_path / "a.zarr", "labels")
-    shard = next(file for file in (path / "places").rglob("*") if file.is_file() and file.name != "zarr.json")
+    shard = next(
+        file for file in (path / "places").rglob("*") if file.is_file() and file.name != "zarr.json"
+    )
     shard.write_bytes(shard.read_bytes()[:-9])
     with one_line(ArtifactError, r"places is damaged .*dvc repro"):
         inspect(path)
-    for text, says in (('{"attributes": {"kind": "casks"}}', "kind casks"), ('{"attr', "cut short")):
+    for text, says in (
+        ('{"attributes": {"kind": "casks"}}', "kind casks"),
+        ('{"attr', "cut short"),
+    ):
         (path / "zarr.json").write_text(text)
         with one_line(ArtifactError, says):
             inspect(path)
@@ -191,7 +271,9 @@ def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
         ("", LogError, r"no artifact, folder of scans.*notes.md"),
     ],
 )
-def test_what_is_missing_or_unknown_is_one_line(tmp_path: Path, name: str, kind: type, says: str) -> None:
+def test_what_is_missing_or_unknown_is_one_line(
+    tmp_path: Path, name: str, kind: type, says: str
+) -> None:
     for there in ("notes.md", "bad.safetensors", "a.laz", "a.pcap"):
         (tmp_path / there).write_text("x")
     with one_line(kind, says):

@@ -36,7 +36,9 @@ def proposed(*paths: Path) -> dict:
     assert found.keys() == ours.keys()
     assert found["reader"].keys() == ours["reader"].keys()
     assert found["study"] == ours["study"] | {"submap": found["study"]["submap"]}
-    return {key: value for key, value in found["reader"].items() if key != "_target_"} | {"submap": found["study"]["submap"]}
+    return {key: value for key, value in found["reader"].items() if key != "_target_"} | {
+        "submap": found["study"]["submap"]
+    }
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -44,9 +46,20 @@ def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str
     path = drive(bag_path(tmp_path, kind), kind, clouds=40)
     found = inspect(path)
     assert all("looked at)" in warning for warning in found.warnings)  # of clouds of two points
-    assert_says(found, "as its reader opens it", "messages  40, 40 with a true pose", "odometry  at 100 % of the messages")
-    assert_says(found, "/points     40        10 a second", "sensor_msgs/PointCloud2, in lidar", "span  4 s")
-    assert_says(found, "nav_msgs/Odometry, in map, of base_link", "base_link > lidar  1  fixed, at x 0.500, y 0.000, z 1.500 m")
+    assert_says(
+        found,
+        "as its reader opens it",
+        "messages  40, 40 with a true pose",
+        "odometry  at 100 % of the messages",
+    )
+    assert_says(
+        found, "/points     40        10 a second", "sensor_msgs/PointCloud2, in lidar", "span  4 s"
+    )
+    assert_says(
+        found,
+        "nav_msgs/Odometry, in map, of base_link",
+        "base_link > lidar  1  fixed, at x 0.500, y 0.000, z 1.500 m",
+    )
     keys = proposed(path)
     assert (keys["truth"], keys["odometry"], keys.pop("submap")) == ("/truth", "/odom", "single")
     assert len(Bag(**keys).open(tmp_path, "drive").stamps_ns) == 40
@@ -54,11 +67,18 @@ def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str
 
 
 def test_clouds_that_lie_in_the_world_already_are_refused_as_proposed(tmp_path: Path) -> None:
-    """As a SLAM publishes them: the reader would move every point twice, wherever body_T_lidar puts it."""
+    """As a SLAM publishes them: the reader would move every point twice, wherever body_T_lidar puts
+    it."""
     with BagWriter(tmp_path / "drive", "mcap") as bag:
         for i in range(20):
             bag.odometry(START_NS + i * STEP_NS, "camera_init", "body", at(i))
-            bag.points(START_NS + i * STEP_NS, "camera_init", np.ones((5, 3), np.float32), np.ones(5), np.arange(5))
+            bag.points(
+                START_NS + i * STEP_NS,
+                "camera_init",
+                np.ones((5, 3), np.float32),
+                np.ones(5),
+                np.arange(5),
+            )
     found = inspect(tmp_path / "drive")
     (warning,) = found.warnings
     assert "refuses the bag as proposed" in warning
@@ -71,11 +91,15 @@ def test_a_cloud_in_the_robots_frame_is_proposed_before_one_in_the_world(tmp_pat
             bag.odometry(START_NS + i * STEP_NS, "map", "body", at(i))
             for topic, frame in (("/a_map", "map"), ("/body", "body")):
                 stamp_ns = START_NS + i * STEP_NS
-                bag.points(stamp_ns, frame, np.ones((5, 3), np.float32), np.ones(5), np.arange(5), topic)
+                bag.points(
+                    stamp_ns, frame, np.ones((5, 3), np.float32), np.ones(5), np.arange(5), topic
+                )
     assert proposed(tmp_path / "drive")["points"] == "/body"
 
 
-def test_a_bag_too_large_to_be_tried_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bag_too_large_to_be_tried_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("pipeline.inspection.bags.TRIED_BYTES", 100)
     (warning,) = inspect(drive(tmp_path / "drive", "mcap")).warnings
     assert warning.startswith("not tried: ")
@@ -95,7 +119,13 @@ def test_the_ground_of_the_first_cloud_is_lifted_to_zero(tmp_path: Path) -> None
         points = (scan() - (0, 0, 1.8)).astype(np.float32)
         for i in range(3):
             bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i))
-            bag.points(START_NS + i * STEP_NS, "base_link", points, np.zeros(len(points)), np.zeros(len(points)))
+            bag.points(
+                START_NS + i * STEP_NS,
+                "base_link",
+                points,
+                np.zeros(len(points)),
+                np.zeros(len(points)),
+            )
     keys = proposed(tmp_path / "drive")
     assert keys.pop("submap") == "single"
     assert keys["lift_m"] == pytest.approx(1.8, abs=0.05)
@@ -114,9 +144,15 @@ def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
             bag.laser_scan(START_NS + i * STEP_NS, "laser", np.ones(9), 0, 0.1, 0.1, 30)
     keys = proposed(tmp_path / "drive.bag")
     assert keys.pop("submap") == "flat"
-    assert (keys["points"], keys["truth"], keys["odometry"]) == ("/scan", "tf:map>base_link", "tf:odom>base_link")
+    assert (keys["points"], keys["truth"], keys["odometry"]) == (
+        "/scan",
+        "tf:map>base_link",
+        "tf:odom>base_link",
+    )
     log = Bag(**keys).open(tmp_path, "drive")
-    np.testing.assert_allclose(log.world_T_scan[:, :2, 3], [[i, 0.1 * i] for i in range(4)], atol=1e-12)
+    np.testing.assert_allclose(
+        log.world_T_scan[:, :2, 3], [[i, 0.1 * i] for i in range(4)], atol=1e-12
+    )
 
 
 def test_poses_that_only_drift_and_extrinsics_that_lack_are_told(tmp_path: Path) -> None:
@@ -132,7 +168,10 @@ def test_poses_that_only_drift_and_extrinsics_that_lack_are_told(tmp_path: Path)
 def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
         bag.odometry(START_NS, "odom", "base_link", at(0))
-    assert "neither a PointCloud2 nor a LaserScan in it; it holds /odom" in inspect(tmp_path / "drive.bag").warnings[0]
+    assert (
+        "neither a PointCloud2 nor a LaserScan in it; it holds /odom"
+        in inspect(tmp_path / "drive.bag").warnings[0]
+    )
     with pytest.raises(LogError, match="neither a PointCloud2"):
         proposal([tmp_path / "drive.bag"])
     with pytest.raises(LogError, match="no bag there"):
@@ -141,13 +180,20 @@ def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:
 
 def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
     found = inspect(real / "bags" / "laserscan_rosbag1_v2.0.bag")
-    assert_says(found, "/scan  360       10.1 a second  sensor_msgs/LaserScan, in laser", "span  35.8 s")
+    assert_says(
+        found, "/scan  360       10.1 a second  sensor_msgs/LaserScan, in laser", "span  35.8 s"
+    )
     assert found.warnings[0].startswith("no poses: the reader needs an Odometry")
     assert found.warnings[0].endswith("Topics here: /scan (sensor_msgs/LaserScan)")
     assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["truth"] is None
-    left = [warning for warning in inspect(real / "bags").warnings if warning.startswith("left aside")]
+    left = [
+        warning for warning in inspect(real / "bags").warnings if warning.startswith("left aside")
+    ]
     assert len(left) == 2
-    for name, says in (("rosbag1_bad_index", "cannot be read as a bag"), ("rosbag_v1.2", "of version 1.2")):
+    for name, says in (
+        ("rosbag1_bad_index", "cannot be read as a bag"),
+        ("rosbag_v1.2", "of version 1.2"),
+    ):
         with one_line(LogError, says):
             inspect(real / "bags" / f"laserscan_{name}.bag")
 
@@ -178,9 +224,13 @@ def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObj
     assert "\n" not in refused
 
 
-@pytest.mark.parametrize("kind", ["livox_ros_driver2/msg/CustomMsg", "velodyne_msgs/msg/VelodyneScan"])
+@pytest.mark.parametrize(
+    "kind", ["livox_ros_driver2/msg/CustomMsg", "velodyne_msgs/msg/VelodyneScan"]
+)
 def test_packets_of_a_lidar_are_sent_to_its_driver(tmp_path: Path, kind: str) -> None:
     packed = TopicSummary("/lidar", kind, 5, 10.0, "", "")
     contents = replace(Contents.read([drive(tmp_path / "drive.bag", "ros1")]), topics=(packed,))
-    with pytest.raises(LogError, match=f"driver make PointCloud2 of {kind} while `ros2 bag record` runs"):
+    with pytest.raises(
+        LogError, match=f"driver make PointCloud2 of {kind} while `ros2 bag record` runs"
+    ):
         propose(contents)

@@ -25,7 +25,9 @@ def test_beams_are_counted_from_the_points_alone(beams: int) -> None:
 
 
 def test_the_sensor_stands_over_the_ground_by_what_is_known() -> None:
-    assert diagnose(scan(ground_m=-1.73)).sensor_m == pytest.approx(1.73, abs=0.05)  # its points start at it
+    assert diagnose(scan(ground_m=-1.73)).sensor_m == pytest.approx(
+        1.73, abs=0.05
+    )  # its points start at it
     assert diagnose(scan(), mounted_m=1.9).sensor_m == pytest.approx(1.9, abs=0.05)
 
 
@@ -88,6 +90,8 @@ def test_a_real_kitti_scan_has_64_beams_and_no_warning(real: Path, row: int) -> 
 
 
 def test_a_real_nclt_scan_has_32_beams_and_no_warning(real: Path) -> None:
-    found = diagnose(read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin"))
+    found = diagnose(
+        read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin")
+    )
     assert (found.beams, found.warnings) == (32, ())
     assert found.sensor_m == pytest.approx(0.957, abs=0.15)  # METHODS 7.1

@@ -18,7 +18,9 @@ START_US = 1_326_652_795_000_000
 
 def nclt_bytes(points: np.ndarray, beams: int = 32) -> bytes:
     laser = np.arange(len(points)) % beams
-    return nclt.encode(points.astype(np.float32), np.full(len(points), 80, np.uint8), laser.astype(np.uint8))
+    return nclt.encode(
+        points.astype(np.float32), np.full(len(points), 80, np.uint8), laser.astype(np.uint8)
+    )
 
 
 def nclt_sequence(root: Path, scans: int = 6) -> Path:
@@ -26,7 +28,9 @@ def nclt_sequence(root: Path, scans: int = 6) -> Path:
     folder = root / "2012-01-15"
     (folder / "velodyne_sync").mkdir(parents=True)
     for i in range(scans):
-        (folder / "velodyne_sync" / f"{START_US + 200_000 * i}.bin").write_bytes(nclt_bytes(scan(32)))
+        (folder / "velodyne_sync" / f"{START_US + 200_000 * i}.bin").write_bytes(
+            nclt_bytes(scan(32))
+        )
     stamps = START_US + 100_000 * np.arange(2 * scans)
     rows = np.zeros((len(stamps), 6))
     rows[:, 0] = np.arange(len(stamps))
@@ -68,7 +72,9 @@ def test_a_folder_of_scans_counts_what_is_cut_short(tmp_path: Path) -> None:
     (scans / f"{START_US + 1}.bin").write_bytes(b"1234567")
     found = inspect(scans)
     assert "rate           5 a second" in found.text()
-    assert [warning.split(" (")[0] for warning in found.warnings] == ["1 scans are empty or cut short"]
+    assert [warning.split(" (")[0] for warning in found.warnings] == [
+        "1 scans are empty or cut short"
+    ]
 
 
 def test_poses_tell_their_gaps_and_nans(tmp_path: Path) -> None:
@@ -91,13 +97,18 @@ def test_packets_are_counted_and_looked_at_in_the_bodys_frame(tmp_path: Path) ->
     size = len(hits) // 8 // 4 * 8
     path = tmp_path / "velodyne_hits.bin"
     header = struct.pack("<4H", *[44444] * 4)
-    packets = [header + struct.pack("<IQI", size // 8, START_US + 100 * i, 0) + hits[i % 4 * size :][:size] for i in range(8)]
+    packets = [
+        header + struct.pack("<IQI", size // 8, START_US + 100 * i, 0) + hits[i % 4 * size :][:size]
+        for i in range(8)
+    ]
     path.write_bytes(b"".join(packets))
     found = inspect(path)
     assert f"8, with {8 * size // 8:,} hits" in found.text()
     assert "ground   at z = +0.0" in found.text() or "ground   at z = −0.0" in found.text()
     path.write_bytes(path.read_bytes()[:-3])
-    with pytest.raises(LogError, match=f"no whole packet at byte {4 * (24 + size) + 3 * (24 + size)}"):
+    with pytest.raises(
+        LogError, match=f"no whole packet at byte {4 * (24 + size) + 3 * (24 + size)}"
+    ):
         inspect(path)
 
 
@@ -129,7 +140,9 @@ def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
         ("velodyne_hits.bin", b""),
     ],
 )
-def test_a_broken_raw_file_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes) -> None:
+def test_a_broken_raw_file_is_one_line_that_names_it(
+    tmp_path: Path, name: str, data: bytes
+) -> None:
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
@@ -156,18 +169,24 @@ def test_real_files_are_told_without_warnings(real: Path, name: str, words: str)
 
 def test_a_tum_trajectory_tells_its_path_and_its_gaps(tmp_path: Path) -> None:
     rows = [f"{100 + i / 10}, {3 * i} 0 {4 * i} 0 0 0 1" for i in range(5)]  # 5 m a row
-    (tmp_path / "poses.txt").write_text("# stamp x y z qx qy qz qw\n" + "\n".join([*rows, "101 nan 0 0 0 0 0 1"]) + "\n")
+    (tmp_path / "poses.txt").write_text(
+        "# stamp x y z qx qy qz qw\n" + "\n".join([*rows, "101 nan 0 0 0 0 0 1"]) + "\n"
+    )
     found = inspect(tmp_path / "poses.txt")
     assert_says(found, "TUM trajectory", "6, of which 1 hold a NaN", "20 m, median step 5 m")
     assert_says(found, "x 0.0 … 12.0 m, y 0.0 … 0.0 m, z 0.0 … 16.0 m")
-    for text, kind, says in (("100 0 0 0 0 0 0 2\n", LogError, "quaternion"), ("hello\n", ConfigError, "no kind of file")):
+    for text, kind, says in (
+        ("100 0 0 0 0 0 0 2\n", LogError, "quaternion"),
+        ("hello\n", ConfigError, "no kind of file"),
+    ):
         (tmp_path / "poses.txt").write_text(text)
         with pytest.raises(kind, match=says):
             inspect(tmp_path / "poses.txt")
 
 
 HEAD = (
-    "VERSION 0.7\nFIELDS x y z normal\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 3\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\nDATA binary\n"
+    "VERSION 0.7\nFIELDS x y z normal\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 3\nWIDTH "
+    "{n}\nHEIGHT 1\nPOINTS {n}\nDATA binary\n"
 )
 
 
@@ -185,27 +204,38 @@ def test_a_pcd_is_described_with_its_fields_and_points(tmp_path: Path) -> None:
         inspect(path)
 
 
-def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(tmp_path: Path) -> None:
+def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(
+    tmp_path: Path,
+) -> None:
     log = inspect(carmen_log(tmp_path / "logs") / "drive.log")
-    assert_says(log, "CARMEN log", "sweeps    6, 6 with a true pose", "odometry  at 83.3 % of the sweeps")
+    assert_says(
+        log, "CARMEN log", "sweeps    6, 6 with a true pose", "odometry  at 83.3 % of the sweeps"
+    )
     assert any("6 of 18 ranges reached the laser's limit" in warning for warning in log.warnings)
     assert_says(inspect(tmp_path / "logs"), "CARMEN root, sequences: 1", "drive  can be read")
     run = key_frames(tmp_path / "runs") / "run"
-    assert_says(inspect(run), "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m")
+    assert_says(
+        inspect(run), "key frames sequence run", "scans     4, 4 with a true pose", "path      3 m"
+    )
     assert_says(inspect(tmp_path / "runs"), "key frames root, sequences: 1", "run  can be read")
 
 
 # Another robot's
 
 
-def own_sequence(root: Path, world_T_body: Callable[[int], tuple[float, float]], lies_m: Callable[[int], float]) -> Path:
-    """Twenty scans of a room at positions x, y, as TUM poses say; a scan's points lie `lies_m` ahead of the robot."""
+def own_sequence(
+    root: Path, world_T_body: Callable[[int], tuple[float, float]], lies_m: Callable[[int], float]
+) -> Path:
+    """Twenty scans of a room at positions x, y, as TUM poses say; a scan's points lie `lies_m`
+    ahead of the robot."""
     points_m = scan(64, ground_m=0.0)
     rows = []
     (root / "drive/scans").mkdir(parents=True)
     for i in range(20):
         moved_m = points_m + np.array([lies_m(i), 0, 0])
-        np.column_stack([moved_m, np.ones(len(moved_m))]).astype("<f4").tofile(root / f"drive/scans/{100 + i}.000.bin")
+        np.column_stack([moved_m, np.ones(len(moved_m))]).astype("<f4").tofile(
+            root / f"drive/scans/{100 + i}.000.bin"
+        )
         x_m, y_m = world_T_body(i)
         rows.append(f"{100 + i} {x_m} {y_m} 0 0 0 0 1\n")
     (root / "drive/poses.txt").write_text("".join(rows))
@@ -214,7 +244,12 @@ def own_sequence(root: Path, world_T_body: Callable[[int], tuple[float, float]],
 
 def test_scans_beside_poses_are_opened_by_the_reader_of_folders(tmp_path: Path) -> None:
     found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 0.0))
-    assert_says(found, "another robot's sequence drive", "scans     20, 20 with a true pose", "190 m, step median 10 m")
+    assert_says(
+        found,
+        "another robot's sequence drive",
+        "scans     20, 20 with a true pose",
+        "190 m, step median 10 m",
+    )
     assert found.warnings == ()
     assert "can be read" in inspect(tmp_path).text()
     assert "scans of another robot" in inspect(tmp_path / "drive/scans").headline
@@ -227,12 +262,16 @@ def test_clouds_that_a_slam_moved_into_the_world_are_told(tmp_path: Path) -> Non
 
 def test_a_folder_of_scans_by_columns_is_refused(tmp_path: Path) -> None:
     points_m = scan(64, ground_m=0.0)
-    np.column_stack([points_m, np.ones(len(points_m))]).T.astype("<f4").tofile(tmp_path / "100.0.bin")
+    np.column_stack([points_m, np.ones(len(points_m))]).T.astype("<f4").tofile(
+        tmp_path / "100.0.bin"
+    )
     with one_line(LogError, "holds all x, then all y, then all z"):
         inspect(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["poses.txt", "00.txt", "groundtruth.csv", "times.txt", "path.tum"])
+@pytest.mark.parametrize(
+    "name", ["poses.txt", "00.txt", "groundtruth.csv", "times.txt", "path.tum"]
+)
 def test_poses_are_told_by_their_columns_whatever_their_name(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("".join(f"{100 + i} {i} 0 0 0 0 0 1\n" for i in range(5)))
     assert "TUM trajectory" in inspect(tmp_path / name).headline
@@ -243,11 +282,14 @@ def test_poses_are_told_by_their_columns_whatever_their_name(tmp_path: Path, nam
 def test_poses_that_no_vehicle_has_are_told(tmp_path: Path) -> None:
     """The quaternion is written w first: the body hangs upside down."""
     (tmp_path / "poses.txt").write_text("".join(f"{100 + i} {i} 0 0 1 0 0 0\n" for i in range(5)))
-    assert any("tilted by up to 180°" in warning for warning in inspect(tmp_path / "poses.txt").warnings)
+    assert any(
+        "tilted by up to 180°" in warning for warning in inspect(tmp_path / "poses.txt").warnings
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "says"), [("day.db3.zstd", "packed: name the folder"), ("day.bag.gz", "packed: unpack it with")]
+    ("name", "says"),
+    [("day.db3.zstd", "packed: name the folder"), ("day.bag.gz", "packed: unpack it with")],
 )
 def test_a_packed_file_is_called_so(tmp_path: Path, name: str, says: str) -> None:
     (tmp_path / name).write_bytes(b"\x28\xb5\x2f\xfd" + bytes(20))

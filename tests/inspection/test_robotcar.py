@@ -9,7 +9,16 @@ from pipeline.errors import LogError
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says
 from tests.readers.damage import one_line
-from tests.readers.robotcar_drive import DATE, DRIVEN, START, drive, ins_row, ins_text, sweep, vo_row
+from tests.readers.robotcar_drive import (
+    DATE,
+    DRIVEN,
+    START,
+    drive,
+    ins_row,
+    ins_text,
+    sweep,
+    vo_row,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -19,13 +28,24 @@ def _no_dvc_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_sweep_tells_its_beams_and_its_laser(tmp_path: Path) -> None:
-    # Beams at 0°, 0.5°, … 180° of a circle of 10 m, and as many without a return: 180° and the 3° that no gap is wider than.
+    # Beams at 0°, 0.5°, … 180° of a circle of 10 m, and as many without a return: 180° and the 3°
+    # that no gap is wider than.
     angles = np.radians(np.arange(0, 180.5, 0.5))
-    beams = [*((10 * np.cos(angle), 10 * np.sin(angle), 40) for angle in angles), *[(0, 0, 0)] * 180]
+    beams = [
+        *((10 * np.cos(angle), 10 * np.sin(angle), 40) for angle in angles),
+        *[(0, 0, 0)] * 180,
+    ]
     root = drive(tmp_path, {50: sweep(*beams)})
     found = inspect(root / DATE / "lms_front" / f"{START + 50_000}.bin")
     assert "RobotCar sweep of lms_front" in found.headline
-    assert_says(found, "2014-07-14 14:49:50 UTC", "361 of 541 beams", "10 m … 10 m, median 10 m", "180° of 360°", "0 … 40")
+    assert_says(
+        found,
+        "2014-07-14 14:49:50 UTC",
+        "361 of 541 beams",
+        "10 m … 10 m, median 10 m",
+        "180° of 360°",
+        "0 … 40",
+    )
     assert found.warnings == ()
 
 
@@ -33,7 +53,10 @@ def test_a_strange_sweep_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "lms_rear" / f"{START}.bin"
     path.parent.mkdir()
     path.write_bytes(sweep(*[(60, 0, 1)] * 600))
-    assert [warning.split(":")[0].split(" beyond")[0] for warning in inspect(path).warnings] == ["600 beams", "600 returns"]
+    assert [warning.split(":")[0].split(" beyond")[0] for warning in inspect(path).warnings] == [
+        "600 beams",
+        "600 returns",
+    ]
     path.write_bytes(sweep((0, 0, 0)))
     assert inspect(path).warnings == ("no beam has a return: was the laser covered?",)
 
@@ -58,7 +81,11 @@ def test_a_folder_of_sweeps_is_held_against_its_stamps(tmp_path: Path) -> None:
     assert cut.startswith("1 sweeps are empty or cut short")
     assert lone.startswith("lms_front.timestamps: 1 stamps have no whole file and 1 files no stamp")
     (root / DATE / "lms_front.timestamps").unlink()
-    assert inspect(root / DATE / "lms_front").warnings[1].startswith("no lms_front.timestamps beside the folder")
+    assert (
+        inspect(root / DATE / "lms_front")
+        .warnings[1]
+        .startswith("no lms_front.timestamps beside the folder")
+    )
 
 
 def test_visual_odometry_tells_its_breaks_and_gaps(tmp_path: Path) -> None:
@@ -73,7 +100,12 @@ def test_visual_odometry_tells_its_breaks_and_gaps(tmp_path: Path) -> None:
 
 def test_inertial_navigation_tells_its_good_share_and_its_outages(tmp_path: Path) -> None:
     # Rows a tenth of a second apart; six of twenty are bad in a row: 0.7 s without a good one.
-    rows = [ins_row(100 * i, 5_735_000 + i, status="INS_SOLUTION_GOOD" if not 5 <= i < 11 else "INS_BAD") for i in range(20)]
+    rows = [
+        ins_row(
+            100 * i, 5_735_000 + i, status="INS_SOLUTION_GOOD" if not 5 <= i < 11 else "INS_BAD"
+        )
+        for i in range(20)
+    ]
     found = inspect(drive(tmp_path, ins=ins_text(*rows)) / DATE / "gps" / "ins.csv")
     assert_says(found, "20, of which 70.0 % are INS_SOLUTION_GOOD", "INS_BAD 6", "30U", "12 m")
     assert_says(found, "northing 5735000.0 … 5735019.0 m")
@@ -82,8 +114,14 @@ def test_inertial_navigation_tells_its_good_share_and_its_outages(tmp_path: Path
 
 
 def test_no_good_row_is_told(tmp_path: Path) -> None:
-    root = drive(tmp_path, ins=ins_text(*(ins_row(100 * i, status="INS_INACTIVE") for i in range(9))))
-    assert inspect(root / DATE / "gps" / "ins.csv").warnings[0].startswith("no row is INS_SOLUTION_GOOD")
+    root = drive(
+        tmp_path, ins=ins_text(*(ins_row(100 * i, status="INS_INACTIVE") for i in range(9)))
+    )
+    assert (
+        inspect(root / DATE / "gps" / "ins.csv")
+        .warnings[0]
+        .startswith("no row is INS_SOLUTION_GOOD")
+    )
     assert any("no scan has a true pose" in warning for warning in inspect(root / DATE).warnings)
 
 
@@ -98,12 +136,22 @@ def test_a_broken_table_is_one_line_that_names_it(tmp_path: Path, name: str, dat
 def test_a_sequence_is_opened_as_its_reader_opens_it(tmp_path: Path) -> None:
     # 1 of 11 sweeps of the front laser has no true pose; the path is that of the others.
     sweeps = {50 + 100 * i: sweep((2, 1, 0), (3, 0, 0)) for i in range(10)}
-    bad = ins_text(*(ins_row(20 * i, 0.2 * i, status="INS_BAD" if i > 45 else "INS_SOLUTION_GOOD") for i in range(51)))
+    bad = ins_text(
+        *(
+            ins_row(20 * i, 0.2 * i, status="INS_BAD" if i > 45 else "INS_SOLUTION_GOOD")
+            for i in range(51)
+        )
+    )
     root = drive(tmp_path, sweeps, {55: sweep((1, 0, 0))}, ins=bad)
     found = inspect(root / DATE)
     assert "RobotCar sequence" in found.headline
     assert_says(
-        found, "with lms_front and lms_rear", "11, 10 with a true pose", "8 m, step", "odometry", "at 100 % of the sweeps"
+        found,
+        "with lms_front and lms_rear",
+        "11, 10 with a true pose",
+        "8 m, step",
+        "odometry",
+        "at 100 % of the sweeps",
     )
     assert found.warnings == ("1 of 11 sweeps have no place (INS outages: 1)",)
     (root / DATE / "vo" / "vo.csv").unlink()

@@ -1,4 +1,5 @@
-"""Which scans of a day a site adopts: those whose fix it believes, and those that odometry leads to between two of them."""
+"""Which scans of a day a site adopts: those whose fix it believes, and those that odometry leads to
+between two of them."""
 
 import numpy as np
 import pytest
@@ -19,8 +20,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
 
 def scan(x_m: float, cloud: int = 0, truth: bool = True, odometry: bool = True) -> Scan:
     """So far along x in the first place, where another cloud may stand."""
-    points_m, pose = seen_from(scene(cloud), planar(x_m, 0, 0)), ANCHORS[0] @ planar(x_m, 0, 0)
-    odom_T_scan, known = (planar(x_m, 0, 0) if odometry else NO_POSE), (pose if truth else NO_POSE)
+    points_m = seen_from(scene(cloud), planar(x_m, 0, 0))
+    pose = ANCHORS[0] @ planar(x_m, 0, 0)
+    odom_T_scan = planar(x_m, 0, 0) if odometry else NO_POSE
+    known = pose if truth else NO_POSE
     return Scan(f"{x_m}", int(1e9 * x_m), lambda: points_m, odom_T_scan, known)
 
 
@@ -31,9 +34,20 @@ def xs(found: Adoption) -> list[float]:
 def test_scans_between_two_believed_fixes_are_adopted_where_odometry_leads(site: Site) -> None:
     drive = [scan(0), scan(1), scan(2, cloud=9), scan(3, cloud=9), scan(4), scan(5)]
     found = adopted(site, drive)
-    assert (xs(found), found.asked, found.wrong.any(), found.surveyed) == ([0, 1, 2, 3, 4, 5], 6, False, False)
+    assert (xs(found), found.asked, found.wrong.any(), found.surveyed) == (
+        [0, 1, 2, 3, 4, 5],
+        6,
+        False,
+        False,
+    )
     assert (found.chance > 0.9).all()
-    blind = adopted(site, [scan(x, cloud, odometry=False) for x, cloud in ((0, 0), (1, 0), (2, 9), (3, 9), (4, 0), (5, 0))])
+    blind = adopted(
+        site,
+        [
+            scan(x, cloud, odometry=False)
+            for x, cloud in ((0, 0), (1, 0), (2, 9), (3, 9), (4, 0), (5, 0))
+        ],
+    )
     assert xs(blind) == [0, 1, 4, 5]
 
 
@@ -53,16 +67,22 @@ def test_a_survey_gives_poses_by_stamps_or_the_logs_own() -> None:
     drive = [scan(x) for x in (0.0, 1.0, 2.0)]
     poses = Trajectory(np.array([0, 10**9]), np.array([planar(50, 0, 0), planar(51, 0, 0)]), 1.0)
     found = surveyed(drive, poses)
-    assert (found.world_T_scan[:, 0, 3].tolist(), found.surveyed, found.asked) == ([50, 51], True, 3)
+    assert (found.world_T_scan[:, 0, 3].tolist(), found.surveyed, found.asked) == (
+        [50, 51],
+        True,
+        3,
+    )
     assert xs(surveyed(drive)) == [0, 1, 2]
     with pytest.raises(LogError, match="the survey has a pose of none"):
         surveyed([scan(0, truth=False)])
 
 
 def test_what_odometry_is_off_is_spread_over_the_way() -> None:
-    # Four scans a metre apart by odometry; the last fix lies .3 m to the left of it: .1 and .2 m in between.
+    # Four scans a metre apart by odometry; the last fix lies .3 m to the left of it: .1 and .2 m in
+    # between.
     odometry = np.array([planar(x, 0, 0) for x in (0.0, 1.0, 2.0, 3.0)])
-    poses, chance = np.array([planar(10, 0, 0), NO_POSE, NO_POSE, planar(13, 0.3, 0)]), np.array([0.999, 0, 0, 0.99])
+    poses = np.array([planar(10, 0, 0), NO_POSE, NO_POSE, planar(13, 0.3, 0)])
+    chance = np.array([0.999, 0, 0, 0.99])
     bridge(poses, chance, odometry)
     np.testing.assert_allclose(poses[:, :2, 3], [(10, 0), (11, 0.1), (12, 0.2), (13, 0.3)])
     assert chance.tolist() == [0.999, 0.99, 0.99, 0.99]
@@ -70,13 +90,15 @@ def test_what_odometry_is_off_is_spread_over_the_way() -> None:
 
 @pytest.mark.parametrize("end", [planar(13, 2.5, 0), planar(13, 0, 6)])
 def test_no_way_leads_where_odometry_ends_elsewhere(end: np.ndarray) -> None:
-    poses, chance = np.array([planar(10, 0, 0), NO_POSE, end]), np.array([1.0, 0, 1])
+    poses = np.array([planar(10, 0, 0), NO_POSE, end])
+    chance = np.array([1.0, 0, 1])
     bridge(poses, chance, np.array([planar(x, 0, 0) for x in (0.0, 1.5, 3.0)]))
     assert np.isnan(poses[1]).all()
     assert chance[1] == 0
 
 
 def test_interrupted_odometry_leads_nowhere() -> None:
-    poses, chance = np.array([planar(10, 0, 0), NO_POSE, planar(12, 0, 0)]), np.array([1.0, 0, 1])
+    poses = np.array([planar(10, 0, 0), NO_POSE, planar(12, 0, 0)])
+    chance = np.array([1.0, 0, 1])
     bridge(poses, chance, np.array([planar(0, 0, 0), NO_POSE, planar(2, 0, 0)]))
     assert np.isnan(poses[1]).all()

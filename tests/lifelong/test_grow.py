@@ -1,4 +1,5 @@
-"""`yearloc grow`: a site learns a new place from a survey, what has changed by itself, and is never half grown."""
+"""`yearloc grow`: a site learns a new place from a survey, what has changed by itself, and is never
+half grown."""
 
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     views = Rows(np.stack([ScanContext()(scene(seed)) for seed in range(3)]), np.arange(3), ANCHORS)
     growth = {"voxel_m": 0.25, "days": [day("monday", 3)]}
     path = tmp_path_factory.mktemp("site") / "three.site"
-    site_file.write(path, site_file.Parts(about(growth=growth), model, mapped, None, learned_from(views, model)))
+    site_file.write(
+        path, site_file.Parts(about(growth=growth), model, mapped, None, learned_from(views, model))
+    )
     return path
 
 
@@ -42,7 +45,10 @@ def drive(folder: Path, clouds: dict[float, np.ndarray]) -> str:
     """Scans named by their stamp in µs, a second a metre."""
     folder.mkdir()
     for x_m, points_m in clouds.items():
-        np.save(folder / f"{int(1e6 * (START_S + x_m))}.npy", seen_from(points_m, planar(x_m, 0, 0)).astype(np.float32))
+        np.save(
+            folder / f"{int(1e6 * (START_S + x_m))}.npy",
+            seen_from(points_m, planar(x_m, 0, 0)).astype(np.float32),
+        )
     return str(folder)
 
 
@@ -50,21 +56,28 @@ def survey(path: Path, world_T_start: np.ndarray, xs_m: list[float]) -> str:
     """A TUM file of the same drive."""
     poses = [(START_S + x_m, world_T_start @ planar(x_m, 0, 0)) for x_m in xs_m]
     half = np.deg2rad(10)
-    path.write_text("".join(f"{t:.6f} {p[0, 3]} {p[1, 3]} 0 0 0 {np.sin(half)} {np.cos(half)}\n" for t, p in poses))
+    path.write_text(
+        "".join(
+            f"{t:.6f} {p[0, 3]} {p[1, 3]} 0 0 0 {np.sin(half)} {np.cos(half)}\n" for t, p in poses
+        )
+    )
     return str(path)
 
 
 def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    xs_m, cloud = [0.0, 1.0, 2.0], scene(5)
-    log, poses = drive(tmp_path / "tuesday", dict.fromkeys(xs_m, cloud)), survey(tmp_path / "poses.txt", FOURTH, xs_m)
+    xs_m = [0.0, 1.0, 2.0]
+    cloud = scene(5)
+    log = drive(tmp_path / "tuesday", dict.fromkeys(xs_m, cloud))
+    poses = survey(tmp_path / "poses.txt", FOURTH, xs_m)
     main(["grow", str(site), log, "--poses", poses, "-o", str(tmp_path / "four.site")])
     told = capsys.readouterr().out
     assert "3 of 3 scans surveyed; 1 new places beside 3; 0 submaps have changed" in told
     assert "4 places" in told
     assert "its promises are by 100 held-out blocks; all of monday, not of the days since" in told
-    grown, points_m = Site.open(tmp_path / "four.site"), seen_from(cloud, planar(1.5, 0.5, 40))
+    grown = Site.open(tmp_path / "four.site")
+    points_m = seen_from(cloud, planar(1.5, 0.5, 40))
     assert Site.open(site).localize(points_m).verdict != "accepted"
     fix = grown.localize(points_m)
     assert (fix.verdict, fix.place) == ("accepted", 3)
@@ -72,16 +85,24 @@ def test_a_surveyed_day_adds_a_place_and_the_old_ones_stay(
     for row in range(3):
         fix = grown.localize(seen_from(scene(row), planar(1, 1, 30)))
         assert (fix.verdict, fix.place) == ("accepted", row)
-    assert "tuesday (3 views, 1 new places, 0 submaps changed)" in str(describe(tmp_path / "four.site"))
+    assert "tuesday (3 views, 1 new places, 0 submaps changed)" in str(
+        describe(tmp_path / "four.site")
+    )
     assert "; all of monday, not of the days since" in str(describe(tmp_path / "four.site"))
     assert "of the days since" not in str(describe(site))
 
 
-def test_without_a_file_nothing_is_written(site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before, log = site.read_bytes(), drive(tmp_path / "wednesday", dict.fromkeys([0.0, 1.0], scene(0)))
+def test_without_a_file_nothing_is_written(
+    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = site.read_bytes()
+    log = drive(tmp_path / "wednesday", dict.fromkeys([0.0, 1.0], scene(0)))
     with pytest.raises(SystemExit):
         main(["grow", str(site), log, "--promise", "0.999"])
-    assert "promise=0.999: this site cannot promise that, it can 0.95 and 0.99" in capsys.readouterr().err
+    assert (
+        "promise=0.999: this site cannot promise that, it can 0.95 and 0.99"
+        in capsys.readouterr().err
+    )
     main(["grow", str(site), log])
     told = capsys.readouterr()
     assert "2 of 2 scans adopted; 0 new places beside 3" in told.out
@@ -91,23 +112,40 @@ def test_without_a_file_nothing_is_written(site: Path, tmp_path: Path, capsys: p
 
 def test_a_submap_that_changed_gives_way_to_the_scan_that_tells(site: Path) -> None:
     parts = site_file.read(site, views=True)
-    opened, clouds = Site(parts), (scene(5), scene(6))
+    opened = Site(parts)
+    clouds = (scene(5), scene(6))
     poses = np.array([ANCHORS[0], FOURTH])
     adoption = Adoption(clouds, np.arange(2), poses, np.ones(2), np.zeros(2, bool), True, 2)
     plan = Growth(adoption, opened.places, np.array([0, -1]), {0: 0}, np.array([1]))
     grown = mapped(opened, parts, plan)
-    np.testing.assert_array_equal(grown["world_T_anchor"], np.array([ANCHORS[1], ANCHORS[2], *poses]))
-    kept, offsets = parts.arrays["points"][parts.arrays["offsets"][1] :], grown["offsets"]
+    np.testing.assert_array_equal(
+        grown["world_T_anchor"], np.array([ANCHORS[1], ANCHORS[2], *poses])
+    )
+    kept = parts.arrays["points"][parts.arrays["offsets"][1] :]
+    offsets = grown["offsets"]
     np.testing.assert_array_equal(grown["points"][: offsets[2]], kept)
     assert len(grown["points"]) == offsets[-1] > offsets[3] > offsets[2]
 
 
 def test_scans_that_lie_in_no_place_are_not_learned(site: Path) -> None:
-    opened, cloud = Site(site_file.read(site)), (scene(0),)
-    away = Adoption(cloud, np.zeros(1, np.int64), np.array([planar(100, 0, 0)]), np.ones(1), np.zeros(1, bool), False, 3)
-    with pytest.raises(NothingAdoptedError, match="nothing to learn of 3 scans: those adopted lie in no place"):
+    opened = Site(site_file.read(site))
+    cloud = (scene(0),)
+    away = Adoption(
+        cloud,
+        np.zeros(1, np.int64),
+        np.array([planar(100, 0, 0)]),
+        np.ones(1),
+        np.zeros(1, bool),
+        False,
+        3,
+    )
+    with pytest.raises(
+        NothingAdoptedError, match="nothing to learn of 3 scans: those adopted lie in no place"
+    ):
         planned(opened, away)
-    with pytest.raises(NothingAdoptedError, match="nothing to learn of 0 scans: the site cannot promise"):
+    with pytest.raises(
+        NothingAdoptedError, match="nothing to learn of 0 scans: the site cannot promise"
+    ):
         adopted(opened, [], 0.999)
 
 
@@ -127,21 +165,33 @@ def test_a_kill_while_writing_leaves_the_old_site(
     assert copy.read_bytes() == site.read_bytes()
     monkeypatch.undo()
     main(["grow", str(copy), log, "-o", str(copy)])
-    assert [one["day"] for one in site_file.read(copy).about["growth"]["days"]] == ["monday", "friday"]
+    assert [one["day"] for one in site_file.read(copy).about["growth"]["days"]] == [
+        "monday",
+        "friday",
+    ]
 
 
-def test_a_site_without_views_cannot_grow(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_site_without_views_cannot_grow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main(["grow", str(packed(tmp_path)), str(tmp_path)])
     assert "holds no views to learn from" in capsys.readouterr().err
 
 
-def test_a_site_learns_a_drive_by_itself_and_one_that_it_does_not_know_changes_nothing(site: Path) -> None:
+def test_a_site_learns_a_drive_by_itself_and_one_that_it_does_not_know_changes_nothing(
+    site: Path,
+) -> None:
     known, unknown = (
-        [Scan("s", None, partial(seen_from, scene(seed), planar(x_m, 0, 0)), NO_POSE, NO_POSE) for x_m in (0, 1)]
+        [
+            Scan("s", None, partial(seen_from, scene(seed), planar(x_m, 0, 0)), NO_POSE, NO_POSE)
+            for x_m in (0, 1)
+        ]
         for seed in (0, 9)
     )
-    first, second, third = updated(site, Updated(0.99), {"known": known, "unknown": unknown}, Progress())
+    first, second, third = updated(
+        site, Updated(0.99), {"known": known, "unknown": unknown}, Progress()
+    )
     assert (first.name, first.counts) == ("monday", {})
     assert second.counts == {"asked": 2, "adopted": 2, "wrong": 0, "changed": 0}
     assert third.counts == {"asked": 2, "adopted": 0, "wrong": 0, "changed": 0}

@@ -1,4 +1,5 @@
-"""What a localiser is after each day: growth, a frozen model and a joint one, on scenes 2 m apart along x."""
+"""What a localiser is after each day: growth, a frozen model and a joint one, on scenes 2 m apart
+along x."""
 
 import json
 from pathlib import Path
@@ -34,17 +35,24 @@ ASKED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
 
 
 def record(strategy: object) -> Record:
-    return Record.of(surveyed(FIFTY, strategy, DAYS, NONE, None, Progress()), ASKED, lambda line: None)
+    return Record.of(
+        surveyed(FIFTY, strategy, DAYS, NONE, None, Progress()), ASKED, lambda line: None
+    )
 
 
 def shares(found: Record) -> list[list[float]]:
     """The share of right answers to queries known by the end, by step and asked day."""
-    known, day = found.columns["known_from"] >= 0, found.columns["day"]
-    return [[round(float(step[known & (day == one)].mean()), 2) for one in (0, 1)] for step in found.columns["right"]]
+    known = found.columns["known_from"] >= 0
+    day = found.columns["day"]
+    return [
+        [round(float(step[known & (day == one)].mean()), 2) for one in (0, 1)]
+        for step in found.columns["right"]
+    ]
 
 
 def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -> None:
-    # Of the later day scenes 6 to 11 are of the first day and 12 to 17 of the second; 18 to 23 are never known.
+    # Of the later day scenes 6 to 11 are of the first day and 12 to 17 of the second; 18 to 23 are
+    # never known.
     frozen, grown, joint = (record(strategy) for strategy in (Frozen(), Grown(), Joint()))
     assert shares(frozen) == [[1, 0.5], [1, 0.5]]
     assert shares(grown) == shares(joint) == [[1, 0.5], [1, 1]]
@@ -57,44 +65,76 @@ def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -
 
 def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Path) -> None:
     found = record(Grown())
-    attrs = {"order": "days", "correct_m": 15.0, "strategy": "grown", "asked": [*ASKED], **found.attrs}
+    attrs = {
+        "order": "days",
+        "correct_m": 15.0,
+        "strategy": "grown",
+        "asked": [*ASKED],
+        **found.attrs,
+    }
     with store.write(tmp_path / "grown.zarr", LIFELONG, **attrs) as out:
         for name, column in found.columns.items():
             out.put(name, column)
-    assert json.loads(json.dumps(dict(store.read(tmp_path / "grown.zarr", LIFELONG).attrs)))["steps"] == ["first", "second"]
-    # 48 queries of the first asked day and 24 of the second are known at first, 24 more at last: 72 / 96 = .75.
-    assert found.line() == "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
+    assert json.loads(json.dumps(dict(store.read(tmp_path / "grown.zarr", LIFELONG).attrs)))[
+        "steps"
+    ] == ["first", "second"]
+    # 48 queries of the first asked day and 24 of the second are known at first, 24 more at last: 72
+    # / 96 = .75.
+    assert (
+        found.line()
+        == "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
+    )
 
 
 def test_the_training_day_is_learned_in_four_parts_of_equal_length() -> None:
     parts = streets("monday", part(1, 0, 10))
     assert [*parts] == ["monday 1/4", "monday 2/4", "monday 3/4", "monday 4/4"]
-    assert [len(one.stamps_ns) for one in parts.values()] == [10, 10, 10, 10]  # 40 views, 78 m: 0 to 18, 20 to 38, …
+    assert [len(one.stamps_ns) for one in parts.values()] == [
+        10,
+        10,
+        10,
+        10,
+    ]  # 40 views, 78 m: 0 to 18, 20 to 38, …
 
 
 def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() -> None:
     first = NONE.grown(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
     assert first.cells.tolist() == [0, 2]
-    later = first.grown(np.array([[9.0, 0.0], [-30.0, 0.0]]))  # cell 1, and one four cells before the box
-    assert later.at(np.array([[1.0, 0.0], [17.0, 0.0], [-30.0, 0.0], [9.0, 0.0], [60.0, 0.0]])).tolist() == [0, 1, 2, 3, -1]
+    later = first.grown(
+        np.array([[9.0, 0.0], [-30.0, 0.0]])
+    )  # cell 1, and one four cells before the box
+    assert later.at(
+        np.array([[1.0, 0.0], [17.0, 0.0], [-30.0, 0.0], [9.0, 0.0], [60.0, 0.0]])
+    ).tolist() == [0, 1, 2, 3, -1]
     assert later.grid.shape == (GRID.shape[0] + 5, 1)
     np.testing.assert_allclose(later.grid.centre(later.cells[:2]), GRID.centre(first.cells))
 
 
 def test_a_study_learns_every_second_day_and_asks_the_others() -> None:
     assert further_days({}, {}, "", ["a", "b", "c"]) == {"learned": ["a", "c"], "tests": ["b"]}
-    assert further_days({}, {"learned": "b"}, "", ["a", "b", "c"]) == {"learned": ["b"], "tests": ["a", "c"]}
+    assert further_days({}, {"learned": "b"}, "", ["a", "b", "c"]) == {
+        "learned": ["b"],
+        "tests": ["a", "c"],
+    }
     with pytest.raises(ConfigError, match="learned=a: expected some of several test sequences"):
         further_days({}, {}, "", ["a"])
 
 
 def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -> None:
-    study = {"courses": {"days": ["grown"]}, "trained": {"days": ["grown", "tuned"], "updates": ["updated"]}}
+    study = {
+        "courses": {"days": ["grown"]},
+        "trained": {"days": ["grown", "tuned"], "updates": ["updated"]},
+    }
     assert courses(study, {}, updates=True) == {"days": ["grown"]}
     assert courses(study, {"rehearsed": 2}, updates=False) == {"days": ["grown", "tuned"]}
     entry = {"dataset": "campus", "grid": "10m", "model": "m"}
     words = {"tests": ["b"], "learned": ["a"], "updates": ["u"]}
-    found = instances(entry, words, {"courses": courses(study, {"rehearsed": 2}, updates=True)}, {"viewed": "v", "changed": "c"})
+    found = instances(
+        entry,
+        words,
+        {"courses": courses(study, {"rehearsed": 2}, updates=True)},
+        {"viewed": "v", "changed": "c"},
+    )
     assert {name: one["learned"] for name, one in found.items()} == {
         "campus-10m-m-days-grown": "a",
         "campus-10m-m-days-tuned": "a",

@@ -1,4 +1,5 @@
-"""The dynamic octree as one dense array in plain numpy and Python: slow, and the bits that the bricks must give."""
+"""The dynamic octree as one dense array in plain numpy and Python: slow, and the bits that the
+bricks must give."""
 
 import math
 
@@ -6,23 +7,32 @@ import numpy as np
 
 from pipeline.mapping.octree import LEAST, Octree, log_odds
 
-WHOLE, ENDLESS = 2.0**40, 2.0**60
+WHOLE = 2.0**40
+ENDLESS = 2.0**60
 
 
 class DenseOctree:
-    """As an OctreeMap: `log_odds` (side, side, side) are those of the cube that is `side` // 2 leaves around the robot."""
+    """As an OctreeMap: `log_odds` (side, side, side) are those of the cube that is `side` // 2
+    leaves around the robot."""
 
     def __init__(self, octree: Octree) -> None:
-        self.octree, self.log_odds = octree, np.zeros((octree.side,) * 3, np.float32)
-        self.lowest, self.pose = np.zeros(3, np.int64), None
+        self.octree = octree
+        self.log_odds = np.zeros((octree.side,) * 3, np.float32)
+        self.lowest = np.zeros(3, np.int64)
+        self.pose = None
 
     def insert(self, points_m: np.ndarray, odom_T_vehicle: np.ndarray) -> None:
-        octree, side, leaf_m = self.octree, self.octree.side, self.octree.leaf_m
+        leaf_m = self.octree.leaf_m
+        side = self.octree.side
+        octree = self.octree
         lowest = np.floor(odom_T_vehicle[:3, 3] / leaf_m).astype(np.int64) - side // 2
         leaves_T_vehicle = odom_T_vehicle / leaf_m
         leaves_T_vehicle[:3, 3] -= lowest
-        origin = leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
-        free, hit = np.zeros((side,) * 3, bool), np.zeros((side,) * 3, bool)
+        origin = (
+            leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
+        )
+        free = np.zeros((side,) * 3, bool)
+        hit = np.zeros((side,) * 3, bool)
         for (x, y, z), length in ends(octree, points_m, leaves_T_vehicle, origin):
             end = np.array([x, y, z])
             reach = octree.reach_m / leaf_m
@@ -37,9 +47,14 @@ class DenseOctree:
         kept = self.kept(odom_T_vehicle)
         values = moved(self.log_odds, lowest - self.lowest) * np.float32(kept)
         values[np.abs(values) < (LEAST if kept < 1 else 0)] = 0
-        L = [np.float32(log_odds(p)) for p in (octree.hit, octree.miss, octree.lowest, octree.highest)]
+        L = [
+            np.float32(log_odds(p))
+            for p in (octree.hit, octree.miss, octree.lowest, octree.highest)
+        ]
         values += np.where(hit, L[0], np.where(free, L[1], np.float32(0)))
-        self.log_odds, self.lowest, self.pose = values.clip(L[2], L[3]), lowest, odom_T_vehicle
+        self.log_odds = values.clip(L[2], L[3])
+        self.lowest = lowest
+        self.pose = odom_T_vehicle
 
     def kept(self, odom_T_vehicle: np.ndarray) -> float:
         if self.pose is None:
@@ -49,11 +64,16 @@ class DenseOctree:
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
 
-def ends(octree: Octree, points_m: np.ndarray, T: np.ndarray, origin: np.ndarray) -> list[tuple[tuple[float, ...], float]]:
-    """Where rays end, in leaves, and their lengths: at each point, or once in the middle of each cell that holds points."""
+def ends(
+    octree: Octree, points_m: np.ndarray, T: np.ndarray, origin: np.ndarray
+) -> list[tuple[tuple[float, ...], float]]:
+    """Where rays end, in leaves, and their lengths: at each point, or once in the middle of each
+    cell that holds points."""
     made = {}
     for p in points_m.tolist():
-        at = tuple(float(T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]) for i in range(3))
+        at = tuple(
+            float(T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]) for i in range(3)
+        )
         at = at if octree.rays == "all" else tuple(math.floor(v) + 0.5 for v in at)
         d = [a - float(o) for a, o in zip(at, origin, strict=True)]
         made[at] = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
@@ -61,12 +81,18 @@ def ends(octree: Octree, points_m: np.ndarray, T: np.ndarray, origin: np.ndarray
 
 
 def crossed(origin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-    """Cells from the origin's to the one before the end's; of borders met at once z's comes first, then y's."""
-    cell, last, along = np.floor(origin).astype(int), np.floor(end).astype(int), (end - origin).tolist()
+    """Cells from the origin's to the one before the end's; of borders met at once z's comes first,
+    then y's."""
+    cell = np.floor(origin).astype(int)
+    last = np.floor(end).astype(int)
+    along = (end - origin).tolist()
     with np.errstate(divide="ignore"):
         every = [int(min(float(np.float64(WHOLE) / abs(d)), ENDLESS)) for d in along]
-    ahead = [float(c + 1 - o if d > 0 else o - c) for c, o, d in zip(cell, origin, along, strict=True)]
-    following, cells = [int(a * e) for a, e in zip(ahead, every, strict=True)], []
+    ahead = [
+        float(c + 1 - o if d > 0 else o - c) for c, o, d in zip(cell, origin, along, strict=True)
+    ]
+    following = [int(a * e) for a, e in zip(ahead, every, strict=True)]
+    cells = []
     for _ in range(int(np.abs(last - cell).sum())):
         cells.append(cell.copy())
         axis = min((2, 1, 0), key=lambda i: following[i])
@@ -81,7 +107,8 @@ def inside(cell: np.ndarray, side: int) -> bool:
 
 def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """The cube once it went on by `shift` leaves; what enters is unknown."""
-    side, found = len(values), np.zeros_like(values)
+    side = len(values)
+    found = np.zeros_like(values)
     old = tuple(slice(max(s, 0), max(min(side + s, side), 0)) for s in shift.tolist())
     new = tuple(slice(max(-s, 0), max(min(side - s, side), 0)) for s in shift.tolist())
     found[new] = values[old]

@@ -23,19 +23,32 @@ def looks(folder: Path, points: np.ndarray) -> dict[str, float | None]:
 
 def test_an_open_square_with_a_wall(tmp_path: Path) -> None:
     # A floor 0.3 m below 0 in front, from −60° to 60°, and a wall up to 5 m on it.
-    azimuth, range_m = np.radians(np.linspace(-60, 60, 2000)), RNG.uniform(3, 14, 2000)
-    floor = np.column_stack([range_m * np.cos(azimuth), range_m * np.sin(azimuth), np.full(2000, -0.3)])
+    azimuth = np.radians(np.linspace(-60, 60, 2000))
+    range_m = RNG.uniform(3, 14, 2000)
+    floor = np.column_stack(
+        [range_m * np.cos(azimuth), range_m * np.sin(azimuth), np.full(2000, -0.3)]
+    )
     wall = np.column_stack([np.full(500, 14.0), np.zeros(500), np.linspace(0, 5, 500)])
     found = looks(tmp_path, np.concatenate([floor, wall]))
-    assert found == pytest.approx({"azimuth_deg": 120, "ground_m": -0.3, "highest_m": 4.75}, abs=0.05)
+    assert found == pytest.approx(
+        {"azimuth_deg": 120, "ground_m": -0.3, "highest_m": 4.75}, abs=0.05
+    )
 
 
 def test_a_level_laser_has_no_ground(tmp_path: Path) -> None:
     azimuth = np.radians(np.arange(360))
-    found = looks(tmp_path, np.column_stack([5 * np.cos(azimuth), 5 * np.sin(azimuth), np.full(360, 0.4)]))
+    found = looks(
+        tmp_path, np.column_stack([5 * np.cos(azimuth), 5 * np.sin(azimuth), np.full(360, 0.4)])
+    )
     assert found["ground_m"] is None
-    assert found == pytest.approx({"azimuth_deg": 360, "ground_m": None, "highest_m": 0.4}, abs=0.01)
+    assert found == pytest.approx(
+        {"azimuth_deg": 360, "ground_m": None, "highest_m": 0.4}, abs=0.01
+    )
 
 
 def test_scans_without_a_point_have_no_looks(tmp_path: Path) -> None:
-    assert looks(tmp_path, np.empty((0, 3))) == {"azimuth_deg": None, "ground_m": None, "highest_m": None}
+    assert looks(tmp_path, np.empty((0, 3))) == {
+        "azimuth_deg": None,
+        "ground_m": None,
+        "highest_m": None,
+    }

@@ -1,4 +1,5 @@
-"""The bricks of the dynamic octree: the bits of one dense array, in memory that follows what is known."""
+"""The bricks of the dynamic octree: the bits of one dense array, in memory that follows what is
+known."""
 
 import math
 from typing import Any
@@ -38,13 +39,25 @@ def sound(bricks: Bricks) -> None:
 
 @pytest.mark.parametrize("rays", ["end_voxel", "all"])
 @pytest.mark.parametrize("step_m", [0.3, 2.7, 9.0])
-def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_array(rays: str, step_m: float) -> None:
-    # From −40 m to beyond the origin, turning and pitching; points far beyond the window, and rays that are cut.
+def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_array(
+    rays: str, step_m: float
+) -> None:
+    # From −40 m to beyond the origin, turning and pitching; points far beyond the window, and rays
+    # that are cut.
     octree = Octree(**NEAR, rays=rays, max_range_m=11.0)
-    made, oracle, rng = octree.grow(), DenseOctree(octree), np.random.default_rng(0)
+    made = octree.grow()
+    oracle = DenseOctree(octree)
+    rng = np.random.default_rng(0)
     for scan in range(16):
         points = rng.normal(0, 1, (40, 3)) * (9, 9, 3)
-        pose = at(-40 + step_m * scan, 3 - step_m * scan / 2, math.sin(scan), 0.1, 0.2 * math.cos(scan), 0.4 * scan)
+        pose = at(
+            -40 + step_m * scan,
+            3 - step_m * scan / 2,
+            math.sin(scan),
+            0.1,
+            0.2 * math.cos(scan),
+            0.4 * scan,
+        )
         for each in (made, oracle):
             each.insert(points, pose)
         same(made, oracle)
@@ -53,11 +66,15 @@ def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_arr
 
 @pytest.mark.parametrize("depth", [2, 3, 4])
 def test_rays_that_meet_borders_at_once_stop_at_the_window_as_in_a_dense_array(depth: int) -> None:
-    # Sensor and points on corners, edges and middles of leaves: diagonals that leave the window through its edges and corners.
+    # Sensor and points on corners, edges and middles of leaves: diagonals that leave the window
+    # through its edges and corners.
     octree = Octree(edge_m=2.0**depth, depth=depth, rays="all", sensor_height_m=0.0)
-    made, oracle, rng = octree.grow(), DenseOctree(octree), np.random.default_rng(1)
+    made = octree.grow()
+    oracle = DenseOctree(octree)
+    rng = np.random.default_rng(1)
     for scan in range(12):
-        points, pose = rng.integers(-2 * octree.side, 2 * octree.side + 1, (60, 3)) / 2, at(scan / 2 - 3, -scan / 2, 0.5)
+        points = rng.integers(-2 * octree.side, 2 * octree.side + 1, (60, 3)) / 2
+        pose = at(scan / 2 - 3, -scan / 2, 0.5)
         for each in (made, oracle):
             each.insert(points, pose)
         same(made, oracle)
@@ -65,7 +82,9 @@ def test_rays_that_meet_borders_at_once_stop_at_the_window_as_in_a_dense_array(d
 
 def test_leaves_outside_the_cube_are_dropped_though_their_brick_stays() -> None:
     made = Octree(**NEAR, motion="none").grow()
-    made.insert(np.array([[-7.9, 0.2, 1.2], [-7.4, 0.2, 1.2]]), at(0.1))  # the two lowest leaves along x
+    made.insert(
+        np.array([[-7.9, 0.2, 1.2], [-7.4, 0.2, 1.2]]), at(0.1)
+    )  # the two lowest leaves along x
     place = made.bricks.places[: made.bricks.used[0]].tolist()
     assert np.argwhere(made.log_odds > 0)[:, 0].tolist() == [0, 1]
     made.insert(np.empty((0, 3)), at(0.6))  # a leaf on
@@ -80,7 +99,9 @@ def test_bricks_are_allocated_along_rays_alone() -> None:
     assert made.bricks.used[0] == 0
     made.insert(np.array([[7.2, 0.2, 1.2]]), at(0.1))  # along x from 0.1 m to 7.3 m: bricks of 4 m
     assert made.bricks.used[0] == 2
-    made.insert(np.array([[20.0, 0.2, 1.2], [0.2, 0.2, 0.9]]), at(0.1))  # no further than the window
+    made.insert(
+        np.array([[20.0, 0.2, 1.2], [0.2, 0.2, 0.9]]), at(0.1)
+    )  # no further than the window
     assert made.bricks.used[0] == 2
 
 
@@ -92,10 +113,14 @@ def test_points_beyond_the_reach_touch_no_brick() -> None:
 
 
 def test_bricks_that_fade_or_leave_are_used_again() -> None:
-    made, points = Octree(**NEAR).grow(), np.random.default_rng(2).normal(0, 4, (200, 3))
+    made = Octree(**NEAR).grow()
+    points = np.random.default_rng(2).normal(0, 4, (200, 3))
     made.insert(points, at(0.0))
     before = made.bricks.nbytes
-    for away in (at(0.0, 0.0, 0.0, 0.0, 0.0, 3.0), at(100.0)):  # exp(−18) of all is left; nothing is
+    for away in (
+        at(0.0, 0.0, 0.0, 0.0, 0.0, 3.0),
+        at(100.0),
+    ):  # exp(−18) of all is left; nothing is
         made.insert(np.empty((0, 3)), away)
         assert made.bricks.used[0] == 0
         sound(made.bricks)
@@ -105,8 +130,16 @@ def test_bricks_that_fade_or_leave_are_used_again() -> None:
 
 
 def test_memory_follows_what_is_known() -> None:
-    made, rng = Octree(edge_m=64.0, depth=7).grow(), np.random.default_rng(3)
-    ring = np.stack([np.cos(angle := rng.uniform(-math.pi, math.pi, 2000)), np.sin(angle), rng.uniform(-0.1, 0.1, 2000)], axis=1)
+    made = Octree(edge_m=64.0, depth=7).grow()
+    rng = np.random.default_rng(3)
+    ring = np.stack(
+        [
+            np.cos(angle := rng.uniform(-math.pi, math.pi, 2000)),
+            np.sin(angle),
+            rng.uniform(-0.1, 0.1, 2000),
+        ],
+        axis=1,
+    )
     sizes = []
     for scan in range(120):
         made.insert(ring * rng.uniform(5, 12), at(-300.0 + 5 * scan, 2.0 * scan))
@@ -123,9 +156,12 @@ def test_memory_follows_what_is_known() -> None:
 
 
 def test_scans_that_outgrow_the_pools_lose_no_ray() -> None:
-    # One scan that needs many bricks, against the same points one after another at rest: the same leaves are known.
-    octree, points = Octree(edge_m=64.0, depth=7, motion="none"), np.random.default_rng(4).normal(0, 12, (1500, 3))
-    whole, parts = octree.grow(), octree.grow()
+    # One scan that needs many bricks, against the same points one after another at rest: the same
+    # leaves are known.
+    octree = Octree(edge_m=64.0, depth=7, motion="none")
+    points = np.random.default_rng(4).normal(0, 12, (1500, 3))
+    whole = octree.grow()
+    parts = octree.grow()
     whole.insert(points, at(0.0))
     for part in np.array_split(points, 50):
         parts.insert(part, at(0.0))

@@ -45,7 +45,9 @@ def gathered(artifact: store.Artifact, made: Submaps) -> Gathering:
 
 
 def cut(artifact: store.Artifact, **settings: object) -> Submaps:
-    return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(artifact, Progress())
+    return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(
+        artifact, Progress()
+    )
 
 
 def test_older_scans_lie_behind_in_the_newest_ones_frame(tmp_path: Path) -> None:
@@ -57,8 +59,12 @@ def test_older_scans_lie_behind_in_the_newest_ones_frame(tmp_path: Path) -> None
 
 
 def test_a_submap_turns_with_its_anchor(tmp_path: Path) -> None:
-    # Two metres along +x, then a quarter turn to the left on the spot: what was behind is to the right.
-    turned = pose(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]), np.array([[0, 0, 0], [0, 0, 0], [0, 0, np.pi / 2]]))
+    # Two metres along +x, then a quarter turn to the left on the spot: what was behind is to the
+    # right.
+    turned = pose(
+        np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]),
+        np.array([[0, 0, 0], [0, 0, 0], [0, 0, np.pi / 2]]),
+    )
     artifact = scans(tmp_path, [np.zeros((1, 3))] * 3, turned)
     (points,) = gathered(artifact, cut(artifact))
     np.testing.assert_allclose(points, [[0, 2, 0], [0, 1, 0], [0, 0, 0]], atol=1e-9)
@@ -66,7 +72,13 @@ def test_a_submap_turns_with_its_anchor(tmp_path: Path) -> None:
 
 def test_the_ground_is_a_percentile_of_the_heights_around_the_anchor(tmp_path: Path) -> None:
     # 95 points of ground at −2 m, five of a wall above; a pit 50 m away is none of its business.
-    cloud = np.concatenate([np.tile([3.0, 0, -2.0], (95, 1)), np.tile([3.0, 0, 4.0], (5, 1)), np.tile([50.0, 0, -9.0], (300, 1))])
+    cloud = np.concatenate(
+        [
+            np.tile([3.0, 0, -2.0], (95, 1)),
+            np.tile([3.0, 0, 4.0], (5, 1)),
+            np.tile([50.0, 0, -9.0], (300, 1)),
+        ]
+    )
     artifact = scans(tmp_path, [cloud] * 3, driven(3))
     made = cut(artifact, ground_percentile=5.0)
     assert made.ground_m.tolist() == [-2.0]
@@ -95,20 +107,30 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
     """Against the definition: every submap put together on its own, from float64 poses."""
     rng = np.random.default_rng(3)
     clouds = [np.round(rng.uniform(-20, 20, (rng.integers(0, 9), 3)), 2) for _ in range(40)]
-    truth = pose(np.cumsum(rng.uniform(0, 0.6, (40, 3)), axis=0), np.cumsum(rng.normal(0, 0.1, (40, 3)), axis=0))
+    truth = pose(
+        np.cumsum(rng.uniform(0, 0.6, (40, 3)), axis=0),
+        np.cumsum(rng.normal(0, 0.1, (40, 3)), axis=0),
+    )
     truth[17] = NAN4
     artifact = scans(tmp_path, clouds, truth)
     made = cut(artifact, window_m=4.0)
     monkeypatch.setattr(gathering, "BLOCK", block)
     moved = Counter[int]()
     plain = gathering._moved
-    monkeypatch.setattr(gathering, "_moved", lambda a_T_b, points: (moved.update([len(points)]), plain(a_T_b, points))[1])
+    monkeypatch.setattr(
+        gathering,
+        "_moved",
+        lambda a_T_b, points: (moved.update([len(points)]), plain(a_T_b, points))[1],
+    )
     found = list(gathered(artifact, made))
     assert len(found) == len(made.scans) > 10
     for first, last, points in zip(made.first, made.scans, found, strict=True):
         rows = [row for row in range(first, last + 1) if made.used[row]]
         last_T_row = [np.linalg.inv(truth[last]) @ truth[row] for row in rows]
-        wanted = [clouds[row] @ a_T_b[:3, :3].T + a_T_b[:3, 3] for row, a_T_b in zip(rows, last_T_row, strict=True)]
+        wanted = [
+            clouds[row] @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+            for row, a_T_b in zip(rows, last_T_row, strict=True)
+        ]
         np.testing.assert_allclose(points, np.concatenate(wanted), atol=1e-9)
     between = made.used[made.first[0] : made.scans[-1] + 1].sum()
     assert moved.total() <= between + len(found)
@@ -117,15 +139,21 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
 def test_views_of_accumulated_submaps_are_drawn_from_all_their_scans(tmp_path: Path) -> None:
     artifact = scans(tmp_path, [np.array([[1.0, 0, row / 2]]) for row in range(4)], driven(4))
     made = cut(artifact)
-    with store.write(tmp_path / "submaps.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED) as draft:
+    with store.write(
+        tmp_path / "submaps.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED
+    ) as draft:
         for name in ("first", "scans", "ground_m", "used"):
             draft.put(name, getattr(made, name))
         draft.put("stamps_ns", np.arange(2))
         draft.put("world_T_anchor", driven(4)[made.scans])
     submaps = store.read(tmp_path / "submaps.zarr", SUBMAPS)
-    drawing = Drawing(artifact, submaps, lambda points: np.array([len(points), points[:, 2].sum()], np.float32))
+    drawing = Drawing(
+        artifact, submaps, lambda points: np.array([len(points), points[:, 2].sum()], np.float32)
+    )
     assert len(drawing) == 2
-    np.testing.assert_allclose(np.concatenate(list(drawing.blocks(Compute()))), [[3, 1.5], [3, 3.0]])
+    np.testing.assert_allclose(
+        np.concatenate(list(drawing.blocks(Compute()))), [[3, 1.5], [3, 3.0]]
+    )
 
 
 def test_memory_is_that_of_a_window_however_long_the_drive(tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
-"""The dynamic octree against OctoMap's numbers, the motion update's (METHODS 4.2, 4.3), and a slow map of exact fractions."""
+"""The dynamic octree against OctoMap's numbers, the motion update's (METHODS 4.2, 4.3), and a slow
+map of exact fractions."""
 
 import math
 from fractions import Fraction
@@ -12,7 +13,10 @@ from pipeline.errors import InputError
 from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 
-HIT, MISS, LOWEST, HIGHEST = 0.8472979, -0.4054651, -2.0000279, 3.5110307
+HIT = 0.8472979
+MISS = -0.4054651
+LOWEST = -2.0000279
+HIGHEST = 3.5110307
 OCTOMAP = Octree(edge_m=16.0, depth=5, motion="none", sensor_height_m=0.0)
 """Leaves of 0.5 m; the robot's frame is the sensor's."""
 ORIGIN = (0.1, 0.1, 0.1)
@@ -39,7 +43,10 @@ def known(made: OctreeMap) -> dict[tuple[float, ...], float]:
     """Log-odds of all known leaves by their middles."""
     cells = np.argwhere(made.log_odds != 0)
     middles = np.round(made.corner_m + (cells + 0.5) * made.leaf_m, 6)
-    return {tuple(map(float, middle)): float(made.log_odds[tuple(cell)]) for middle, cell in zip(middles, cells, strict=True)}
+    return {
+        tuple(map(float, middle)): float(made.log_odds[tuple(cell)])
+        for middle, cell in zip(middles, cells, strict=True)
+    }
 
 
 def probability(made: OctreeMap, *places: tuple[float, float, float]) -> list[float]:
@@ -50,10 +57,13 @@ def probability(made: OctreeMap, *places: tuple[float, float, float]) -> list[fl
 
 @pytest.mark.parametrize("rays", ["end_voxel", "all"])
 @pytest.mark.parametrize(
-    ("scans", "free", "hit"), [(1, -0.405465, 0.847298), (2, -0.810930, 1.694596), (12, -2.000028, 3.511031)]
+    ("scans", "free", "hit"),
+    [(1, -0.405465, 0.847298), (2, -0.810930, 1.694596), (12, -2.000028, 3.511031)],
 )
 def test_octomaps_line(rays: str, scans: int, free: float, hit: float) -> None:
-    line = {(x, 0.25, 0.25): free for x in (0.25, 0.75, 1.25, 1.75, 2.25)} | {(2.75, 0.25, 0.25): hit}
+    line = {(x, 0.25, 0.25): free for x in (0.25, 0.75, 1.25, 1.75, 2.25)} | {
+        (2.75, 0.25, 0.25): hit
+    }
     made = known(grown(Octree(**vars(OCTOMAP) | {"rays": rays}), (2.6, 0.1, 0.1), scans=scans))
     assert made == pytest.approx(line, abs=1e-6)
 
@@ -66,14 +76,26 @@ def test_octomaps_probabilities() -> None:
 
 
 def test_octomaps_diagonal() -> None:
-    free = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (1.25, 0.75), (1.75, 0.75), (1.75, 1.25), (2.25, 1.25)]
+    free = [
+        (0.25, 0.25),
+        (0.75, 0.25),
+        (0.75, 0.75),
+        (1.25, 0.75),
+        (1.75, 0.75),
+        (1.75, 1.25),
+        (2.25, 1.25),
+    ]
     made = known(grown(Octree(**vars(OCTOMAP) | {"rays": "all"}), (2.6, 1.3, 0.1)))
-    assert made == pytest.approx({(x, y, 0.25): MISS for x, y in free} | {(2.75, 1.25, 0.25): HIT}, abs=1e-6)
+    assert made == pytest.approx(
+        {(x, y, 0.25): MISS for x, y in free} | {(2.75, 1.25, 0.25): HIT}, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("scans", [1, 2])
 def test_octomaps_longest_ray(scans: int) -> None:
-    made = known(grown(Octree(**vars(OCTOMAP) | {"max_range_m": 1.2}), (2.6, 0.1, 0.1), scans=scans))
+    made = known(
+        grown(Octree(**vars(OCTOMAP) | {"max_range_m": 1.2}), (2.6, 0.1, 0.1), scans=scans)
+    )
     assert made == pytest.approx({(x, 0.25, 0.25): scans * MISS for x in (0.25, 0.75)}, abs=1e-6)
 
 
@@ -89,12 +111,18 @@ def test_a_point_in_the_sensors_own_leaf_clears_nothing() -> None:
 
 
 def cells_of(start: np.ndarray, end: np.ndarray) -> list[tuple[int, ...]]:
-    """Cells from start to just before end's, in exact arithmetic, by all the borders between them in order."""
-    begin, finish = [Fraction(float(v)) for v in start], [Fraction(float(v)) for v in end]
-    cell, crossed = [math.floor(v) for v in begin], []
+    """Cells from start to just before end's, in exact arithmetic, by all the borders between them
+    in order."""
+    begin = [Fraction(float(v)) for v in start]
+    finish = [Fraction(float(v)) for v in end]
+    cell = [math.floor(v) for v in begin]
+    crossed = []
     for axis, (a, b) in enumerate(zip(begin, finish, strict=True)):
         low, high = sorted((math.floor(a), math.floor(b)))
-        crossed += [((border - a) / (b - a), axis, 1 if b > a else -1) for border in range(low + 1, high + 1)]
+        crossed += [
+            ((border - a) / (b - a), axis, 1 if b > a else -1)
+            for border in range(low + 1, high + 1)
+        ]
     cells = []
     for _, axis, step in sorted(crossed):
         cells.append(tuple(cell))
@@ -104,9 +132,13 @@ def cells_of(start: np.ndarray, end: np.ndarray) -> list[tuple[int, ...]]:
 
 @pytest.mark.parametrize("rays", ["end_voxel", "all"])
 def test_rays_cross_the_cells_that_exact_arithmetic_says_and_stop_at_the_window(rays: str) -> None:
-    # Half of the points lie beyond the window of 8 m, a part of them beyond the longest ray of 9 m too.
-    octree = Octree(edge_m=8.0, depth=4, motion="none", rays=rays, max_range_m=9.0, sensor_height_m=1.0)
-    points, pose = np.random.default_rng(0).normal(0, 3.7, (400, 3)), at(3.3172, -2.2391, 0.1137, 0.4)
+    # Half of the points lie beyond the window of 8 m, a part of them beyond the longest ray of 9 m
+    # too.
+    octree = Octree(
+        edge_m=8.0, depth=4, motion="none", rays=rays, max_range_m=9.0, sensor_height_m=1.0
+    )
+    points = np.random.default_rng(0).normal(0, 3.7, (400, 3))
+    pose = at(3.3172, -2.2391, 0.1137, 0.4)
     made = octree.grow()
     made.insert(points, pose)
     origin = (pose[:3, 3] + (0, 0, 1)) / 0.5
@@ -140,7 +172,9 @@ MOTIONS = [
 
 
 @pytest.mark.parametrize(("pose", "hit", "free"), MOTIONS)
-def test_a_motion_takes_all_leaves_towards_unknown(pose: np.ndarray, hit: float, free: float) -> None:
+def test_a_motion_takes_all_leaves_towards_unknown(
+    pose: np.ndarray, hit: float, free: float
+) -> None:
     made = grown(Octree(**vars(OCTOMAP) | {"motion": "gaussian"}), (2.6, 0.1, 0.1))
     made.insert(np.empty((0, 3)), pose)
     np.testing.assert_allclose(probability(made, *PLACES), [hit, free], atol=1e-6)
@@ -158,9 +192,11 @@ def test_decay_per_metre_does_not_know_the_rate_of_scans() -> None:
 
 
 def test_leaves_decay_before_they_are_hit_and_are_clamped_after() -> None:
-    # One sigma on, with .606531 L left of the twelve hits' 3.511031: 2.129548 + .847298 = 2.976846; ten hits later, the clamp.
+    # One sigma on, with .606531 L left of the twelve hits' 3.511031: 2.129548 + .847298 = 2.976846;
+    # ten hits later, the clamp.
     octree = Octree(**vars(OCTOMAP) | {"motion": "gaussian"})
-    made, end = grown(octree, (2.6, 0.1, 0.1), scans=12), np.array([[2.6, 0.1, 0.1]])
+    made = grown(octree, (2.6, 0.1, 0.1), scans=12)
+    end = np.array([[2.6, 0.1, 0.1]])
     for scans, expected in ((1, 2.976846), (9, HIGHEST)):
         for _ in range(scans):
             made.insert(end - (0.1, 2.1, 0.1), at(0.1, 2.1, 0.1))
@@ -185,18 +221,28 @@ def test_a_robot_at_rest_forgets_nothing(motion: str) -> None:
     np.testing.assert_array_equal(made.log_odds, before)
 
 
-@pytest.mark.parametrize("to", [(3.2, 0.1, 0.1), (-2.9, 1.4, 0.1), (0.1, 2.4, 0.7), (0.3, -1.1, 0.2), (0.1, 0.2, -2.2)])
+@pytest.mark.parametrize(
+    "to", [(3.2, 0.1, 0.1), (-2.9, 1.4, 0.1), (0.1, 2.4, 0.7), (0.3, -1.1, 0.2), (0.1, 0.2, -2.2)]
+)
 def test_the_window_follows_by_whole_leaves(to: tuple[float, float, float]) -> None:
-    # Four times there and back: what a map of one scan alone knows is added, and what lies beyond the window is struck out.
-    rng, octree = np.random.default_rng(1), Octree(edge_m=8.0, depth=4, motion="none", sensor_height_m=0.0)
-    made, expected = octree.grow(), dict[tuple[float, ...], float]()
+    # Four times there and back: what a map of one scan alone knows is added, and what lies beyond
+    # the window is struck out.
+    rng = np.random.default_rng(1)
+    octree = Octree(edge_m=8.0, depth=4, motion="none", sensor_height_m=0.0)
+    made = octree.grow()
+    expected = dict[tuple[float, ...], float]()
     for place in 4 * (ORIGIN, to):
-        points, alone = rng.normal(0, 2, (60, 3)), octree.grow()
+        points = rng.normal(0, 2, (60, 3))
+        alone = octree.grow()
         for each in (made, alone):
             each.insert(points, at(*place))
         low = np.floor(np.array(place) / 0.5) * 0.5 - 4
         np.testing.assert_array_equal(made.corner_m, low)
-        expected = {cell: value for cell, value in expected.items() if (low < cell).all() and (cell < low + 8).all()}
+        expected = {
+            cell: value
+            for cell, value in expected.items()
+            if (low < cell).all() and (cell < low + 8).all()
+        }
         for cell, value in known(alone).items():
             expected[cell] = min(max(expected.get(cell, 0.0) + value, LOWEST), HIGHEST)
         assert known(made) == pytest.approx(expected, abs=1e-5)
@@ -234,7 +280,9 @@ def test_the_order_of_points_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30])
-def test_points_and_poses_that_are_not_numbers_are_refused_and_leave_the_map_as_it_was(bad: float) -> None:
+def test_points_and_poses_that_are_not_numbers_are_refused_and_leave_the_map_as_it_was(
+    bad: float,
+) -> None:
     made, other = (grown(OCTOMAP, (2.6, 0.1, 0.1)) for _ in range(2))
     points = np.random.default_rng(4).normal(0, 2, (50, 3))
     for axis in range(3):
@@ -255,25 +303,39 @@ def test_points_and_poses_that_are_not_numbers_are_refused_and_leave_the_map_as_
 
 
 def octomap_states(tree: Any, made: OctreeMap) -> np.ndarray:
-    """Log-odds (side, side, side) of OctoMap's leaves, pruned ones filled out, in the window of a map."""
-    low, side, leaf_m = np.rint(made.corner_m / made.leaf_m).astype(int), len(made.log_odds), made.leaf_m
+    """Log-odds (side, side, side) of OctoMap's leaves, pruned ones filled out, in the window of a
+    map."""
+    low = np.rint(made.corner_m / made.leaf_m).astype(int)
+    side = len(made.log_odds)
+    leaf_m = made.leaf_m
     found = np.zeros_like(made.log_odds)
     for leaf in tree.begin_leafs():
-        first = np.rint((np.array(leaf.getCoordinate()) - leaf.getSize() / 2) / leaf_m).astype(int) - low
+        first = (
+            np.rint((np.array(leaf.getCoordinate()) - leaf.getSize() / 2) / leaf_m).astype(int)
+            - low
+        )
         last = np.minimum(first + round(leaf.getSize() / leaf_m), side)
         x, y, z = first.clip(0)
-        found[x : max(last[0], 0), y : max(last[1], 0), z : max(last[2], 0)] = leaf.current_node.getLogOdds()
+        found[x : max(last[0], 0), y : max(last[1], 0), z : max(last[2], 0)] = (
+            leaf.current_node.getLogOdds()
+        )
     return found
 
 
 def test_real_scans_make_octomaps_map(real: Path) -> None:
-    """Sixteen KITTI scans, each with its pose, at the same leaves and range, discretised; the window holds all their rays.
+    """Sixteen KITTI scans, each with its pose, at the same leaves and range, discretised; the
+    window holds all their rays.
 
-    What may differ: the first scan's sensor lies on a border of two cells to 3e-8 m, where rounding alone says which it is in.
+    What may differ: the first scan's sensor lies on a border of two cells to 3e-8 m, where rounding
+    alone says which it is in.
     """
-    pyoctomap = pytest.importorskip("pyoctomap", reason="pyoctomap, OctoMap's C++ from Python, is not installed")
+    pyoctomap = pytest.importorskip(
+        "pyoctomap", reason="pyoctomap, OctoMap's C++ from Python, is not installed"
+    )
     octree = Octree(edge_m=100.0, depth=8, motion="none", max_range_m=43.3)
-    made, tree, log = octree.grow(), pyoctomap.OcTree(octree.leaf_m), Kitti().open(real / "kitti", "00")
+    made = octree.grow()
+    tree = pyoctomap.OcTree(octree.leaf_m)
+    log = Kitti().open(real / "kitti", "00")
     tree.setProbHit(octree.hit)
     tree.setProbMiss(octree.miss)
     tree.setClampingThresMin(octree.lowest)

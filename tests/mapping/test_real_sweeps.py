@@ -31,7 +31,9 @@ ROOT = Path(__file__).parents[2]
 def taken(path: Path, log: Log) -> store.Artifact:
     """A log as a scans artifact."""
     intake = Intake(log, 0.005, 0)
-    with store.write(path, SCANS, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped) as draft:
+    with store.write(
+        path, SCANS, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped
+    ) as draft:
         for points, offsets in intake.blocks(Compute(), Progress()):
             draft.append("points", points)
             draft.append("offsets", offsets)
@@ -41,27 +43,34 @@ def taken(path: Path, log: Log) -> store.Artifact:
 
 
 @pytest.mark.parametrize(("newest", "median_m"), [(1, 0.07), (15, 0.34)])
-def test_real_scans_lie_on_each_other_in_a_submap(real: Path, tmp_path: Path, newest: int, median_m: float) -> None:
-    # real/README.md: points above z = −1 m of scan j, seen from scan 0; how they were cut is not said, so a quarter is allowed.
+def test_real_scans_lie_on_each_other_in_a_submap(
+    real: Path, tmp_path: Path, newest: int, median_m: float
+) -> None:
+    # real/README.md: points above z = −1 m of scan j, seen from scan 0; how they were cut is not
+    # said, so a quarter is allowed.
     scans = taken(tmp_path / "00.zarr", Kitti().open(real / "kitti", "00"))
     used = np.isin(np.arange(16), (0, newest))
-    oldest, last = np.array([0]), np.array([newest])
+    oldest = np.array([0])
+    last = np.array([newest])
     (points,) = Gathering(scans, "world_T_scan", oldest, last, np.zeros(1), used)
     ends = scans.load("offsets")
-    older, newer = points[: ends[1]], points[ends[1] :]
+    older = points[: ends[1]]
+    newer = points[ends[1] :]
     assert len(newer) == ends[newest + 1] - ends[newest]
     above = [cloud[cloud[:, 2] > -1 + Kitti().lidar_height_m] for cloud in (older, newer)]
     assert np.median(cKDTree(above[0]).query(above[1])[0]) == pytest.approx(median_m, rel=0.25)
 
 
 def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
-    """Along x at a metre a second, beside a wall 5 m to the left that each sweep sees at one point, a lidar at 1 m of height."""
+    """Along x at a metre a second, beside a wall 5 m to the left that each sweep sees at one point,
+    a lidar at 1 m of height."""
     lidar = np.eye(4)
     lidar[2, 3] = 1.0
     with BagWriter(tmp_path / "monday", "mcap") as bag:
         bag.static_transform(0, "base_link", "laser", lidar)
         for step in range(60):
-            stamp_ns, pose = 10**9 + step * 10**8, np.eye(4)
+            stamp_ns = 10**9 + step * 10**8
+            pose = np.eye(4)
             pose[0, 3] = step / 10
             bag.odometry(stamp_ns, "map", "base_link", pose, "/odom")
             bag.laser_scan(stamp_ns, "laser", np.array([np.inf, 5.0]), 0.0, np.pi / 2, 0.1, 30.0)
@@ -75,28 +84,41 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
     assert ScanContext(min_points=1)(points).max() == pytest.approx(1.0, abs=0.006)
 
 
-def test_views_that_show_nothing_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sweeps at the height of the ground: that of a level lidar when its own height is taken for the ground's."""
+def test_views_that_show_nothing_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sweeps at the height of the ground: that of a level lidar when its own height is taken for
+    the ground's."""
     monkeypatch.chdir(tmp_path)
     poses = np.tile(np.eye(4), (30, 1, 1))
     poses[:, 0, 3] = np.arange(30)
     thicket = np.mgrid[38:42:0.25, -2:2:0.25].reshape(2, -1).T
-    sweep = np.column_stack([np.concatenate([[[4.0, 0.0]], thicket]), np.full(len(thicket) + 1, 0.6)])
+    sweep = np.column_stack(
+        [np.concatenate([[[4.0, 0.0]], thicket]), np.full(len(thicket) + 1, 0.6)]
+    )
     level = Log(np.arange(30), poses, poses, lambda row: sweep, Counter())
     scans = taken(tmp_path / "scans/monday.zarr", level)
     stage = {"sequences": "monday", "scans": "scans", "submaps": "submaps"}
     view = {"_target_": "pipeline.views.scan_context.ScanContext", "rings": 40, "sectors": 120}
-    drawn = stage | {"out": "views", "view": view, "compute": {"_target_": "pipeline.running.compute.Compute"}}
+    drawn = stage | {
+        "out": "views",
+        "view": view,
+        "compute": {"_target_": "pipeline.running.compute.Compute"},
+    }
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
-        with store.write("submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED) as draft:
+        with store.write(
+            "submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED
+        ) as draft:
             for name in ("first", "scans", "ground_m", "used"):
                 draft.put(name, getattr(made, name))
             draft.put("stamps_ns", scans.load("stamps_ns")[made.scans])
             draft.put("world_T_anchor", poses[made.scans])
         if shows:
             # Of 29 anchors the first four have no whole window.
-            assert main.run(OmegaConf.create(drawn)).startswith("monday: 25 views of 40 × 120 (ring, sector)")
+            assert main.run(OmegaConf.create(drawn)).startswith(
+                "monday: 25 views of 40 × 120 (ring, sector)"
+            )
         else:
             with pytest.raises(ArtifactError, match="submap: flat"):
                 main.run(OmegaConf.create(drawn))

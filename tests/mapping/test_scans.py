@@ -15,7 +15,8 @@ from pipeline.running.progress import Progress
 
 
 def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) -> Log:
-    """A drive along x, a metre a scan unless `xs` says otherwise; a cloud that is None cannot be read."""
+    """A drive along x, a metre a scan unless `xs` says otherwise; a cloud that is None cannot be
+    read."""
     poses = np.tile(np.eye(4), (len(clouds), 1, 1))
     poses[:, 0, 3] = np.arange(len(clouds)) if xs is None else xs
 
@@ -32,7 +33,9 @@ def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) 
 def taken(intake: Intake) -> tuple[np.ndarray, np.ndarray]:
     """All points, all offsets."""
     blocks = list(intake.blocks(Compute(workers=2), Progress()))
-    return np.concatenate([points for points, _ in blocks]), np.concatenate([offsets for _, offsets in blocks])
+    return np.concatenate([points for points, _ in blocks]), np.concatenate(
+        [offsets for _, offsets in blocks]
+    )
 
 
 def flat(n: int, value_m: float) -> np.ndarray:
@@ -66,7 +69,10 @@ def test_scans_that_cannot_be_read_are_left_out_and_counted() -> None:
     assert intake.poses()["stamps_ns"].tolist() == [2000, 4000, 35_000]
     np.testing.assert_array_equal(intake.poses()["world_T_scan"][:, 0, 3], [1, 3, 34])
     assert intake.skipped() == {"empty file": 2, "unreadable scan": 32}
-    assert intake.summary() == "3 scans, 0.0 M points, 2 skipped (empty file), 32 skipped (unreadable scan)"
+    assert (
+        intake.summary()
+        == "3 scans, 0.0 M points, 2 skipped (empty file), 32 skipped (unreadable scan)"
+    )
 
 
 def test_a_first_block_that_is_all_broken_still_starts_the_offsets() -> None:
@@ -75,8 +81,11 @@ def test_a_first_block_that_is_all_broken_still_starts_the_offsets() -> None:
 
 
 def test_points_beyond_16_bits_are_dropped_and_counted() -> None:
-    # 32767 units of 5 mm are 163.835 m; one unit more is beyond. A point that is no number goes too.
-    far = np.array([[163.835, 0, 0], [163.84, 0, 0], [0, -163.84, 0], [0, 0, -163.835], [np.nan, 0, 0]])
+    # 32767 units of 5 mm are 163.835 m; one unit more is beyond. A point that is no number goes
+    # too.
+    far = np.array(
+        [[163.835, 0, 0], [163.84, 0, 0], [0, -163.84, 0], [0, 0, -163.835], [np.nan, 0, 0]]
+    )
     intake = Intake(log([far]), 0.005, 0)
     points, offsets = taken(intake)
     np.testing.assert_array_equal(points, [[32_767, 0, 0], [0, 0, -32_767]])
@@ -112,4 +121,9 @@ def test_a_break_in_the_odometry_outlives_the_scan_that_marked_it() -> None:
     odometry[2] = np.nan
     intake = Intake(replace(drive, odom_T_scan=odometry), 0.005, 0)
     taken(intake)
-    assert np.isnan(intake.poses()["odom_T_scan"]).all(axis=(1, 2)).tolist() == [False, False, True, False]
+    assert np.isnan(intake.poses()["odom_T_scan"]).all(axis=(1, 2)).tolist() == [
+        False,
+        False,
+        True,
+        False,
+    ]

@@ -19,7 +19,10 @@ def path(*xs: float) -> np.ndarray:
     ("xs", "rows"),
     [
         ((0, 0.5, 1, 1.5, 2), [2, 4]),  # 0.5 + 0.5, twice
-        ((0, 0.75, 1.5, 2.25, 3), [2, 4]),  # 1.5 is enough, and the half metre too much is not carried over
+        (
+            (0, 0.75, 1.5, 2.25, 3),
+            [2, 4],
+        ),  # 1.5 is enough, and the half metre too much is not carried over
         ((0, 5, 5, 10), [1, 3]),  # one step, one sample, however long
         ((0, 0.5, 0, 0.5), [2]),  # back and forth is path too
         ((0, 0.25, 0.5, 0.75), []),
@@ -27,7 +30,10 @@ def path(*xs: float) -> np.ndarray:
         ((3,), []),
         ((), []),
         ((NAN, 0, 1, 2), [2, 3]),  # the first rows have no pose
-        ((0, 0.5, NAN, 9, 9.5), [4]),  # 0.5 before the gap and 0.5 after it; the 8.5 m across do not count
+        (
+            (0, 0.5, NAN, 9, 9.5),
+            [4],
+        ),  # 0.5 before the gap and 0.5 after it; the 8.5 m across do not count
         ((0, NAN, 100, NAN, 200), []),
         ((NAN, NAN), []),
     ],
@@ -45,7 +51,9 @@ def test_steps_are_measured_in_three_dimensions() -> None:
 
 @given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=40), st.floats(0.1, 20))
 @settings(max_examples=40, deadline=None)
-def test_samples_are_known_and_at_least_a_step_of_path_apart(xs: list[float], step_m: float) -> None:
+def test_samples_are_known_and_at_least_a_step_of_path_apart(
+    xs: list[float], step_m: float
+) -> None:
     rows = sample_path(path(*xs), step_m)
     steps = np.abs(np.diff(xs)) if len(xs) > 1 else np.empty(0)
     travelled = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps), steps, 0.0))])
@@ -61,7 +69,9 @@ def poses(*xs: float) -> np.ndarray:
     return found
 
 
-def windows(*xs: float, placed: np.ndarray | None = None, window_m: float = 2.0) -> tuple[list[int], list[int], dict[str, int]]:
+def windows(
+    *xs: float, placed: np.ndarray | None = None, window_m: float = 2.0
+) -> tuple[list[int], list[int], dict[str, int]]:
     truth = poses(*np.arange(float(len(xs)))) if placed is None else placed
     first, last, left_out = Accumulated(step_m=1.0, window_m=window_m).windows(poses(*xs), truth)
     return first.tolist(), last.tolist(), +left_out
@@ -75,18 +85,28 @@ def test_a_window_reaches_back_over_its_length_of_odometry() -> None:
 
 def test_no_window_reaches_across_a_break_in_the_odometry() -> None:
     # After the break the path is counted anew: 10, 11, 12 is the first whole window.
-    assert windows(0, 1, 2, NAN, 10, 11, 12, 13) == ([0, 4, 5], [2, 6, 7], {"window not yet whole": 2})
+    assert windows(0, 1, 2, NAN, 10, 11, 12, 13) == (
+        [0, 4, 5],
+        [2, 6, 7],
+        {"window not yet whole": 2},
+    )
     assert windows(NAN, 0, 1, 2) == ([1], [3], {"window not yet whole": 1})
 
 
 def test_an_anchor_without_a_place_makes_no_submap_but_its_scans_serve_others() -> None:
     placed = poses(0, 1, NAN, 3, 4)
-    assert windows(0, 1, 2, 3, 4, placed=placed) == ([1, 2], [3, 4], {"window not yet whole": 1, "no true pose": 1})
+    assert windows(0, 1, 2, 3, 4, placed=placed) == (
+        [1, 2],
+        [3, 4],
+        {"window not yet whole": 1, "no true pose": 1},
+    )
 
 
 @given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=60), st.floats(0.5, 20))
 @settings(max_examples=60, deadline=None)
-def test_a_window_is_unbroken_and_the_shortest_that_is_long_enough(xs: list[float], window_m: float) -> None:
+def test_a_window_is_unbroken_and_the_shortest_that_is_long_enough(
+    xs: list[float], window_m: float
+) -> None:
     first, last, left_out = windows(*xs, window_m=window_m)
     steps = np.abs(np.diff(xs))
     assert len(last) + sum(left_out.values()) == len(sample_path(path(*xs), 1.0))

@@ -28,7 +28,9 @@ def test_neighbouring_rows_of_one_place_follow_each_other():
 
 
 def test_distinct_places_are_answered_once_and_missing_ones_cost_everything():
-    ranking = DATABASE.nearest(DESCRIPTORS, np.array([[2.2], [5.0]], np.float32), 4, distinct_places=True)
+    ranking = DATABASE.nearest(
+        DESCRIPTORS, np.array([[2.2], [5.0]], np.float32), 4, distinct_places=True
+    )
     assert ranking.places.tolist() == [[1, 0, 2, -1], [2, 1, 0, -1]]
     assert ranking.xy_m[0, :3, 0].tolist() == [20, 10, 40]
     assert np.isinf(ranking.costs[:, 3]).all()
@@ -37,15 +39,22 @@ def test_distinct_places_are_answered_once_and_missing_ones_cost_everything():
 
 def test_the_heading_of_an_answer_is_its_rows_and_the_turn_against_it():
     # Row 4 looks to 170°; turned by 30° more that is 200° = −160°.
-    distances, rows, turned_deg = np.zeros((1, 2), np.float32), np.array([[4, 4]]), np.array([[30.0, 5.0]])
+    distances = np.zeros((1, 2), np.float32)
+    rows = np.array([[4, 4]])
+    turned_deg = np.array([[30.0, 5.0]])
     ranking = DATABASE.answer(distances, rows, 2, distinct_places=False, turned_deg=turned_deg)
     np.testing.assert_allclose(ranking.heading_deg, [[-160, 175]])
 
 
 def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surroundings():
-    # Blocks of 10 m every 20 m hold rows 1, 3 and 5 (path + 10 m, modulo 20 m, below 10 m); of their places each keeps a row.
+    # Blocks of 10 m every 20 m hold rows 1, 3 and 5 (path + 10 m, modulo 20 m, below 10 m); of
+    # their places each keeps a row.
     evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, M2dp(False, 20, 10, 15))
-    assert evidence.right.tolist() == [True, True, True]  # row 3 is as near to 2 as to 4, row 1 to 0 as to 2: the first counts
+    assert evidence.right.tolist() == [
+        True,
+        True,
+        True,
+    ]  # row 3 is as near to 2 as to 4, row 1 to 0 as to 2: the first counts
     assert evidence.seen["distance"].tolist() == [1, 1, 1]
     # Without all within 15 m: row 1 finds 4 at 3, row 3 finds 0 at 3, row 5 finds 2 at 3.
     assert evidence.unseen["distance"].tolist() == [3, 3, 3]
@@ -59,7 +68,10 @@ def test_a_path_too_short_for_blocks_holds_each_row_against_the_others():
 
 def test_what_a_model_holds_of_it_comes_back():
     again = Database.of({**DATABASE.arrays(), "descriptors": DESCRIPTORS})
-    assert all(np.array_equal(getattr(again, name), getattr(DATABASE, name)) for name in ("places", "xy_m", "yaw_deg"))
+    assert all(
+        np.array_equal(getattr(again, name), getattr(DATABASE, name))
+        for name in ("places", "xy_m", "yaw_deg")
+    )
 
 
 def test_every_training_view_needs_its_place():

@@ -9,7 +9,9 @@ from pipeline.matching.headings import PLACES, nearest_heading
 
 def crowd(n: int, m: int, width: int = 32) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
-    return rng.normal(size=(n, 8, width)).astype(np.float16), rng.normal(size=(m, width)).astype(np.float32)
+    return rng.normal(size=(n, 8, width)).astype(np.float16), rng.normal(size=(m, width)).astype(
+        np.float32
+    )
 
 
 def test_the_distance_is_the_least_over_the_headings_of_equal_ones_the_first() -> None:
@@ -36,7 +38,8 @@ def test_the_order_of_the_headings_changes_nothing_but_their_numbers() -> None:
 def test_codes_that_lie_close_together_far_from_zero_are_told_apart() -> None:
     # As a collapsed network's do: lengths of 570, distances of about 0.8.
     codes, queries = crowd(30, 6)
-    codes, queries = 100 + codes.astype(np.float32) / 10, 100 + queries / 10
+    codes = 100 + codes.astype(np.float32) / 10
+    queries = 100 + queries / 10
     away = np.linalg.norm(codes[:, :, None].astype(float) - queries, axis=3).min(axis=1)
     np.testing.assert_allclose(nearest_heading(codes, queries)[0], away, rtol=1e-4)
 

@@ -26,7 +26,9 @@ def test_a_query_is_answered_alone_as_in_a_crowd(asked: int):
     crowd, rows = nearest(database, queries[:asked], 1)
     alone = [nearest(database, query[None], 1) for query in queries[:asked]]
     assert rows.tolist() == [row.tolist()[0] for _, row in alone]
-    np.testing.assert_allclose(crowd, np.concatenate([distance for distance, _ in alone]), rtol=1e-6)
+    np.testing.assert_allclose(
+        crowd, np.concatenate([distance for distance, _ in alone]), rtol=1e-6
+    )
 
 
 def test_descriptors_of_another_length_are_refused():

@@ -27,7 +27,9 @@ def test_an_outline_is_the_first_ring_that_stands() -> None:
 
 @pytest.mark.parametrize(("view", "place"), [(0, 0), (1, 1), (2, 2), (3, 2)])
 @pytest.mark.parametrize("turn", [-5, 0, 7])
-def test_a_place_seen_again_is_first_and_tells_the_heading(view: int, place: int, turn: int) -> None:
+def test_a_place_seen_again_is_first_and_tells_the_heading(
+    view: int, place: int, turn: int
+) -> None:
     yaw_deg = 3 * (float(LEARNED.columns[view]) + turn)
     guessed = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
     scores, headings = reranked(LEVEL, guessed, seen(view, turn), LEARNED)
@@ -38,11 +40,14 @@ def test_a_place_seen_again_is_first_and_tells_the_heading(view: int, place: int
 
 def test_what_hides_a_place_costs_its_sectors_and_what_is_gone_costs_more() -> None:
     guessed = np.zeros((1, 3))
-    hidden, gone = seen(0, 0).copy(), seen(0, 0).copy()
+    hidden = seen(0, 0).copy()
+    gone = seen(0, 0).copy()
     hidden[0, :20] = 0
     gone[0, :20] = NOTHING
     assert reranked(LEVEL, guessed, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
-    assert reranked(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(WORTH * (100 - GONE * 20))
+    assert reranked(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(
+        WORTH * (100 - GONE * 20)
+    )
 
 
 def test_a_heading_far_off_is_not_found_and_a_forgotten_place_stays_forgotten() -> None:

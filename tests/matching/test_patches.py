@@ -1,4 +1,5 @@
-"""Patch normalisation and sums of absolute differences: the official code's numbers, and plain numpy."""
+"""Patch normalisation and sums of absolute differences: the official code's numbers, and plain
+numpy."""
 
 import numpy as np
 import pytest
@@ -26,33 +27,45 @@ def test_each_patch_has_its_own_mean_and_spread_so_brightness_and_contrast_do_no
 
 
 def test_halves_are_rounded_away_from_the_mean() -> None:
-    # About 9: five pairs of ±1, one of ±5, four of 0. The squares sum to 60, so a standard deviation is √(60 / 15) = 2.
+    # About 9: five pairs of ±1, one of ±5, four of 0. The squares sum to 60, so a standard
+    # deviation is √(60 / 15) = 2.
     patch = np.array([8, 10] * 5 + [4, 14] + [9] * 4, np.uint8).reshape(1, 4, 4)
-    np.testing.assert_array_equal(normalised(patch, 4).ravel(), [126, 128] * 5 + [124, 130] + [127] * 4)
+    np.testing.assert_array_equal(
+        normalised(patch, 4).ravel(), [126, 128] * 5 + [124, 130] + [127] * 4
+    )
 
 
 def test_the_official_code_s_differences_and_none_wraps_around() -> None:
-    references, queries = np.array([[1, 3], [2, 4]], np.uint8), np.array([[0, 1], [5, 1], [2, 9]], np.uint8)
+    references = np.array([[1, 3], [2, 4]], np.uint8)
+    queries = np.array([[0, 1], [5, 1], [2, 9]], np.uint8)
     np.testing.assert_array_equal(differences(references, queries), [[1.5, 3, 3.5], [2.5, 3, 2.5]])
     rng = np.random.default_rng(0)
     references, queries = (rng.integers(0, 256, (n, 9, 7), dtype=np.uint8) for n in (5, 130))
     expected = np.abs(references[:, None].astype(float) - queries).sum(axis=(2, 3)) / 5
     np.testing.assert_allclose(differences(references, queries), expected, rtol=1e-7)
-    assert differences(np.zeros((1, 64, 64), np.uint8), np.full((1, 64, 64), 255, np.uint8)) == 255 * 4096
+    assert (
+        differences(np.zeros((1, 64, 64), np.uint8), np.full((1, 64, 64), 255, np.uint8))
+        == 255 * 4096
+    )
     assert differences(references, queries[:0]).shape == (5, 0)
 
 
 def test_a_new_side_is_the_mean_of_what_a_pixel_covers() -> None:
     image = np.arange(36, dtype=np.uint8).reshape(1, 6, 6)
     np.testing.assert_array_equal(resized(image, 6), image)
-    np.testing.assert_array_equal(resized(image, 3), np.rint(image.reshape(1, 3, 2, 3, 2).mean(axis=(2, 4))))
-    # A pixel of 1.5 covers pixel 0 and half of pixel 1, along both sides: (0 + 1/2) / 1.5 = 1/3, rows 6 times that.
+    np.testing.assert_array_equal(
+        resized(image, 3), np.rint(image.reshape(1, 3, 2, 3, 2).mean(axis=(2, 4)))
+    )
+    # A pixel of 1.5 covers pixel 0 and half of pixel 1, along both sides: (0 + 1/2) / 1.5 = 1/3,
+    # rows 6 times that.
     assert resized(image, 4)[0, 0, 0] == np.rint(7 / 3)
     assert (resized(np.full((2, 3, 3), 255, np.uint8), 64) == 255).all()
 
 
 def test_images_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InputError, match=r"\(1, 12, 8\): expected \(n, height, width\) in whole patches of 8"):
+    with pytest.raises(
+        InputError, match=r"\(1, 12, 8\): expected \(n, height, width\) in whole patches of 8"
+    ):
         normalised(np.zeros((1, 12, 8), np.uint8))
     with pytest.raises(InputError, match=r"\(8, 8\): expected \(16, 16\) like the references"):
         differences(np.zeros((2, 16, 16), np.uint8), np.zeros((2, 8, 8), np.uint8))

@@ -65,7 +65,11 @@ def test_rows_of_several_sequences_follow_one_another(tmp_path: Path) -> None:
 def test_rankings_of_several_cases_follow_one_another() -> None:
     first, second = (Ranking(*[np.full((2, 1), value)] * 6, ("own",)) for value in (1, 2))  # type: ignore[arg-type]
     both = joined([first, second])
-    assert all(getattr(both, name).tolist() == [[1], [1], [2], [2]] for name in vars(both) if name != "kinds")
+    assert all(
+        getattr(both, name).tolist() == [[1], [1], [2], [2]]
+        for name in vars(both)
+        if name != "kinds"
+    )
     assert both.kinds == ("own",)
 
 
@@ -75,7 +79,12 @@ def test_a_view_that_is_not_there_is_one_clear_line(tmp_path: Path) -> None:
 
 
 RANKING = Ranking(
-    *(np.zeros((4, 3), np.int64), np.zeros((4, 3), np.float32), np.zeros((4, 3, 2)), np.zeros((4, 1), np.float32)),
+    *(
+        np.zeros((4, 3), np.int64),
+        np.zeros((4, 3), np.float32),
+        np.zeros((4, 3, 2)),
+        np.zeros((4, 1), np.float32),
+    ),
     *(np.zeros(4, np.float32), np.zeros((4, 3), np.float32), ("distance",)),
 )
 
@@ -84,9 +93,15 @@ RANKING = Ranking(
     ("wrong", "line"),
     [
         ({"places": np.zeros((3, 3), np.int64)}, r"places of shape \(3, 3\): expected \(4, 3\)"),
-        ({"heading_deg": np.zeros((4, 1), np.float32)}, r"heading_deg of shape \(4, 1\): expected \(4, 3\)"),
+        (
+            {"heading_deg": np.zeros((4, 1), np.float32)},
+            r"heading_deg of shape \(4, 1\): expected \(4, 3\)",
+        ),
         ({"kinds": ("a", "b")}, r"novelty of shape \(4, 1\): expected \(4, 2\)"),
-        ({"novelty": np.array([[0], [np.nan], [0], [np.nan]], np.float32)}, "NaN for 2 of 4 queries"),
+        (
+            {"novelty": np.array([[0], [np.nan], [0], [np.nan]], np.float32)},
+            "NaN for 2 of 4 queries",
+        ),
     ],
 )
 def test_answers_of_a_wrong_shape_or_without_novelty_are_refused(wrong: dict, line: str) -> None:

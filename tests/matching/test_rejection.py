@@ -1,4 +1,5 @@
-"""Rejection: the threshold of a wanted precision, from what a model says of its held-out queries."""
+"""Rejection: the threshold of a wanted precision, from what a model says of its held-out
+queries."""
 
 from dataclasses import fields
 
@@ -19,7 +20,8 @@ from pipeline.matching.rejection import (
     threshold_for,
 )
 
-# Four held-out queries, the third misplaced: how new they look as they are, and with their surroundings forgotten.
+# Four held-out queries, the third misplaced: how new they look as they are, and with their
+# surroundings forgotten.
 EVIDENCE = Evidence(
     np.array([True, True, False, True]),
     {"entropy": np.array([0.1, 0.2, 0.3, 0.4]), "energy": np.array([-9.0, -8.0, -7.0, -6.0])},
@@ -38,16 +40,21 @@ RANKING = Ranking(
 
 
 def test_a_threshold_keeps_the_wanted_precision_among_seen_and_unseen() -> None:
-    # Half of the queries unseen, each counting half, in order of entropy: right .1, right .2, unseen .25, wrong .3, right .4,
-    # unseen .5, .6, .7. One more counted wrong, kept are .5/1.5, 1/2, 1/2.5, 1/3, 1.5/3.5, 1.5/4, 1.5/4.5, 1.5/5.
+    # Half of the queries unseen, each counting half, in order of entropy: right .1, right .2,
+    # unseen .25, wrong .3, right .4, unseen .5, .6, .7. One more counted wrong, kept are .5/1.5,
+    # 1/2, 1/2.5, 1/3, 1.5/3.5, 1.5/4, 1.5/4.5, 1.5/5.
     for wanted, ends, kept in ((0.5, 0.225, 1 / 2), (0.4, 0.45, 1.5 / 3.5), (0.37, 0.55, 1.5 / 4)):
         (threshold,) = Rejection("own", wanted, 0.5).thresholds(EVIDENCE.arrays(), ("entropy",))
         assert threshold == pytest.approx((ends, kept), rel=1e-6)
-    # With no unseen query to expect, they are 1/2, 2/3, 2/4, 3/5 of the seen; the unseen up to .7 then break nothing.
+    # With no unseen query to expect, they are 1/2, 2/3, 2/4, 3/5 of the seen; the unseen up to .7
+    # then break nothing.
     (threshold,) = Rejection("own", 0.6, 0.0).thresholds(EVIDENCE.arrays(), ("entropy",))
     assert threshold == pytest.approx((0.7, 0.6), rel=1e-6)
-    # Energy takes the unseen for the most familiar, and four blocks are too few to offer less than wanted.
-    entropy, energy = Rejection("own", 0.9, 0.5).thresholds(EVIDENCE.arrays(), ("entropy", "energy"))
+    # Energy takes the unseen for the most familiar, and four blocks are too few to offer less than
+    # wanted.
+    entropy, energy = Rejection("own", 0.9, 0.5).thresholds(
+        EVIDENCE.arrays(), ("entropy", "energy")
+    )
     assert entropy.reject_from == energy.reject_from == ACCEPT_NOTHING
     assert np.isnan([entropy.kept_precision, energy.kept_precision]).all()
 
@@ -63,7 +70,10 @@ def test_evidence_survives_being_part_of_a_model_and_one_without_is_refused() ->
     with pytest.raises(InputError, match="held_out/right"):
         Evidence.of({"net/weight": np.zeros(3)})
     earlier = {name: array for name, array in EVIDENCE.arrays().items() if name != "held_out/block"}
-    with pytest.raises(InputError, match="the model has no held_out/block: an earlier version made it; train it anew"):
+    with pytest.raises(
+        InputError,
+        match="the model has no held_out/block: an earlier version made it; train it anew",
+    ):
         Evidence.of(earlier)
 
 
@@ -72,7 +82,8 @@ def test_blocks_of_several_days_stay_apart() -> None:
 
 
 def test_queries_of_one_block_share_a_weight_of_one() -> None:
-    # Twenty right answers, none unseen to expect: each a block keep 20 of 21, ten in each of two blocks 2 of 3.
+    # Twenty right answers, none unseen to expect: each a block keep 20 of 21, ten in each of two
+    # blocks 2 of 3.
     novelty = {"entropy": np.arange(20) / 100}
     alone = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.arange(20))
     together = Evidence(np.ones(20, bool), novelty, {"entropy": np.ones(20)}, np.repeat([0, 1], 10))
@@ -82,30 +93,52 @@ def test_queries_of_one_block_share_a_weight_of_one() -> None:
     assert nothing.reject_from == ACCEPT_NOTHING
     (less,) = Rejection("own", 0.66, 0.0).thresholds(together.arrays(), ("entropy",))
     assert less.kept_precision == pytest.approx(2 / 3)
-    # A block of two queries counts as one of one: right, then wrong and right in one block, keep 1/2, 1/2.5, 1.5/3.
-    uneven = Evidence(np.array([1, 0, 1], bool), {"e": np.array([1.0, 2, 3])}, {"e": np.full(3, 9.0)}, np.array([0, 1, 1]))
+    # A block of two queries counts as one of one: right, then wrong and right in one block, keep
+    # 1/2, 1/2.5, 1.5/3.
+    uneven = Evidence(
+        np.array([1, 0, 1], bool),
+        {"e": np.array([1.0, 2, 3])},
+        {"e": np.full(3, 9.0)},
+        np.array([0, 1, 1]),
+    )
     assert uneven.threshold("e", 0.0, 0.5) == pytest.approx((np.nextafter(9, 10), 0.5))
 
 
-def offered(wanted: float, right: list[int], blocks: list[int] | None = None, novelty: list[float] | None = None) -> Threshold:
-    """Of queries with the novelties 0, 1, 2, ..., each in a block of its own, unless they are given."""
+def offered(
+    wanted: float,
+    right: list[int],
+    blocks: list[int] | None = None,
+    novelty: list[float] | None = None,
+) -> Threshold:
+    """Of queries with the novelties 0, 1, 2, ..., each in a block of its own, unless they are
+    given."""
     n = np.arange(len(right))
     given = n.astype(float) if novelty is None else np.array(novelty)
-    return reachable(wanted, given, np.array(right, bool), np.ones(len(n)), n if blocks is None else np.array(blocks))
+    return reachable(
+        wanted,
+        given,
+        np.array(right, bool),
+        np.ones(len(n)),
+        n if blocks is None else np.array(blocks),
+    )
 
 
 def test_a_threshold_stands_midway_to_the_next_novelty_and_just_above_the_last() -> None:
-    # Nine right of nine and one more counted wrong are 9 of 10; the tenth, wrong, would make 9 of 11.
+    # Nine right of nine and one more counted wrong are 9 of 10; the tenth, wrong, would make 9 of
+    # 11.
     novelty = [*range(9), 11.0]
     assert offered(0.9, [1] * 9 + [0], novelty=novelty) == pytest.approx((9.5, 0.9))
     assert offered(0.9, [1] * 8 + [0] * 2).reject_from != pytest.approx(7.5)  # 8 of 9 are .889
     assert offered(0.9, [1] * 9) == pytest.approx((np.nextafter(8, 9), 0.9))
     # What is infinitely new is accepted by no threshold, and is no end of a gap.
-    assert offered(0.9, [1] * 9 + [0], novelty=[*range(9), np.inf]) == pytest.approx((np.nextafter(8, 9), 0.9))
+    assert offered(0.9, [1] * 9 + [0], novelty=[*range(9), np.inf]) == pytest.approx(
+        (np.nextafter(8, 9), 0.9)
+    )
 
 
 def test_where_the_wanted_precision_is_not_kept_the_most_is_offered() -> None:
-    # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of 11 or 9 of 13.
+    # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of
+    # 11 or 9 of 13.
     assert LEAST_BLOCKS == 10
     assert offered(0.9, [1, 1, 0, 1, 1, 0, 1, 1, 1, 1, 1, 0]) == pytest.approx((10.5, 0.75))
     # 10 of 12 are .8333...: told as .833, since .834 would promise more than is kept.
@@ -126,17 +159,25 @@ def test_too_few_blocks_or_none_right_offer_nothing() -> None:
 
 
 def test_a_line_says_what_is_kept_where_less_than_wanted() -> None:
-    rejection, novelty = Rejection("own", 0.9, 0.0), {"e": np.arange(12.0)}
+    rejection = Rejection("own", 0.9, 0.0)
+    novelty = {"e": np.arange(12.0)}
 
     def said(right: list[int]) -> str:
         n = len(right)
-        evidence = Evidence(np.array(right, bool), {"e": novelty["e"][:n]}, {"e": np.full(n, 99.0)}, np.arange(n))
+        evidence = Evidence(
+            np.array(right, bool), {"e": novelty["e"][:n]}, {"e": np.full(n, 99.0)}, np.arange(n)
+        )
         (threshold,) = rejection.thresholds(evidence.arrays(), ("e",))
         return rejection.summary(evidence.arrays(), threshold, 7)
 
     assert said([1] * 12) == "7 rejected"
-    assert said([1] * 8 + [0] * 4) == "7 rejected; keeps 0.727 of the wanted 0.9 on 12 held-out blocks"
-    nothing = "all rejected: no threshold keeps the wanted 0.9 on held-out blocks, or is right on 10 of them (there are 6)"
+    assert (
+        said([1] * 8 + [0] * 4) == "7 rejected; keeps 0.727 of the wanted 0.9 on 12 held-out blocks"
+    )
+    nothing = (
+        "all rejected: no threshold keeps the wanted 0.9 on held-out blocks, or is right on 10 of "
+        "them (there are 6)"
+    )
     assert said([1] * 6) == nothing
 
 
@@ -145,14 +186,21 @@ def test_the_wanted_kind_of_novelty_comes_first() -> None:
     assert ordered.kinds == ("energy", "entropy")
     np.testing.assert_array_equal(ordered.novelty, RANKING.novelty[:, ::-1])
     assert Rejection().order(RANKING) is RANKING
-    changed = {field.name for field in fields(RANKING) if getattr(ordered, field.name) is not getattr(RANKING, field.name)}
+    changed = {
+        field.name
+        for field in fields(RANKING)
+        if getattr(ordered, field.name) is not getattr(RANKING, field.name)
+    }
     assert changed == {"novelty", "kinds"}
 
 
 @pytest.mark.parametrize(
     ("settings_", "said"),
     [
-        ({"novelty": "distance"}, "rejection.novelty=distance: expected own or one of entropy, energy"),
+        (
+            {"novelty": "distance"},
+            "rejection.novelty=distance: expected own or one of entropy, energy",
+        ),
         ({"wanted_precision": 1.5}, "rejection.wanted_precision=1.5: expected a share from 0 to 1"),
         ({"unseen_share": -0.1}, "rejection.unseen_share=-0.1"),
         ({"wanted_precision": "much"}, "rejection.wanted_precision=much: expected a number"),
@@ -163,8 +211,12 @@ def test_a_wrong_setting_is_one_line(settings_: dict[str, object], said: str) ->
         Rejection(**settings_).order(RANKING)  # type: ignore[arg-type]
 
 
-def chosen(precision: float, novelty: list[float], right: list[int], weight: list[float] | None = None) -> float:
-    return threshold_for(precision, np.array(novelty), np.array(right, bool), np.array(weight or [1.0] * len(right)))
+def chosen(
+    precision: float, novelty: list[float], right: list[int], weight: list[float] | None = None
+) -> float:
+    return threshold_for(
+        precision, np.array(novelty), np.array(right, bool), np.array(weight or [1.0] * len(right))
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,24 +229,32 @@ def chosen(precision: float, novelty: list[float], right: list[int], weight: lis
         (0.0, 6),
     ],
 )
-def test_the_largest_threshold_that_keeps_the_precision_is_chosen(precision: float, accepted: int) -> None:
-    novelty, right = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [1, 1, 0, 1, 0, 0]
+def test_the_largest_threshold_that_keeps_the_precision_is_chosen(
+    precision: float, accepted: int
+) -> None:
+    novelty = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    right = [1, 1, 0, 1, 0, 0]
     threshold = chosen(precision, novelty, right)
     assert (np.array(novelty) < threshold).sum() == accepted
 
 
-def test_precision_may_dip_and_recover_and_equal_novelties_are_accepted_together_in_any_order() -> None:
+def test_precision_may_dip_and_recover_and_equal_novelties_are_accepted_together_in_any_order() -> (
+    None
+):
     # wrong, then three right: 0, 1/2, 2/3, 3/4 of those accepted.
     assert chosen(0.75, [0.1, 0.2, 0.3, 0.4], [0, 1, 1, 1]) > 0.4
     assert chosen(0.76, [0.1, 0.2, 0.3, 0.4], [0, 1, 1, 1]) == ACCEPT_NOTHING
-    # Equal novelties: at 0.2 there are a right one and a wrong one, in any order: accepting one accepts both, 2 of 3.
+    # Equal novelties: at 0.2 there are a right one and a wrong one, in any order: accepting one
+    # accepts both, 2 of 3.
     for right in ([1, 1, 0], [1, 0, 1]):
         assert 0.1 < chosen(0.9, [0.1, 0.2, 0.2], right) <= 0.2
         assert chosen(0.66, [0.1, 0.2, 0.2], right) > 0.2
     assert chosen(0.95, [0.3, 0.4], [0, 1]) == ACCEPT_NOTHING
     assert chosen(0.95, [-7.0, -7.0], [0, 1]) == ACCEPT_NOTHING
     assert chosen(0.95, [], []) == ACCEPT_NOTHING
-    assert chosen(0.7, [0.4, 0.1, 0.3, 0.2], [0, 1, 0, 1]) == chosen(0.7, [0.1, 0.2, 0.3, 0.4], [1, 1, 0, 0])
+    assert chosen(0.7, [0.4, 0.1, 0.3, 0.2], [0, 1, 0, 1]) == chosen(
+        0.7, [0.1, 0.2, 0.3, 0.4], [1, 1, 0, 0]
+    )
 
 
 def test_a_query_counts_as_often_as_it_weighs() -> None:
@@ -206,13 +266,19 @@ def test_a_query_counts_as_often_as_it_weighs() -> None:
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()), min_size=1, max_size=12), st.floats(0.05, 1)
+    st.lists(
+        st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()),
+        min_size=1,
+        max_size=12,
+    ),
+    st.floats(0.05, 1),
 )
 @settings(max_examples=60, deadline=None)
 def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
     queries: list[tuple[float, bool]], wanted: float
 ) -> None:
-    novelty, right = np.array([n for n, _ in queries]), np.array([r for _, r in queries])
+    novelty = np.array([n for n, _ in queries])
+    right = np.array([r for _, r in queries])
     threshold = offered(wanted, right, novelty=novelty)  # type: ignore[arg-type]
     accepted = novelty < threshold.reject_from
     if not accepted.any():
@@ -226,11 +292,19 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()), min_size=1, max_size=12), st.floats(0.05, 1)
+    st.lists(
+        st.tuples(st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0]), st.booleans()),
+        min_size=1,
+        max_size=12,
+    ),
+    st.floats(0.05, 1),
 )
 @settings(max_examples=60, deadline=None)
-def test_no_larger_threshold_keeps_the_precision(queries: list[tuple[float, bool]], precision: float) -> None:
-    novelty, right = np.array([n for n, _ in queries]), np.array([r for _, r in queries])
+def test_no_larger_threshold_keeps_the_precision(
+    queries: list[tuple[float, bool]], precision: float
+) -> None:
+    novelty = np.array([n for n, _ in queries])
+    right = np.array([r for _, r in queries])
     threshold = threshold_for(precision, novelty, right, np.ones(len(right)))
     accepted = novelty < threshold
     assert not accepted.any() or right[accepted].mean() >= precision

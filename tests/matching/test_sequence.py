@@ -11,7 +11,8 @@ SPEEDS = (0.8, 1.2, 0.1)
 
 def official() -> np.ndarray:
     """METHODS 6's difference matrix of 40 references and 30 queries."""
-    i, j = np.arange(40)[:, None], np.arange(30)
+    i = np.arange(40)[:, None]
+    j = np.arange(30)
     return np.asarray((i**2 + 3 * i * j + 7 * j) % 23 + 5 * np.abs(i - j - 4), np.float32)
 
 
@@ -21,19 +22,25 @@ def plain_contrast(differences: np.ndarray, half: int) -> np.ndarray:
         window = differences[max(i - half, 0) : i + half + 1].astype(np.float64)
         if len(window) > 1:
             spread = window.std(axis=0, ddof=1)
-            out[i] = np.where(spread > 0, (differences[i] - window.mean(axis=0)) / np.where(spread > 0, spread, 1), 0)
+            out[i] = np.where(
+                spread > 0,
+                (differences[i] - window.mean(axis=0)) / np.where(spread > 0, spread, 1),
+                0,
+            )
     return out
 
 
 def plain_search(enhanced: np.ndarray, length: int, moves: list[int]) -> np.ndarray:
-    """METHODS 6, step 4, moves in tenths: by first row, with a row of +inf that all rows past the end are."""
+    """METHODS 6, step 4, moves in tenths: by first row, with a row of +inf that all rows past the
+    end are."""
     n, m = enhanced.shape
     padded = np.vstack([enhanced, np.full((1, m), np.inf)])
     costs = np.full((n, m - length), np.inf)
     for window in range(m - length):
         for start in range(n):
             costs[start, window] = min(
-                sum(padded[min(start + k * move // 10, n), window + k] for k in range(length + 1)) for move in moves
+                sum(padded[min(start + k * move // 10, n), window + k] for k in range(length + 1))
+                for move in moves
             )
     return costs
 
@@ -42,25 +49,34 @@ def test_the_official_code_s_enhanced_differences_matches_and_ratios() -> None:
     enhanced = contrast(official(), 10)
     enhanced -= enhanced.min()
     assert enhanced.dtype == np.float32
-    np.testing.assert_allclose(enhanced[[0, 19, 39], [0, 15, 29]], [3.528037, 0.848247, 3.915999], atol=1e-6)
-    np.testing.assert_allclose([enhanced.sum(dtype=float), enhanced.max()], [2744.008, 4.040952], atol=1e-3)
+    np.testing.assert_allclose(
+        enhanced[[0, 19, 39], [0, 15, 29]], [3.528037, 0.848247, 3.915999], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        [enhanced.sum(dtype=float), enhanced.max()], [2744.008, 4.040952], atol=1e-3
+    )
     costs = search(enhanced, runs(10, *SPEEDS)).T
     assert costs.shape == (20, 40)  # 30 queries, 10 of which are too near an end
     best = cheapest(costs, 1)[:, 0]
     ratios = costs[np.arange(20), best] / runner_up(costs, best, 10)
     queries = np.array([5, 6, 14, 15, 23, 24]) - 5
     np.testing.assert_array_equal(best[queries], [10, 10, 18, 20, 27, 29])
-    np.testing.assert_allclose(ratios[queries], [0.491714, 0.486685, 0.440005, 0.509527, 0.559607, 0.556489], atol=1e-6)
+    np.testing.assert_allclose(
+        ratios[queries], [0.491714, 0.486685, 0.440005, 0.509527, 0.559607, 0.556489], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("rows", [2, 10, 11, 30])
 def test_contrast_is_each_column_s_own_in_a_window_that_ends_with_the_rows(rows: int) -> None:
     differences = np.random.default_rng(0).random((37, 5)).astype(np.float32)
-    np.testing.assert_allclose(contrast(differences, rows), plain_contrast(differences, rows // 2), atol=2e-6)
+    np.testing.assert_allclose(
+        contrast(differences, rows), plain_contrast(differences, rows // 2), atol=2e-6
+    )
 
 
 def test_running_sums_do_not_drift() -> None:
-    # Float32 sums of a million and a few would be off by their last digit, 0.06, each time that one is added or taken off.
+    # Float32 sums of a million and a few would be off by their last digit, 0.06, each time that one
+    # is added or taken off.
     differences = (1e6 + np.random.default_rng(0).normal(0, 50, (3_000, 3))).astype(np.float32)
     np.testing.assert_allclose(contrast(differences, 10), plain_contrast(differences, 5), atol=1e-5)
 
@@ -81,7 +97,9 @@ def test_what_does_not_vary_has_no_contrast_and_the_least_is_one_low_value_among
     assert contrast(np.empty((0, 2), np.float32), 10).shape == (0, 2)
     column = np.full((30, 1), 9.0, np.float32)
     column[15] = 1
-    assert contrast(column, 10)[15, 0] == pytest.approx(least(10))  # (1 − 91 / 11) / √(64 · 10/11 / 10) = −10 / √11
+    assert contrast(column, 10)[15, 0] == pytest.approx(
+        least(10)
+    )  # (1 − 91 / 11) / √(64 · 10/11 / 10) = −10 / √11
     assert least(10) == pytest.approx(-10 / 11**0.5)
 
 
@@ -98,7 +116,8 @@ def test_a_run_is_counted_from_its_middle_in_whole_rows() -> None:
 @pytest.mark.parametrize("length", [10, 4, 3, 0])
 def test_search_finds_what_a_plain_loop_finds(length: int) -> None:
     enhanced = np.random.default_rng(0).normal(size=(23, 19)).astype(np.float32)
-    plain, half = plain_search(enhanced, length, [8, 9, 10, 11, 12]), length // 2
+    plain = plain_search(enhanced, length, [8, 9, 10, 11, 12])
+    half = length // 2
     costs = search(enhanced, runs(length, *SPEEDS))
     np.testing.assert_allclose(costs[half:], plain[: 23 - half], atol=1e-5)
     assert np.isinf(costs[:half]).all()
@@ -108,7 +127,9 @@ def test_search_finds_what_a_plain_loop_finds(length: int) -> None:
 def test_a_run_driven_backwards_is_the_mirrored_one() -> None:
     enhanced = np.random.default_rng(0).normal(size=(23, 19)).astype(np.float32)
     offsets = runs(10, *SPEEDS)
-    np.testing.assert_array_equal(search(enhanced, -offsets), search(np.ascontiguousarray(enhanced[::-1]), offsets)[::-1])
+    np.testing.assert_array_equal(
+        search(enhanced, -offsets), search(np.ascontiguousarray(enhanced[::-1]), offsets)[::-1]
+    )
 
 
 def test_the_first_of_equally_cheap_rows_comes_first_and_the_runner_up_lies_elsewhere() -> None:

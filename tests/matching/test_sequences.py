@@ -1,4 +1,5 @@
-"""Drives along a training path: which of its rows a run of queries drove past, and how new it looks."""
+"""Drives along a training path: which of its rows a run of queries drove past, and how new it
+looks."""
 
 import numpy as np
 import pytest
@@ -58,7 +59,9 @@ def test_a_sequence_knows_what_one_view_does_not() -> None:
 def test_a_slower_or_faster_drive_is_followed_within_its_speed_s_slip(speed: float) -> None:
     rows = 10 + (np.arange(60) * speed).astype(int)
     ranking = asked(rows)
-    assert np.abs(ranking.places[5:-5, 0] - rows[5:-5]).max() <= 2  # METHODS' middle of a run is that of speed 1
+    assert (
+        np.abs(ranking.places[5:-5, 0] - rows[5:-5]).max() <= 2
+    )  # METHODS' middle of a run is that of speed 1
     assert (ranking.novelty[5:-5, 0] < asked(rows, slowest=1.0, fastest=1.0).novelty[5:-5, 0]).all()
 
 
@@ -68,7 +71,9 @@ def test_a_drive_the_other_way_is_followed_where_that_is_asked_for() -> None:
     np.testing.assert_array_equal(ranking.places[:, 0], rows)
     assert (asked(rows, noise=1.0).places[:, 0] == rows).mean() < 0.2
     forward = asked(rows[::-1], noise=1.0)
-    np.testing.assert_array_equal(asked(rows[::-1], noise=1.0, both_ways=True).places, forward.places)
+    np.testing.assert_array_equal(
+        asked(rows[::-1], noise=1.0, both_ways=True).places, forward.places
+    )
 
 
 def test_fewer_queries_than_a_sequence_are_answered_by_what_there_is() -> None:
@@ -85,11 +90,15 @@ def test_fewer_queries_than_a_sequence_are_answered_by_what_there_is() -> None:
 @pytest.mark.parametrize("n", [1, 2, 4, 9])
 def test_fewer_rows_than_a_sequence_still_answer(n: int) -> None:
     rows = np.arange(40) % n
-    ranking = SequenceMethod(contrast_rows=2).ranked(database(n), differences(rows, references=LOOKS[:n]), 1)
+    ranking = SequenceMethod(contrast_rows=2).ranked(
+        database(n), differences(rows, references=LOOKS[:n]), 1
+    )
     assert (ranking.places >= 0).all()
     assert np.isfinite(ranking.costs).all()
     assert np.isfinite(ranking.novelty).all()
-    slow = SequenceMethod(slowest=1.5, fastest=2.0).ranked(database(n), differences(rows, references=LOOKS[:n]), 1)
+    slow = SequenceMethod(slowest=1.5, fastest=2.0).ranked(
+        database(n), differences(rows, references=LOOKS[:n]), 1
+    )
     assert (slow.places >= 0).all()
 
 
@@ -104,7 +113,8 @@ def test_a_shorter_sequence_s_cost_is_brought_to_the_whole_length() -> None:
 
 
 def test_what_is_missing_of_k_rows_is_no_place() -> None:
-    # Of 120 rows, 5 lie before the first run's middle and 3 behind the last one's, at the slowest speed: METHODS' start + 5.
+    # Of 120 rows, 5 lie before the first run's middle and 3 behind the last one's, at the slowest
+    # speed: METHODS' start + 5.
     ranking = asked(np.arange(30, 80), k=ROWS + 9)
     assert ranking.places.shape == (50, ROWS)
     inner = ranking.places[10]
@@ -114,7 +124,8 @@ def test_what_is_missing_of_k_rows_is_no_place() -> None:
     assert np.isinf(ranking.costs[10, 112:]).all()
     assert np.isnan(ranking.xy_m[10, 112:]).all()
     assert (np.diff(ranking.costs[10, :112]) >= 0).all()
-    # The first and the last query have windows 5 away; what the path's ends cut off of a run is no row of the other end.
+    # The first and the last query have windows 5 away; what the path's ends cut off of a run is no
+    # row of the other end.
     assert set(ranking.places[0]) == {-1, *range(112)}
     assert set(ranking.places[-1]) == {-1, *range(10, 120)}
 
@@ -135,7 +146,9 @@ def test_distinct_places_are_answered_once_each() -> None:
     np.testing.assert_array_equal(ranking.xy_m[:, 0, 0], 2.0 * np.arange(30, 80))
 
 
-def test_queries_are_answered_alike_however_many_are_searched_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_queries_are_answered_alike_however_many_are_searched_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     at_once = asked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
     monkeypatch.setattr(alignment, "QUERIES", 3)
     in_threes = asked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
@@ -144,9 +157,12 @@ def test_queries_are_answered_alike_however_many_are_searched_at_once(monkeypatc
 
 
 def test_what_was_never_seen_is_new_by_both_kinds() -> None:
-    seen, elsewhere = np.arange(30, 80), np.random.default_rng(2).normal(size=(50, 16))
+    seen = np.arange(30, 80)
+    elsewhere = np.random.default_rng(2).normal(size=(50, 16))
     new = np.linalg.norm(LOOKS[:, None] - elsewhere, axis=2).astype(np.float32)
-    known, unknown = (SequenceMethod().ranked(database(), matrix, 1) for matrix in (differences(seen, 1.0), new))
+    known, unknown = (
+        SequenceMethod().ranked(database(), matrix, 1) for matrix in (differences(seen, 1.0), new)
+    )
     assert known.kinds == ("cost", "ratio")
     assert known.novelty.dtype == np.float32
     assert (known.novelty.max(axis=0) < unknown.novelty.min(axis=0)).all()
@@ -159,7 +175,9 @@ def test_what_was_never_seen_is_new_by_both_kinds() -> None:
 def test_a_query_s_cost_as_novelty_does_not_hang_on_what_else_is_asked() -> None:
     matrix = differences(np.arange(30, 80), 1.0)
     odd = matrix.copy()
-    odd[:, -1] = 1 - np.eye(ROWS, dtype=np.float32)[60]  # the least that can be: all other costs rise
+    odd[:, -1] = (
+        1 - np.eye(ROWS, dtype=np.float32)[60]
+    )  # the least that can be: all other costs rise
     one, other = (SequenceMethod().ranked(database(), each, 3) for each in (matrix, odd))
     np.testing.assert_array_equal(one.places[:30], other.places[:30])
     np.testing.assert_array_equal(one.novelty[:30, 0], other.novelty[:30, 0])
@@ -173,8 +191,12 @@ def test_the_author_s_score_is_told_as_it_is() -> None:
     costs = ranking.costs[:, 0].astype(float)
     assert (costs < 0).all()  # so that the score, 1 / cost, falls as the match gets better
     np.testing.assert_allclose(ranking.novelty[:, 0], -np.minimum(1 / costs, 1), rtol=1e-6)
-    nothing = SequenceMethod(subtract_minimum=False).ranked(database(), np.ones((ROWS, 20), np.float32), 1)
-    np.testing.assert_array_equal(nothing.novelty, [[-1, 1]] * 20)  # a cost of 0, and no better one elsewhere
+    nothing = SequenceMethod(subtract_minimum=False).ranked(
+        database(), np.ones((ROWS, 20), np.float32), 1
+    )
+    np.testing.assert_array_equal(
+        nothing.novelty, [[-1, 1]] * 20
+    )  # a cost of 0, and no better one elsewhere
 
 
 def test_of_equally_good_rows_the_first_answers() -> None:
@@ -182,7 +204,9 @@ def test_of_equally_good_rows_the_first_answers() -> None:
     method = SequenceMethod()
     ranking = method.ranked(database(), differences(np.arange(25, 40), references=twice), 2)
     inner = slice(5, -5)  # of which neither window reaches an end
-    np.testing.assert_array_equal(ranking.places[inner], np.stack([np.arange(30, 35), np.arange(90, 95)], axis=1))
+    np.testing.assert_array_equal(
+        ranking.places[inner], np.stack([np.arange(30, 35), np.arange(90, 95)], axis=1)
+    )
 
 
 def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
@@ -191,10 +215,13 @@ def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
     def difference(known: np.ndarray, asking: np.ndarray) -> np.ndarray:
         given[:] = known, asking
         smooth = np.cumsum(LOOKS, axis=0)  # neighbours look alike, 4 apart
-        return np.asarray(np.linalg.norm(smooth[known][:, None] - smooth[asking], axis=2), np.float32)
+        return np.asarray(
+            np.linalg.norm(smooth[known][:, None] - smooth[asking], axis=2), np.float32
+        )
 
     method = SequenceMethod(held_out_every_m=80.0, held_out_length_m=20.0, neighbour_m=20.0)
-    views, places = path(), np.arange(ROWS) // 5
+    views = path()
+    places = np.arange(ROWS) // 5
     held = method.held_out(views)
     # Blocks of 20 m around 40, 120 and 200 m, ten rows each, of which five are odd.
     np.testing.assert_array_equal(np.flatnonzero(held)[:10], np.arange(20, 30))
@@ -206,7 +233,9 @@ def test_held_out_rows_ask_in_one_drive_and_are_not_their_own_answer() -> None:
     assert set(evidence.seen) == set(evidence.unseen) == {"cost", "ratio"}
     assert (evidence.unseen["cost"] > evidence.seen["cost"]).all()
     assert evidence.block.tolist() == [0] * 5 + [1] * 5 + [2] * 5
-    for threshold, kept in Rejection(wanted_precision=0.6).thresholds({**evidence.arrays()}, ("cost", "ratio")):
+    for threshold, kept in Rejection(wanted_precision=0.6).thresholds(
+        {**evidence.arrays()}, ("cost", "ratio")
+    ):
         assert np.isfinite(threshold)
         assert kept >= 0.6 or np.isnan(kept)
 
@@ -218,7 +247,8 @@ def test_all_odd_rows_count_on_a_path_without_blocks() -> None:
     for n in (1, 2, 3, 20):
         evidence = SequenceMethod(neighbour_m=5.0).evidence(database(n), path(n, step_m=1.0), flat)
         assert len(evidence.right) == max(n // 2, 1)
-        # Of 20 rows the even ones 8 to 12 can be the middle of a run: all near row 9, which is then held against them after all.
+        # Of 20 rows the even ones 8 to 12 can be the middle of a run: all near row 9, which is then
+        # held against them after all.
         assert not any(values.any() for values in (evidence.seen["cost"], evidence.unseen["cost"]))
 
 

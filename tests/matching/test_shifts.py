@@ -22,18 +22,23 @@ EMPTY = np.zeros_like(A)
 
 
 def loop(query: NDArray[np.float32], other: NDArray[np.float32]) -> tuple[float, int]:
-    """Distance and best shift by the definition, in float64; shift −1 where none engages a column."""
+    """Distance and best shift by the definition, in float64; shift −1 where none engages a
+    column."""
     means = []
     for shift in range(query.shape[1]):
         cosines = []
-        for a, b in zip(query.T.astype(float), np.roll(other, -shift, axis=1).T.astype(float), strict=True):
+        for a, b in zip(
+            query.T.astype(float), np.roll(other, -shift, axis=1).T.astype(float), strict=True
+        ):
             if a.any() and b.any():
                 cosines.append(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
         means.append(np.mean(cosines) if cosines else -np.inf)
     return (1 - max(means), int(np.argmax(means))) if np.isfinite(means).any() else (1.0, -1)
 
 
-def images(seed: int, density: float, engaged: float, shape: tuple[int, int, int] = (12, 10, 36)) -> NDArray[np.float32]:
+def images(
+    seed: int, density: float, engaged: float, shape: tuple[int, int, int] = (12, 10, 36)
+) -> NDArray[np.float32]:
     """Sparse heights, some negative, of which some columns hold nothing."""
     rng = np.random.default_rng(seed)
     kept = (rng.random(shape) < density) & (rng.random((shape[0], 1, shape[2])) < engaged)
@@ -51,24 +56,36 @@ def test_distances_are_the_authors():
     np.testing.assert_allclose(distances, [0, 0, 0.0917517095, 1.0], atol=1e-9)
     assert turned_deg[:2].tolist() == [0, 90]
     assert np.isnan(turned_deg[3])
-    np.testing.assert_allclose([distance(C, A), distance(B, C), distance(C, B)], 0.0917517095, atol=1e-9)
+    np.testing.assert_allclose(
+        [distance(C, A), distance(B, C), distance(C, B)], 0.0917517095, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
-    ("density", "engaged"), [(1.0, 1.0), (0.3, 0.6), (0.05, 0.9), (0.5, 0.06)], ids=["full", "sparse", "sparser", "few columns"]
+    ("density", "engaged"),
+    [(1.0, 1.0), (0.3, 0.6), (0.05, 0.9), (0.5, 0.06)],
+    ids=["full", "sparse", "sparser", "few columns"],
 )
 def test_all_shifts_by_spectra_equal_the_plain_loop(density: float, engaged: float):
     made = images(3, density, engaged)
     distances, turned_deg = Spectra.learned(made).compare(made[0], np.arange(len(made)))
     expected = [loop(made[0], other) for other in made]
     np.testing.assert_allclose(distances, [answer for answer, _ in expected], atol=1e-6)
-    np.testing.assert_allclose(turned_deg, [10 * shift if shift >= 0 else np.nan for _, shift in expected])
+    np.testing.assert_allclose(
+        turned_deg, [10 * shift if shift >= 0 else np.nan for _, shift in expected]
+    )
 
 
 def test_a_shift_at_which_few_columns_meet_may_be_passed_over():
-    # Half circles: unturned, two columns meet at cosines 1 and .6; turned by one, a single pair meets at cosine 1.
-    query, other = np.array([[1, 3, 0, 0], [0, 4, 0, 0]], np.float32), np.array([[1, 1, 0, 0], [0, 0, 0, 0]], np.float32)
-    for least, expected, turn in ((0.0, 0.0, {90.0, 270.0}), (0.5, 0.0, {90.0, 270.0}), (0.6, 0.2, {0.0})):
+    # Half circles: unturned, two columns meet at cosines 1 and .6; turned by one, a single pair
+    # meets at cosine 1.
+    query = np.array([[1, 3, 0, 0], [0, 4, 0, 0]], np.float32)
+    other = np.array([[1, 1, 0, 0], [0, 0, 0, 0]], np.float32)
+    for least, expected, turn in (
+        (0.0, 0.0, {90.0, 270.0}),
+        (0.5, 0.0, {90.0, 270.0}),
+        (0.6, 0.2, {0.0}),
+    ):
         distances, turned_deg = Spectra.learned(other[None], least).compare(query, np.array([0]))
         np.testing.assert_allclose(distances, [expected], atol=1e-6)
         assert turned_deg[0] in turn
@@ -118,8 +135,14 @@ def test_rows_are_compared_in_the_order_asked_however_many():
 def test_the_likely_rows_hold_the_nearest_ones_and_are_few(engaged: float, least: float):
     made = images(10, 0.3, engaged, (2_000, 6, 72))
     made[1000:1020] = made[5]  # as near as each other
-    spectra, everything, groups = Spectra.learned(made, least), np.arange(2_000), np.arange(2_000) // 7
-    for query in (np.roll(made[5], 11, axis=1), made[3] + made[4], EMPTY[:1].repeat(6, 0).repeat(18, 1)):
+    spectra = Spectra.learned(made, least)
+    everything = np.arange(2_000)
+    groups = np.arange(2_000) // 7
+    for query in (
+        np.roll(made[5], 11, axis=1),
+        made[3] + made[4],
+        EMPTY[:1].repeat(6, 0).repeat(18, 1),
+    ):
         distances, _ = spectra.compare(query, everything)
         order = np.argsort(distances, kind="stable")
         likely = spectra.likely(query, everything, 25)
@@ -139,14 +162,19 @@ def test_all_rows_are_likely_where_fewer_groups_than_asked_for_are_known():
 @pytest.mark.parametrize("distinct", [False, True])
 def test_a_ranking_is_that_of_all_rows(distinct: bool):
     made = images(12, 0.3, 0.7, (700, 5, 24))
-    spectra, places = Spectra.learned(made[:-3]), np.arange(697) // 3
+    spectra = Spectra.learned(made[:-3])
+    places = np.arange(697) // 3
     database = Database(places, np.stack([places, places], 1).astype(float), np.zeros(697))
     rows = np.broadcast_to(np.arange(697), (3, 697))
     ranking = spectra.rank(database, made[-3:], rows, 9, distinct)
     for i, query in enumerate(made[-3:]):
         distances, turned_deg = spectra.compare(query, np.arange(697))
         order = np.argsort(distances, kind="stable")
-        wanted = order[np.sort(np.unique(places[order], return_index=True)[1])][:9] if distinct else order[:9]
+        wanted = (
+            order[np.sort(np.unique(places[order], return_index=True)[1])][:9]
+            if distinct
+            else order[:9]
+        )
         assert ranking.places[i].tolist() == places[wanted].tolist()
         assert ranking.costs[i].tolist() == distances[wanted].astype(np.float32).tolist()
         np.testing.assert_allclose(ranking.heading_deg[i] % 360, turned_deg[wanted] % 360)
@@ -157,7 +185,9 @@ def test_bit_sets_hold_every_column(sectors: int):
     engaged = np.random.default_rng(0).random((5, sectors)) < 0.5
     words = packed(engaged)
     assert words.shape == (5, -(-sectors // 64))
-    assert [sum(int(word).bit_count() for word in row) for row in words] == engaged.sum(axis=1).tolist()
+    assert [sum(int(word).bit_count() for word in row) for row in words] == engaged.sum(
+        axis=1
+    ).tolist()
 
 
 def test_what_a_model_holds_of_it_comes_back_and_takes_twenty_kilobytes_a_scan():
@@ -177,16 +207,26 @@ def test_views_of_another_shape_are_refused(shape: tuple[int, ...]):
 
 
 def test_a_real_reverse_loop_is_recognised_at_its_turn(real: Path):
-    """KITTI 08, scans 720 and 1500: 3.6 m apart and turned by 148.4°; heights and bins as the authors' Python makes them."""
+    """KITTI 08, scans 720 and 1500: 3.6 m apart and turned by 148.4°; heights and bins as the
+    authors' Python makes them."""
     lift = np.array([0, 0, 2.0], np.float32)
     draw = ScanContext(voxel_m=0, min_points=1)
-    there, back = (draw(read_velodyne(real / f"kitti/pairs/08/{scan}.bin") + lift) for scan in ("000720", "001500"))
+    there, back = (
+        draw(read_velodyne(real / f"kitti/pairs/08/{scan}.bin") + lift)
+        for scan in ("000720", "001500")
+    )
     distances, turned_deg = Spectra.learned(there[None]).compare(back, np.array([0]))
     assert turned_deg[0] / 3 == 70
     assert distances[0] == pytest.approx(0.39, abs=0.005)
     np.testing.assert_allclose(distances[0], loop(back, there)[0], atol=1e-6)
     lengths = np.linalg.norm(there, axis=0) * np.linalg.norm(back, axis=0)
-    assert np.mean(1 - (there * back).sum(axis=0)[lengths > 0] / lengths[lengths > 0]) == pytest.approx(0.70, abs=0.01)
-    forward = np.loadtxt(real / "kitti/poses/08.txt").reshape(-1, 3, 4)[[720, 1500], :, 2]  # the camera's z axis
-    yaw_deg = np.rad2deg(np.arctan2(-forward[:, 0], forward[:, 2]))  # its x axis is to the right, so left is −x
+    assert np.mean(
+        1 - (there * back).sum(axis=0)[lengths > 0] / lengths[lengths > 0]
+    ) == pytest.approx(0.70, abs=0.01)
+    forward = np.loadtxt(real / "kitti/poses/08.txt").reshape(-1, 3, 4)[
+        [720, 1500], :, 2
+    ]  # the camera's z axis
+    yaw_deg = np.rad2deg(
+        np.arctan2(-forward[:, 0], forward[:, 2])
+    )  # its x axis is to the right, so left is −x
     assert abs((turned_deg[0] - (yaw_deg[1] - yaw_deg[0]) + 180) % 360 - 180) < 3

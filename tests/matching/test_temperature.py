@@ -7,7 +7,8 @@ from pipeline.matching.temperature import determined, temperature
 
 
 def test_logits_blown_up_by_a_factor_are_cooled_by_it() -> None:
-    # Classes drawn from the very probabilities that the logits say are calibrated at T = 1, and at T = 3 once tripled.
+    # Classes drawn from the very probabilities that the logits say are calibrated at T = 1, and at
+    # T = 3 once tripled.
     rng = np.random.default_rng(0)
     logits = rng.normal(0, 2, (4000, 10))
     classes = np.array([rng.choice(10, p=p) for p in softmax(logits, axis=1)])

@@ -1,4 +1,5 @@
-"""The game: each term worked out by hand, who moves when, and a training that can be cut anywhere."""
+"""The game: each term worked out by hand, who moves when, and a training that can be cut
+anywhere."""
 
 from collections.abc import Callable
 from math import exp, log, log1p
@@ -29,26 +30,39 @@ class Fixed(nn.Module):
         return self.function(*inputs)
 
 
-IMAGES, CODES = torch.tensor([[1.0], [3.0]]), torch.tensor([[2.0], [-2.0]])
+IMAGES = torch.tensor([[1.0], [3.0]])
+CODES = torch.tensor([[2.0], [-2.0]])
 
 
 def toy(objective: Objective) -> dict[str, float]:
     """All terms where En(x) = x/2, De(z) = z + 1, D_J(x, z) = x + z and D_X(x) = x."""
     game = Game(
-        Fixed(lambda x: x / 2), Fixed(lambda z: z + 1), Fixed(lambda x, z: x + z),
-        Fixed(lambda x: x) if objective.image else None, objective,
-    )  # fmt: skip
-    return {name: float(term) for turn in game.turns() for name, term in turn.terms(IMAGES, CODES).items()}
+        Fixed(lambda x: x / 2),
+        Fixed(lambda z: z + 1),
+        Fixed(lambda x, z: x + z),
+        Fixed(lambda x: x) if objective.image else None,
+        objective,
+    )
+    return {
+        name: float(term)
+        for turn in game.turns()
+        for name, term in turn.terms(IMAGES, CODES).items()
+    }
 
 
 # En(x) = ½, 3/2; De(z) = 3, −1; De(En(x)) = 3/2, 5/2; En(De(z)) = 3/2, −½.
-# D_J: own pairs 3/2, 9/2; made ones 5, −3. Squares from 1: (¼ + 49/4)/2 = 25/4 and (16 + 16)/2 = 16; from 0: 45/4 and 17.
+# D_J: own pairs 3/2, 9/2; made ones 5, −3. Squares from 1: (¼ + 49/4)/2 = 25/4 and (16 + 16)/2 =
+# 16; from 0: 45/4 and 17.
 JOINT = {"joint_discriminator": (25 / 4 + 17) / 2, "joint_generator": (45 / 4 + 16) / 2}
 # x − De(En(x)) = −½, ½: ¼. z − En(De(z)) = ½, −3/2: 5/4.
 CYCLES = {"image_cycle": 0.1 / 4, "code_cycle": 0.1 * 5 / 4}
-# D_X: seen 1, 3: from 1, 2. Made of random codes 3, −1: from 0, 5; from 1, 4. Of own codes 3/2, 5/2: from 0, 17/4; from 1, 5/4.
+# D_X: seen 1, 3: from 1, 2. Made of random codes 3, −1: from 0, 5; from 1, 4. Of own codes 3/2,
+# 5/2: from 0, 17/4; from 1, 5/4.
 PRIOR = {"image_discriminator": 0.1 * (2 + 5) / 2, "image_generator": 0.1 * 4}
-BOTH = {"image_discriminator": 0.1 * ((2 + 5) / 2 + (2 + 17 / 4) / 2) / 2, "image_generator": 0.1 * (4 + 5 / 4) / 2}
+BOTH = {
+    "image_discriminator": 0.1 * ((2 + 5) / 2 + (2 + 17 / 4) / 2) / 2,
+    "image_generator": 0.1 * (4 + 5 / 4) / 2,
+}
 
 
 def bce(ones: tuple[float, float] | None, zeros: tuple[float, float] | None) -> float:
@@ -58,10 +72,18 @@ def bce(ones: tuple[float, float] | None, zeros: tuple[float, float] | None) -> 
     return sum(costs) / len(costs)
 
 
-LOGISTIC = {"joint_discriminator": bce((1.5, 4.5), (5, -3)), "joint_generator": bce((5, -3), (1.5, 4.5))}
+LOGISTIC = {
+    "joint_discriminator": bce((1.5, 4.5), (5, -3)),
+    "joint_generator": bce((5, -3), (1.5, 4.5)),
+}
 EXPECTED = {
     "least_squares": JOINT | PRIOR | CYCLES,
-    "bce": LOGISTIC | {"image_discriminator": 0.1 * bce((1, 3), (3, -1)), "image_generator": 0.1 * bce((3, -1), None)} | CYCLES,
+    "bce": LOGISTIC
+    | {
+        "image_discriminator": 0.1 * bce((1, 3), (3, -1)),
+        "image_generator": 0.1 * bce((3, -1), None),
+    }
+    | CYCLES,
     "paper": LOGISTIC
     | {"image_discriminator": bce((1, 3), (1.5, 2.5)), "image_generator": bce((1.5, 2.5), None)}
     | {"image_cycle": 1 / 4, "code_cycle": 5 / 4},
@@ -77,16 +99,27 @@ def test_each_objective_has_its_terms(name: str) -> None:
 
 
 def test_the_authors_code_judges_whole_feature_vectors() -> None:
-    assert [(name, one.head) for name, one in OBJECTIVES.items() if one.head != "scalar"] == [("author_code", "vector")]
+    assert [(name, one.head) for name, one in OBJECTIVES.items() if one.head != "scalar"] == [
+        ("author_code", "vector")
+    ]
 
 
-@pytest.mark.parametrize(("loss", "half", "whole"), [("least_squares", 0.5, 1.0), ("bce", log(2), log(2))])
+@pytest.mark.parametrize(
+    ("loss", "half", "whole"), [("least_squares", 0.5, 1.0), ("bce", log(2), log(2))]
+)
 def test_scores_of_nothing_cost_what_is_known(loss: str, half: float, whole: float) -> None:
-    # BiGAN's losses all start at ln 2; least squares' joint ones at ½, and the decoder's against images alone has no half.
+    # BiGAN's losses all start at ln 2; least squares' joint ones at ½, and the decoder's against
+    # images alone has no half.
     zero = Fixed(lambda *inputs: torch.zeros(2, 1))
     game = Game(Fixed(lambda x: x), Fixed(lambda z: z), zero, zero, Objective(loss, image=1.0))  # type: ignore[arg-type]
-    terms = {name: float(term) for turn in game.turns() for name, term in turn.terms(IMAGES, CODES).items()}
-    expected = dict.fromkeys(("joint_discriminator", "image_discriminator", "joint_generator"), half) | {"image_generator": whole}
+    terms = {
+        name: float(term)
+        for turn in game.turns()
+        for name, term in turn.terms(IMAGES, CODES).items()
+    }
+    expected = dict.fromkeys(
+        ("joint_discriminator", "image_discriminator", "joint_generator"), half
+    ) | {"image_generator": whole}
     expected |= {"image_cycle": 0, "code_cycle": 0}  # both networks answer with what they are given
     assert terms == pytest.approx(expected)
 
@@ -94,19 +127,29 @@ def test_scores_of_nothing_cost_what_is_known(loss: str, half: float, whole: flo
 def small(objective: Objective, seed: int = 0) -> Game:
     torch.manual_seed(seed)
     return Game(
-        Encoder(1, code=6), Decoder(1, code=6), JointDiscriminator(1, code=6),
-        ImageDiscriminator(1, head=objective.head) if objective.image else None, objective,
-    )  # fmt: skip
+        Encoder(1, code=6),
+        Decoder(1, code=6),
+        JointDiscriminator(1, code=6),
+        ImageDiscriminator(1, head=objective.head) if objective.image else None,
+        objective,
+    )
 
 
 def test_a_turn_gives_gradients_to_its_players_and_afl_has_two_turns() -> None:
     game = small(OBJECTIVES["least_squares"])
     makers = {game.encoder, game.decoder}
     assert [(turn.name, set(turn.players), turn.repeated) for turn in game.turns()] == [
-        *(("joint_discriminator", {game.joint}, False), ("image_discriminator", {game.image}, False), ("cycle", makers, False)),
+        *(
+            ("joint_discriminator", {game.joint}, False),
+            ("image_discriminator", {game.image}, False),
+            ("cycle", makers, False),
+        ),
         *(("image_generator", {game.decoder}, True), ("joint_generator", makers, True)),
     ]
-    assert [turn.name for turn in small(OBJECTIVES["afl"]).turns()] == ["joint_discriminator", "joint_generator"]
+    assert [turn.name for turn in small(OBJECTIVES["afl"]).turns()] == [
+        "joint_discriminator",
+        "joint_generator",
+    ]
 
 
 DATA = np.random.default_rng(0).integers(0, 256, (20, 64, 64)).astype(np.uint8)
@@ -117,57 +160,84 @@ def looked_at(game: Game) -> dict[str, float]:
         return health(game.encoder, game.decoder, pixels(DATA[:5], torch.device("cpu")))
 
 
-HOW = Training(code=6, batch=4, learning_rate=0.001, schedule="one_cycle", generator_steps=2, precision="f32", seed=3)
+HOW = Training(
+    code=6,
+    batch=4,
+    learning_rate=0.001,
+    schedule="one_cycle",
+    generator_steps=2,
+    precision="f32",
+    seed=3,
+)
 
 
 def train(
-    game: Game, progress: Progress | None = None, judge: Callable[[Game], dict[str, float]] = looked_at, rounds: int = 3
+    game: Game,
+    progress: Progress | None = None,
+    judge: Callable[[Game], dict[str, float]] = looked_at,
+    rounds: int = 3,
 ) -> dict[str, np.ndarray]:
     with reproducible(1):
         return HOW.play(game, DATA, judge, rounds, 2, progress or Progress())
 
 
 def same(one: nn.Module, other: nn.Module) -> bool:
-    return all(torch.equal(value, other.state_dict()[name]) for name, value in one.state_dict().items())
+    return all(
+        torch.equal(value, other.state_dict()[name]) for name, value in one.state_dict().items()
+    )
 
 
 @pytest.mark.parametrize("name", ["least_squares", "afl"])
 def test_every_term_of_every_round_is_told(name: str) -> None:
     game = small(OBJECTIVES[name])
     curves = train(game)
-    told = {term for turn in game.turns() for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))}
+    told = {
+        term
+        for turn in game.turns()
+        for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))
+    }
     assert curves.keys() == told | {"held_out_error", "code_variance", "code_distance"}
     assert all(column.shape == (3,) and np.isfinite(column).all() for column in curves.values())
 
 
 def test_all_players_learn_and_the_last_weights_stay() -> None:
-    game, before = small(OBJECTIVES["least_squares"]), small(OBJECTIVES["least_squares"])
+    game = small(OBJECTIVES["least_squares"])
+    before = small(OBJECTIVES["least_squares"])
     curves = train(game)
-    assert not any(same(part, other) for part, other in zip(game.children(), before.children(), strict=True))
+    assert not any(
+        same(part, other) for part, other in zip(game.children(), before.children(), strict=True)
+    )
     assert looked_at(game.eval())["held_out_error"] == curves["held_out_error"][-1]
 
 
 def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_path: Path) -> None:
-    right, seen = iter((0.25, 0.75, 0.75, 0.5)), list[dict[str, Tensor]]()
+    right = iter((0.25, 0.75, 0.75, 0.5))
+    seen = list[dict[str, Tensor]]()
 
     def judge(game: Game) -> dict[str, float]:
         seen.append({name: value.clone() for name, value in game.encoder.state_dict().items()})
         return {"held_out_accuracy": next(right)}
 
-    game, words = small(OBJECTIVES["least_squares"]), {"judge": judge, "rounds": 4}
+    game = small(OBJECTIVES["least_squares"])
+    words = {"judge": judge, "rounds": 4}
     with pytest.raises(KeyboardInterrupt):
         train(game, PowerCut(checkpoint=tmp_path / "c", at=4), **words)
     right = iter((0.5,))
     resumed = small(OBJECTIVES["least_squares"])
     curves = train(resumed, Progress(checkpoint=tmp_path / "c"), **words)
     assert best_round(curves) == 2
-    assert all(torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items())
+    assert all(
+        torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items()
+    )
     assert not same(resumed.encoder, game.encoder)
 
 
 @pytest.mark.parametrize("at", [1, 2, 3])
-def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(tmp_path: Path, at: int) -> None:
-    whole, half = small(OBJECTIVES["least_squares"]), small(OBJECTIVES["least_squares"])
+def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(
+    tmp_path: Path, at: int
+) -> None:
+    whole = small(OBJECTIVES["least_squares"])
+    half = small(OBJECTIVES["least_squares"])
     curves = train(whole)
     with pytest.raises(KeyboardInterrupt):
         train(half, PowerCut(checkpoint=tmp_path / "half", at=at))
@@ -193,10 +263,19 @@ def test_a_term_that_is_no_number_stops_the_training() -> None:
 
 def test_a_collapse_is_seen() -> None:
     images = torch.tensor([[[[0.0]]], [[[1.0]]]])
-    # Codes (0, 0) and (3, 4): 5 apart, variances 9/2 and 16/2. The decoder answers 1: squares of 1 and 0.
-    seen = health(Fixed(lambda x: x.flatten(1) * torch.tensor([3.0, 4.0])), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images)
-    assert seen == pytest.approx({"held_out_error": 0.5, "code_variance": 6.25, "code_distance": 5.0})
-    collapsed = health(Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images)
+    # Codes (0, 0) and (3, 4): 5 apart, variances 9/2 and 16/2. The decoder answers 1: squares of 1
+    # and 0.
+    seen = health(
+        Fixed(lambda x: x.flatten(1) * torch.tensor([3.0, 4.0])),
+        Fixed(lambda z: torch.ones(2, 1, 1, 1)),
+        images,
+    )
+    assert seen == pytest.approx(
+        {"held_out_error": 0.5, "code_variance": 6.25, "code_distance": 5.0}
+    )
+    collapsed = health(
+        Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images
+    )
     assert collapsed["code_variance"] == collapsed["code_distance"] == 0
 
 
@@ -206,8 +285,13 @@ def test_running_statistics_are_those_of_what_was_seen() -> None:
     images = pixels(DATA, torch.device("cpu"))
     settle(game.encoder, game.decoder, images.split(10))
     convolution, norm = game.encoder.halvings[0]  # type: ignore[index, operator, union-attr]
-    torch.testing.assert_close(norm.running_mean, convolution(images).mean((0, 2, 3)), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(
+        norm.running_mean, convolution(images).mean((0, 2, 3)), atol=1e-5, rtol=1e-4
+    )
 
 
 def test_pixels_run_from_minus_one_to_one() -> None:
-    assert pixels(np.array([[[0, 255]]], np.uint8), torch.device("cpu")).flatten().tolist() == [-1.0, 1.0]
+    assert pixels(np.array([[[0, 255]]], np.uint8), torch.device("cpu")).flatten().tolist() == [
+        -1.0,
+        1.0,
+    ]

@@ -12,7 +12,9 @@ from tests.matching.made import along
 
 def test_it_learns_by_the_joint_game_alone() -> None:
     images = np.random.default_rng(0).integers(0, 256, (6, 16, 64, 64)).astype(np.uint8)
-    small = Afl(width=1, epochs=1, batch=16, generator_steps=1, precision="f32", threads=1, length=2)
+    small = Afl(
+        width=1, epochs=1, batch=16, generator_steps=1, precision="f32", threads=1, length=2
+    )
     model = small.learn(along(images), np.zeros(6, np.int64), Progress())
     terms = {name.removeprefix("curves/") for name in model if name.startswith("curves/")}
     health = {"held_out_accuracy", "held_out_error", "code_variance", "code_distance"}
@@ -21,6 +23,8 @@ def test_it_learns_by_the_joint_game_alone() -> None:
 
 
 def test_it_has_pfls_settings_but_the_objective() -> None:
-    ours, theirs = ({field.name: field.default for field in fields(method)} for method in (Afl, Pfl))
+    ours, theirs = (
+        {field.name: field.default for field in fields(method)} for method in (Afl, Pfl)
+    )
     assert theirs.pop("objective") == "least_squares"
     assert ours == theirs

@@ -4,7 +4,13 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
+from pipeline.methods.pfl.bigan import (
+    Decoder,
+    Encoder,
+    ImageDiscriminator,
+    JointDiscriminator,
+    folded,
+)
 
 
 def trained(net: nn.Module) -> int:
@@ -12,22 +18,25 @@ def trained(net: nn.Module) -> int:
 
 
 def test_the_authors_networks_have_their_numbers_and_hidden_layers_scale_with_the_width() -> None:
-    # Convolutions 3·64, 64·128, 128·256, 256·512 of 25 taps and their biases, and two numbers a channel for each batch norm:
-    # 4,864 + 204,928 + 819,456 + 3,277,312 + 1,920 = 4,308,480. Dense 8192 → 512: 4,194,816.
-    # The image discriminator's dense 8192 → 1024 and batch norm: 8,389,632 + 2,048.
+    # Convolutions 3·64, 64·128, 128·256, 256·512 of 25 taps and their biases, and two numbers a
+    # channel for each batch norm: 4,864 + 204,928 + 819,456 + 3,277,312 + 1,920 = 4,308,480. Dense
+    # 8192 → 512: 4,194,816. The image discriminator's dense 8192 → 1024 and batch norm: 8,389,632 +
+    # 2,048.
     with torch.device("meta"):
         assert trained(Encoder(64, 3)) == 4_308_480 + 4_194_816 == 8_503_296
         assert trained(Decoder(64, 3)) == 8_510_467
         assert trained(ImageDiscriminator(64, 3, "vector")) == 4_308_480 + 8_391_680 == 12_700_160
         assert trained(ImageDiscriminator(64, 3)) == 12_700_160 + 1024 + 1
         assert trained(JointDiscriminator(64, 3)) == 22_669_825
-        # One channel at width 8: 208 + 3,216 + 12,832 + 51,264 and 240 of the batch norms, then 1024 → 512.
+        # One channel at width 8: 208 + 3,216 + 12,832 + 51,264 and 240 of the batch norms, then
+        # 1024 → 512.
         assert trained(Encoder(8)) == 208 + 3_216 + 12_832 + 51_264 + 240 + 1024 * 512 + 512
         assert trained(ImageDiscriminator(8)) == 67_760 + 1024 * 128 + 128 + 2 * 128 + 129
 
 
 def test_images_and_codes_have_their_shapes() -> None:
-    images, codes = torch.rand(3, 1, 64, 64) * 2 - 1, torch.randn(3, 20)
+    images = torch.rand(3, 1, 64, 64) * 2 - 1
+    codes = torch.randn(3, 20)
     assert Encoder(2, code=20)(images).shape == (3, 20)
     made = Decoder(2, code=20)(codes)
     assert made.shape == (3, 1, 64, 64)

@@ -1,4 +1,5 @@
-"""What methods have in common: models of the same bytes, answers that do not depend on other queries, and views they refuse."""
+"""What methods have in common: models of the same bytes, answers that do not depend on other
+queries, and views they refuse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,14 +21,25 @@ from tests.methods import test_scan_context as scan_context
 from tests.methods import test_sci as sci
 from tests.methods import test_sci_ring as sci_ring
 
-SIGNATURES, IMAGES = np.random.default_rng(1).random((2, 60, 192), np.float32), np.zeros((4, 16, 64, 64), np.uint8)
+SIGNATURES = np.random.default_rng(1).random((2, 60, 192), np.float32)
+IMAGES = np.zeros((4, 16, 64, 64), np.uint8)
 METHODS: dict[str, tuple[Any, Rows, Rows, np.ndarray]] = {
     "sci": (sci.SMALL, sci.rows(2), sci.rows(3), sci.TRUTH),
-    "sci_ring": (replace(sci_ring.SMALL, epochs=3), sci_ring.rows(2), sci_ring.rows(3), sci_ring.TRUTH),
+    "sci_ring": (
+        replace(sci_ring.SMALL, epochs=3),
+        sci_ring.rows(2),
+        sci_ring.rows(3),
+        sci_ring.TRUTH,
+    ),
     "fifty": (scan_context.FIFTY, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
     "all": (scan_context.ALL, scan_context.rows(1), scan_context.rows(2), scan_context.TRUTH),
     "m2dp": (M2dp(), along(SIGNATURES[0]), along(SIGNATURES[1]), np.arange(60)),
-    "pointnetvlad": (pointnetvlad.SMALL, pointnetvlad.rows(), pointnetvlad.rows(3), pointnetvlad.TRUTH),
+    "pointnetvlad": (
+        pointnetvlad.SMALL,
+        pointnetvlad.rows(),
+        pointnetvlad.rows(3),
+        pointnetvlad.TRUTH,
+    ),
     "pfl": (pfl.SMALL, pfl.rows(), pfl.rows(2), pfl.PLACES),
     "sad": (Sad(), along(IMAGES), along(IMAGES), np.arange(4)),
 }
@@ -54,24 +66,33 @@ def test_the_same_views_and_seed_give_the_same_bytes_and_another_seed_others(nam
 def test_an_interrupted_training_goes_on_to_the_same_bytes(
     tmp_path: Path, name: str, settings: dict[str, Any], budget: float
 ) -> None:
-    # PointNetVLAD: 28 queries a time, 2 a step: three rounds of 10 steps, the second and third with hard negatives.
+    # PointNetVLAD: 28 queries a time, 2 a step: three rounds of 10 steps, the second and third with
+    # hard negatives.
     whole = learned(name, Progress(budget=budget), **settings)
     rounds = {"sci": 4, "pfl": 2}.get(name, 3)
-    assert {len(curve) for curve_name, curve in whole.items() if curve_name.startswith("curves/")} == {rounds}
+    assert {
+        len(curve) for curve_name, curve in whole.items() if curve_name.startswith("curves/")
+    } == {rounds}
     with pytest.raises(KeyboardInterrupt):
         learned(name, PowerCut(budget=budget, checkpoint=tmp_path / "half"), **settings)
     assert (tmp_path / "half").is_file()
-    assert same(learned(name, Progress(budget=budget, checkpoint=tmp_path / "half"), **settings), whole)
+    assert same(
+        learned(name, Progress(budget=budget, checkpoint=tmp_path / "half"), **settings), whole
+    )
 
 
 @pytest.mark.parametrize("name", ["sci", "sci_ring", "fifty", "all", "m2dp", "pointnetvlad"])
 def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(name: str) -> None:
-    ask, queries = METHODS[name][0].localizer(learned(name)), METHODS[name][2]
-    crowd, none = ask(queries, 3), ask(queries.some(slice(0)), 3)
+    ask = METHODS[name][0].localizer(learned(name))
+    queries = METHODS[name][2]
+    crowd = ask(queries, 3)
+    none = ask(queries.some(slice(0)), 3)
     for row in (0, 30):
         alone = ask(queries.some(slice(row, row + 1)), 3)
         assert alone.places.tolist() == crowd.places[row : row + 1].tolist()
-        atol = 0 if name in ("fifty", "all", "m2dp") else 1e-5  # networks round by what is computed together
+        atol = (
+            0 if name in ("fifty", "all", "m2dp") else 1e-5
+        )  # networks round by what is computed together
         np.testing.assert_allclose(alone.costs[0], crowd.costs[row], rtol=0, atol=atol)
         np.testing.assert_allclose(alone.heading_deg, crowd.heading_deg[row : row + 1], atol=1e-2)
     assert len(none.places) == len(none.costs) == len(none.novelty) == len(none.heading_deg) == 0
@@ -86,7 +107,10 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(name: str) -> N
         ("m2dp", (4, 40, 120), r"\(4, 40, 120\): expected signatures"),
         ("m2dp", (1, 2), r"expected \(q, d\) like the database's \(60, 192\)"),
         ("pointnetvlad", (4, 40, 120), "expected clouds"),
-        *(("pfl", shape, "expected bird-views") for shape in ((4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64))),
+        *(
+            ("pfl", shape, "expected bird-views")
+            for shape in ((4, 40, 120), (4, 16, 32, 32), (4, 5, 64, 64))
+        ),
         ("sad", (4, 64, 64), r"\(4, 64, 64\): expected bird-views"),
     ],
 )
@@ -99,14 +123,17 @@ def test_other_views_are_refused(name: str, shape: tuple[int, ...], said: str) -
 @pytest.mark.parametrize("name", [name for name in METHODS if name not in ("pfl", "sad")])
 def test_a_grown_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
     method, views, queries, places = METHODS[name]
-    known, budget = places < places.max(), Progress(budget=1.0)
+    known = places < places.max()
+    budget = Progress(budget=1.0)
     parts = [TrainingSet(_some(views, rows), places[rows]) for rows in (known, ~known)]
     if name in ("sci", "sci_ring"):
         method = replace(method, grown=0.5, epochs=16)
     model = method.learn(*parts[0], budget)
     grown = method.grow(model, *parts, budget)
     assert same(method.grow(model, *parts, budget), grown)
-    queries = views if name == "m2dp" else queries  # signatures here are made up, another day's are others
+    queries = (
+        views if name == "m2dp" else queries
+    )  # signatures here are made up, another day's are others
     answers = method.localizer(grown)(queries, 1).places[:, 0]
     assert (answers == places)[known].mean() > 0.9
     assert (answers == places)[~known].mean() > 0.9
@@ -119,7 +146,11 @@ def test_a_grown_database_of_sequences_has_all_rows_and_the_same_networks(name: 
     known = np.arange(len(places)) < len(places) - 1
     known[np.unique(places, return_index=True)[1]] = True
     model = method.learn(_some(views, known), places[known], SHARE)
-    new = TrainingSet(_some(views, ~known), places[~known]) if (~known).any() else TrainingSet(views.some(slice(1)), places[:1])
+    new = (
+        TrainingSet(_some(views, ~known), places[~known])
+        if (~known).any()
+        else TrainingSet(views.some(slice(1)), places[:1])
+    )
     grown = method.grow(model, TrainingSet(_some(views, known), places[known]), new, SHARE)
     assert len(grown["database/places"]) == known.sum() + len(new)
     networks = [key for key in model if key.startswith("net/")]

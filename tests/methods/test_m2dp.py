@@ -25,8 +25,11 @@ PLACES = np.array([0, 0, 1, 2])
 
 def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() -> None:
     method = M2dp()
-    ranking = method.localizer(method.learn(LINE, PLACES, Progress()))(rows(np.array([[2.2, 0], [0, 5]])), 3)
-    # From (2.2, 0): row 2 at 0.2, row 3 at 0.8, row 1 at 1.2. From (0, 5): rows 0, 1, 2 at 5, √26, √29.
+    ranking = method.localizer(method.learn(LINE, PLACES, Progress()))(
+        rows(np.array([[2.2, 0], [0, 5]])), 3
+    )
+    # From (2.2, 0): row 2 at 0.2, row 3 at 0.8, row 1 at 1.2. From (0, 5): rows 0, 1, 2 at 5, √26,
+    # √29.
     np.testing.assert_array_equal(ranking.places, [[1, 2, 0], [0, 0, 1]])
     np.testing.assert_allclose(ranking.costs, [[0.2, 0.8, 1.2], [5, 26**0.5, 29**0.5]], rtol=1e-6)
     np.testing.assert_allclose(ranking.novelty, [[0.2], [5]], rtol=1e-6)
@@ -35,11 +38,17 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
 
 
 def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_blocks() -> None:
-    rng, n = np.random.default_rng(0), 200
-    path = np.cumsum(rng.normal(0, 0.05, (n, 192)), axis=0)  # signatures that change along the path, some 0.7 a row
-    training, again = rows(path), rows(path + rng.normal(0, 0.01, path.shape))
+    rng = np.random.default_rng(0)
+    n = 200
+    path = np.cumsum(
+        rng.normal(0, 0.05, (n, 192)), axis=0
+    )  # signatures that change along the path, some 0.7 a row
+    training = rows(path)
+    again = rows(path + rng.normal(0, 0.01, path.shape))
     method = M2dp(held_out_length_m=1.0)  # one row in forty
-    places = (np.arange(n) + 5) // 10  # rows 20, 60, ... 180 are held out, each in the middle of its place
+    places = (
+        np.arange(n) + 5
+    ) // 10  # rows 20, 60, ... 180 are held out, each in the middle of its place
     model = method.learn(training, places, Progress())
     evidence = Evidence.of(model)
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
@@ -54,8 +63,11 @@ def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_bl
 
 
 def test_real_scans_find_their_neighbours(real: Path) -> None:
-    # Sixteen scans along 13 m of a street, and one of another: the second of each pair finds a scan beside it.
-    scans = [read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
+    # Sixteen scans along 13 m of a street, and one of another: the second of each pair finds a scan
+    # beside it.
+    scans = [
+        read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))
+    ]
     signatures = np.stack([views.M2dp()(scan) for scan in scans])
     elsewhere = views.M2dp()(read_velodyne(real / "kitti/pairs/08/000720.bin"))
     method = M2dp()

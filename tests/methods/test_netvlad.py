@@ -15,7 +15,9 @@ def awake(net: nn.Module) -> nn.Module:
     for name, value in net.state_dict().items():
         if name.endswith("running_var"):
             value.uniform_(0.5, 2, generator=generator)
-        elif value.is_floating_point() and ("norm" in name or name.endswith("running_mean") or "base.weight" in name):
+        elif value.is_floating_point() and (
+            "norm" in name or name.endswith("running_mean") or "base.weight" in name
+        ):
             value.add_(torch.empty_like(value).uniform_(-0.05, 0.05, generator=generator))
     return net.eval()
 
@@ -29,14 +31,21 @@ def net() -> nn.Module:
 def test_the_paper_counts_19_784_393_numbers(net: nn.Module) -> None:
     # 1024·64 + 2·64, 1024·64, 65536·256 + 2·256, 256·256 + 2·256
     assert sum(value.numel() for value in net.netvlad.parameters()) == 16_974_976
-    assert sum(value.numel() for value in net.parameters()) == 803_081 + 1_857_344 + 148_992 + 16_974_976 == 19_784_393
+    assert (
+        sum(value.numel() for value in net.parameters())
+        == 803_081 + 1_857_344 + 148_992 + 16_974_976
+        == 19_784_393
+    )
 
 
-def test_a_descriptor_has_length_one_and_does_not_depend_on_the_order_of_points(net: nn.Module) -> None:
+def test_a_descriptor_has_length_one_and_does_not_depend_on_the_order_of_points(
+    net: nn.Module,
+) -> None:
     clouds = torch.rand(2, 200, 3, generator=torch.Generator().manual_seed(1)) * 2 - 1
     order = torch.randperm(200)
     with torch.inference_mode():
-        descriptors, other = net(clouds), net(clouds[:, order])
+        descriptors = net(clouds)
+        other = net(clouds[:, order])
     assert descriptors.shape == (2, 256)
     torch.testing.assert_close(descriptors.norm(dim=1), torch.ones(2))
     torch.testing.assert_close(descriptors, other, atol=1e-5, rtol=0)
@@ -51,7 +60,9 @@ def test_netvlad_is_its_definition() -> None:
     features = torch.rand(1, 5, 6, dtype=torch.float64)
     unit = features[0] / features[0].norm(dim=1, keepdim=True)
     norm = layer.assign_norm
-    logits = (unit @ layer.assign.weight.T - norm.running_mean) / (norm.running_var + 1e-3).sqrt() * norm.weight + norm.bias
+    logits = (unit @ layer.assign.weight.T - norm.running_mean) / (
+        norm.running_var + 1e-3
+    ).sqrt() * norm.weight + norm.bias
     share = logits.exp() / logits.exp().sum(1, keepdim=True)
     columns = []
     for k in range(3):
@@ -61,7 +72,9 @@ def test_netvlad_is_its_definition() -> None:
     projected = layer.project_norm(((flat / flat.norm()) @ layer.project.weight.T)[None])
     gated = projected * torch.sigmoid(layer.gate_norm(projected @ layer.gate.weight.T))
     with torch.no_grad():
-        torch.testing.assert_close(single(features.float()).double(), gated / gated.norm(), atol=1e-6, rtol=0)
+        torch.testing.assert_close(
+            single(features.float()).double(), gated / gated.norm(), atol=1e-6, rtol=0
+        )
 
 
 def test_weights_start_as_the_authors_do() -> None:
@@ -83,8 +96,13 @@ def test_a_folded_network_describes_alike(net: nn.Module, kind: torch.dtype) -> 
     with torch.inference_mode(), torch.autocast("cpu", kind, enabled=kind == torch.bfloat16):
         fast = folded(net, kind)(clouds)
     with torch.inference_mode():
-        torch.testing.assert_close(fast, net(clouds), atol={torch.float32: 1e-5, torch.bfloat16: 5e-3}[kind], rtol=0)
-    assert all(torch.equal(one, other) for one, other in zip(before, net.state_dict().values(), strict=True))
+        torch.testing.assert_close(
+            fast, net(clouds), atol={torch.float32: 1e-5, torch.bfloat16: 5e-3}[kind], rtol=0
+        )
+    assert all(
+        torch.equal(one, other)
+        for one, other in zip(before, net.state_dict().values(), strict=True)
+    )
 
 
 def test_a_cloud_of_one_spot_has_a_descriptor(net: nn.Module) -> None:

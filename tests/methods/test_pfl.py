@@ -1,4 +1,5 @@
-"""PFL on a short made-up drive: it knows places under noise and at other headings, and moves to another drive."""
+"""PFL on a short made-up drive: it knows places under noise and at other headings, and moves to
+another drive."""
 
 from dataclasses import replace
 
@@ -14,20 +15,34 @@ from pipeline.running.progress import Progress
 from tests.learning import Clears
 from tests.matching.made import along
 
-ROWS, HEADINGS = 24, 16
+ROWS = 24
+HEADINGS = 16
 PLACES = np.repeat(np.arange(6), 4)
 SMALL = Pfl(
-    width=2, epochs=1, batch=16, learning_rate=0.002, generator_steps=1, precision="f32", threads=1,
-    length=4, held_out_every_m=24, held_out_length_m=8, neighbour_m=5,
-)  # fmt: skip
+    width=2,
+    epochs=1,
+    batch=16,
+    learning_rate=0.002,
+    generator_steps=1,
+    precision="f32",
+    threads=1,
+    length=4,
+    held_out_every_m=24,
+    held_out_length_m=8,
+    neighbour_m=5,
+)
 PROGRESS = Progress(budget=0.25)
-"""16 rows of 16 headings in batches of 16 are 16 iterations: a quarter of them in two rounds of 2."""
+"""16 rows of 16 headings in batches of 16 are 16 iterations: a quarter of them in two rounds of
+2."""
 
 
 def rows(seed: int = 1) -> Rows:
-    """A place a row, 2 m apart: four pictures turned by quarters, each standing for four headings; noise in every image."""
+    """A place a row, 2 m apart: four pictures turned by quarters, each standing for four headings;
+    noise in every image."""
     blobs = gaussian_filter(np.random.default_rng(0).normal(size=(ROWS, 64, 64)), (0, 4, 4))
-    quarters = np.stack([np.rot90(blobs > 0.05, -turns, (1, 2)) for turns in range(4)], axis=1).repeat(4, axis=1)
+    quarters = np.stack(
+        [np.rot90(blobs > 0.05, -turns, (1, 2)) for turns in range(4)], axis=1
+    ).repeat(4, axis=1)
     flipped = np.random.default_rng(seed).random(quarters.shape) < 0.02
     return along((255 * (quarters ^ flipped)).astype(np.uint8), 2.0)
 
@@ -49,32 +64,49 @@ def test_noisy_views_are_known_and_their_heading_told(model: Model, clears: Clea
 
 @pytest.mark.learning
 @pytest.mark.parametrize(("quarters", "told"), [(1, (90, 135)), (2, (180, -135)), (3, (-90, -45))])
-def test_a_turned_robot_is_known_and_told(model: Model, quarters: int, told: tuple[float, float], clears: Clears) -> None:
+def test_a_turned_robot_is_known_and_told(
+    model: Model, quarters: int, told: tuple[float, float], clears: Clears
+) -> None:
     turned = replace(rows(2), images=np.roll(rows(2).images, -4 * quarters, axis=1))
     ranking = SMALL.localizer(model)(turned, 1)
     clears((ranking.places[:, 0] == PLACES).mean(), 0.8)
     clears(np.isin(ranking.heading_deg[:, 0], told).mean(), 0.8)
 
 
-def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_curves(model: Model) -> None:
+def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_curves(
+    model: Model,
+) -> None:
     assert model["codes"].shape == (ROWS, 8, 512)
     assert model["codes"].dtype == np.float16
     assert model["codes"][0, 0].nbytes == 1024
     names = {name.partition("/")[2] for name in model if name.startswith("curves/")}
     assert names == {
-        "joint_discriminator", "joint_generator", "image_discriminator", "image_generator", "image_cycle", "code_cycle",
-        "held_out_accuracy", "held_out_error", "code_variance", "code_distance",
-    }  # fmt: skip
+        "joint_discriminator",
+        "joint_generator",
+        "image_discriminator",
+        "image_generator",
+        "image_cycle",
+        "code_cycle",
+        "held_out_accuracy",
+        "held_out_error",
+        "code_variance",
+        "code_distance",
+    }
     held = SMALL.held_out(rows())
     assert 0 < held.sum() < ROWS
     assert np.array_equal(model["pictures/seen"], rows().images[held, 0])
     assert model["pictures/reconstructed"].shape == model["pictures/seen"].shape
     assert model["pictures/reconstructed"].dtype == np.uint8
-    assert np.array_equal(SMALL.reconstructed(model, model["pictures/seen"]), model["pictures/reconstructed"])
+    assert np.array_equal(
+        SMALL.reconstructed(model, model["pictures/seen"]), model["pictures/reconstructed"]
+    )
     assert len(Evidence.of(model).right) > 0
     assert len(Rejection().thresholds(model, ("cost", "ratio"))) == 2
-    encode, images = SMALL.encoder(model), rows().images[:5, 0]
-    np.testing.assert_allclose(encode(images), np.concatenate([encode(image[None]) for image in images]), atol=1e-4)
+    encode = SMALL.encoder(model)
+    images = rows().images[:5, 0]
+    np.testing.assert_allclose(
+        encode(images), np.concatenate([encode(image[None]) for image in images]), atol=1e-4
+    )
 
 
 def test_the_networks_do_not_see_held_out_rows() -> None:
@@ -82,9 +114,13 @@ def test_the_networks_do_not_see_held_out_rows() -> None:
     held = SMALL.held_out(rows())
     spoilt = rows()
     spoilt.images[held] = 128
-    model, other = (SMALL.learn(views, PLACES, Progress(budget=0.125)) for views in (rows(), spoilt))
+    model, other = (
+        SMALL.learn(views, PLACES, Progress(budget=0.125)) for views in (rows(), spoilt)
+    )
     assert len(model["curves/image_cycle"]) == 1
-    assert all(np.array_equal(model[name], other[name]) for name in model if name.startswith("net/"))
+    assert all(
+        np.array_equal(model[name], other[name]) for name in model if name.startswith("net/")
+    )
     assert np.array_equal(model["codes"][~held], other["codes"][~held])
     assert not np.array_equal(model["codes"][held], other["codes"][held])
 
@@ -102,9 +138,13 @@ def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
     moved = SMALL.moved(model, elsewhere, np.arange(ROWS))
     assert moved.keys() == model.keys()
     assert {name for name in model if not np.array_equal(model[name], moved[name])} == {
-        "codes", "database/places", "database/xy_m",
-    }  # fmt: skip
-    ranking = Pfl(length=4, precision="f32", threads=1).localizer(moved)(rows(4), 1)  # the network keeps its own width
+        "codes",
+        "database/places",
+        "database/xy_m",
+    }
+    ranking = Pfl(length=4, precision="f32", threads=1).localizer(moved)(
+        rows(4), 1
+    )  # the network keeps its own width
     assert np.abs(ranking.xy_m[:, 0, 0] - 500 - 2 * np.arange(ROWS)).mean() < 1
 
 

@@ -11,7 +11,8 @@ def count(*modules: torch.nn.Module) -> int:
 
 
 def test_the_paper_counts_the_numbers_of_each_part() -> None:
-    # TNet of width 3: 3·64+64, 64·128+128, 128·1024+1024, 1024·512+512, 512·256+256, two a channel for five batch norms, 256·9+9.
+    # TNet of width 3: 3·64+64, 64·128+128, 128·1024+1024, 1024·512+512, 512·256+256, two a channel
+    # for five batch norms, 256·9+9.
     net = PointNet()
     assert count(net.turn) == 803_081
     assert count(net.mix) == 1_857_344
@@ -39,7 +40,8 @@ def test_points_are_multiplied_on_the_right_by_the_base() -> None:
 
 def test_a_point_has_its_feature_wherever_it_stands_in_the_cloud() -> None:
     torch.manual_seed(0)
-    net, clouds = PointNet(32).eval(), torch.rand(2, 30, 3)
+    net = PointNet(32).eval()
+    clouds = torch.rand(2, 30, 3)
     torch.nn.init.normal_(net.mix.base.weight, std=0.1)
     order = torch.randperm(30)
     with torch.no_grad():
@@ -61,7 +63,10 @@ def test_the_trunk_has_no_batch_norm_ends_in_a_relu_and_its_biases_start_at_zero
     norms = [layer for layer in net.modules() if isinstance(layer, torch.nn.BatchNorm1d)]
     assert len(norms) == 2 * 5
     assert {layer.eps for layer in norms} == {EPS}
-    assert not any(isinstance(layer, torch.nn.BatchNorm1d) for layer in [*net.early.modules(), *net.late.modules()])
+    assert not any(
+        isinstance(layer, torch.nn.BatchNorm1d)
+        for layer in [*net.early.modules(), *net.late.modules()]
+    )
     assert float(net(torch.rand(2, 5, 3)).detach().min()) == 0
     for layer in [*net.early, *net.late]:
         assert not isinstance(layer, torch.nn.Linear) or not layer.bias.any()

@@ -18,17 +18,29 @@ from tests.interrupted import same
 from tests.learning import Clears
 from tests.matching.made import along
 
-PLACES, EACH, POINTS = 6, 6, 64
+PLACES = 6
+EACH = 6
+POINTS = 64
 TRUTH = np.repeat(np.arange(PLACES), EACH)
 SMALL = PointNetVlad(
-    epochs=1, negatives=4, hard_negatives=2, positive_m=4, negative_m=8, train_points=48, learning_rate=0.001,
-    precision="f32", threads=1, held_out_every_m=9, held_out_length_m=2, neighbour_m=7,
-)  # fmt: skip
+    epochs=1,
+    negatives=4,
+    hard_negatives=2,
+    positive_m=4,
+    negative_m=8,
+    train_points=48,
+    learning_rate=0.001,
+    precision="f32",
+    threads=1,
+    held_out_every_m=9,
+    held_out_length_m=2,
+    neighbour_m=7,
+)
 
 
 def rows(seed: int = 2, views: int = PLACES * EACH, clutter: float = 0.0) -> Rows:
-    """PLACES scenes of three boxes each, seen EACH times with noise, a metre apart along x; a share of points is clutter:
-    three boxes of each view's own."""
+    """PLACES scenes of three boxes each, seen EACH times with noise, a metre apart along x; a share
+    of points is clutter: three boxes of each view's own."""
     centres = np.random.default_rng(0).uniform(-0.8, 0.8, (PLACES, 3, 3))
     rng = np.random.default_rng(seed)
     box = rng.integers(3, size=(views, POINTS))
@@ -58,8 +70,13 @@ def test_places_are_told_apart(ranking: Ranking, model: Model, clears: Clears) -
 
 
 @pytest.mark.learning
-def test_training_makes_positives_nearer_than_negatives(model: Model, seed: int, clears: Clears) -> None:
-    curves = [model[f"curves/{name}"] for name in ("loss", "accuracy", "held_out_loss", "held_out_accuracy")]
+def test_training_makes_positives_nearer_than_negatives(
+    model: Model, seed: int, clears: Clears
+) -> None:
+    curves = [
+        model[f"curves/{name}"]
+        for name in ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
+    ]
     assert all(np.isfinite(curve).all() and curve.shape == curves[0].shape for curve in curves)
     slowly = replace(SMALL, epochs=8, hard_negatives=0, learning_rate=0.0003, seed=seed)
     longer = slowly.learn(rows(clutter=0.7), TRUTH, Progress())
@@ -68,7 +85,9 @@ def test_training_makes_positives_nearer_than_negatives(model: Model, seed: int,
     clears(1 - longer["curves/held_out_loss"][-1] / longer["curves/held_out_loss"][0], 0.1)
 
 
-def test_the_database_holds_the_blocks_that_training_did_not_see_and_clouds_can_be_turned_while_training(model: Model) -> None:
+def test_the_database_holds_the_blocks_that_training_did_not_see_and_clouds_can_be_turned_while_training(
+    model: Model,
+) -> None:
     held = holdout.blocks(rows().world_T_anchor, TRUTH, 9, 2)
     assert 0 < held.sum() == len(Evidence.of(model).right)
     assert len(model["descriptors"]) == PLACES * EACH
@@ -78,7 +97,9 @@ def test_the_database_holds_the_blocks_that_training_did_not_see_and_clouds_can_
     clean = SMALL.learn(rows(), TRUTH, Progress(budget=0.01))
     turned = replace(SMALL, turn_deg=90.0).learn(rows(), TRUTH, Progress(budget=0.01))
     assert not np.array_equal(turned["curves/loss"], clean["curves/loss"])
-    assert all(np.array_equal(clean[name], other[name]) for name in clean if name.startswith("net/"))
+    assert all(
+        np.array_equal(clean[name], other[name]) for name in clean if name.startswith("net/")
+    )
     assert np.array_equal(clean["descriptors"][~held], other["descriptors"][~held])
     assert not np.array_equal(clean["descriptors"][held], other["descriptors"][held])
     assert len(Rejection().thresholds(model, ("distance",))) == 1
@@ -91,22 +112,41 @@ def used(weights: Model, path: Path) -> Model:
 
 
 def network(model: Model) -> dict[str, np.ndarray]:
-    return {name.removeprefix("net/"): array for name, array in model.items() if name.startswith("net/")}
+    return {
+        name.removeprefix("net/"): array for name, array in model.items() if name.startswith("net/")
+    }
 
 
 def test_a_model_can_be_used_as_weights(model: Model, tmp_path: Path) -> None:
     taken = used(model, tmp_path / "model.safetensors")
-    assert same(taken, {name: array for name, array in model.items() if not name.startswith(("curves/", "best_epoch"))})
-    bare = {name: array for name, array in network(model).items() if "num_batches_tracked" not in name}
-    assert np.array_equal(used(bare, tmp_path / "bare.safetensors")["descriptors"], model["descriptors"])
+    assert same(
+        taken,
+        {
+            name: array
+            for name, array in model.items()
+            if not name.startswith(("curves/", "best_epoch"))
+        },
+    )
+    bare = {
+        name: array for name, array in network(model).items() if "num_batches_tracked" not in name
+    }
+    assert np.array_equal(
+        used(bare, tmp_path / "bare.safetensors")["descriptors"], model["descriptors"]
+    )
 
 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
         (lambda net: net.pop("netvlad.centres"), r"netvlad\.centres is none, expected \(64, 8\)"),
-        (lambda net: net.update({"pointnet.extra": np.ones(3, np.float32)}), r"pointnet\.extra is \(3,\), expected none"),
-        (lambda net: net.update({"netvlad.centres": np.ones((8, 64))}), r"netvlad\.centres is \(8, 64\), expected \(64, 8\)"),
+        (
+            lambda net: net.update({"pointnet.extra": np.ones(3, np.float32)}),
+            r"pointnet\.extra is \(3,\), expected none",
+        ),
+        (
+            lambda net: net.update({"netvlad.centres": np.ones((8, 64))}),
+            r"netvlad\.centres is \(8, 64\), expected \(64, 8\)",
+        ),
     ],
 )
 def test_weights_of_another_network_are_a_config_error(
@@ -119,11 +159,15 @@ def test_weights_of_another_network_are_a_config_error(
 
 
 @pytest.mark.parametrize("content", [None, b"not a safetensors file"])
-def test_weights_that_cannot_be_read_are_a_config_error(tmp_path: Path, content: bytes | None) -> None:
+def test_weights_that_cannot_be_read_are_a_config_error(
+    tmp_path: Path, content: bytes | None
+) -> None:
     path = tmp_path / "w.safetensors"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"w\.safetensors: (no|not a) [^;]*; correct method\.weights$"):
+    with pytest.raises(
+        ConfigError, match=r"w\.safetensors: (no|not a) [^;]*; correct method\.weights$"
+    ):
         replace(SMALL, weights=str(path)).learn(rows(), TRUTH, Progress())
 
 

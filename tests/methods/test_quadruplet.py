@@ -11,32 +11,43 @@ LINE = np.column_stack([np.arange(300.0), np.zeros(300)])
 """A row a metre."""
 
 
-def by_distance(best: float, apart: tuple[float, float], apart_star: tuple[float, float]) -> torch.Tensor:
-    """Descriptors (6, 4) of query, two positives, two negatives and n* with these squared distances."""
+def by_distance(
+    best: float, apart: tuple[float, float], apart_star: tuple[float, float]
+) -> torch.Tensor:
+    """Descriptors (6, 4) of query, two positives, two negatives and n* with these squared
+    distances."""
     star = torch.tensor([0, 0, 1.0, 0])
     made = [torch.zeros(4), torch.tensor([best**0.5, 0, 0, 0]), torch.tensor([2.0, 0, 0, 0])]
     for to_query, to_star in zip(apart, apart_star, strict=True):
-        # x² + z² = to_query and x² + (z − 1)² = to_star: z = (to_query − to_star + 1) / 2, and x² is what is left.
+        # x² + z² = to_query and x² + (z − 1)² = to_star: z = (to_query − to_star + 1) / 2, and x²
+        # is what is left.
         z = (to_query - to_star + 1) / 2
         made.append(torch.tensor([0, (to_query - z * z) ** 0.5, z, 0]))
     return torch.stack([*made, star])
 
 
 def test_the_loss_is_the_authors_a_mean_over_queries_and_counts_who_is_right() -> None:
-    # Best positive .1; negatives .3 and 1 from the query, .25 and .9 from n*: max(0, .5 + .1 − .3) + max(0, .2 + .1 − .25) = .35.
+    # Best positive .1; negatives .3 and 1 from the query, .25 and .9 from n*: max(0, .5 + .1 − .3)
+    # + max(0, .2 + .1 − .25) = .35.
     tuples = by_distance(0.1, (0.3, 1.0), (0.25, 0.9))[None]
     loss, right = lazy_quadruplet(tuples, 2, 0.5, 0.2)
     assert float(loss) == pytest.approx(0.35, abs=1e-6)
     assert int(right) == 1
-    good, bad = by_distance(0.1, (0.3, 1.0), (0.25, 0.9)), by_distance(0.4, (0.3, 1.0), (0.25, 0.9))
+    good = by_distance(0.1, (0.3, 1.0), (0.25, 0.9))
+    bad = by_distance(0.4, (0.3, 1.0), (0.25, 0.9))
     loss, right = lazy_quadruplet(torch.stack([good, bad]), 2, 0.5, 0.2)
-    # The second: .5 + .4 − .3 = .6 and .2 + .4 − .25 = .35, so .95; (.35 + .95) / 2 = .65. Its positive is not the nearest.
+    # The second: .5 + .4 − .3 = .6 and .2 + .4 − .25 = .35, so .95; (.35 + .95) / 2 = .65. Its
+    # positive is not the nearest.
     assert float(loss) == pytest.approx(0.65, abs=1e-6)
     assert int(right) == 1
-    assert float(lazy_quadruplet(by_distance(0.0, (0.6, 1.0), (0.5, 0.9))[None], 2, 0.5, 0.2)[0]) == 0
+    assert (
+        float(lazy_quadruplet(by_distance(0.0, (0.6, 1.0), (0.5, 0.9))[None], 2, 0.5, 0.2)[0]) == 0
+    )
 
 
-def drawn(tuples: Tuples, query: int, seed: int = 0, descriptors: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+def drawn(
+    tuples: Tuples, query: int, seed: int = 0, descriptors: np.ndarray | None = None
+) -> tuple[np.ndarray, ...]:
     rows = tuples.draw(query, np.random.default_rng(seed), descriptors)
     return rows[:1], rows[1:3], rows[3:-1], rows[-1:]
 
@@ -69,11 +80,16 @@ def test_the_hardest_negatives_come_first_once_descriptors_tell() -> None:
 def test_draws_follow_from_the_random_state() -> None:
     tuples = Tuples(LINE, 10, 50, 2, 6, 3)
     assert np.array_equal(np.concatenate(drawn(tuples, 7, 1)), np.concatenate(drawn(tuples, 7, 1)))
-    assert not np.array_equal(np.concatenate(drawn(tuples, 7, 1)), np.concatenate(drawn(tuples, 7, 2)))
+    assert not np.array_equal(
+        np.concatenate(drawn(tuples, 7, 1)), np.concatenate(drawn(tuples, 7, 2))
+    )
 
 
-def test_a_small_world_takes_its_far_half_for_negatives_and_the_loneliest_row_for_the_fourth() -> None:
-    # 20 m: from row 0 the furthest lies 19 m away, so beyond 9.5 m is negative and nearer is positive.
+def test_a_small_world_takes_its_far_half_for_negatives_and_the_loneliest_row_for_the_fourth() -> (
+    None
+):
+    # 20 m: from row 0 the furthest lies 19 m away, so beyond 9.5 m is negative and nearer is
+    # positive.
     tuples = Tuples(LINE[:20], 10, 50, positives=2, negatives=18, hard=3)
     _, near, far, star = drawn(tuples, 0)
     assert (near <= 9).all()

@@ -26,7 +26,9 @@ def test_features_are_five_rings_and_fifteen_sectors(net: Ring, image: torch.Ten
 
 
 @pytest.mark.parametrize("sectors", [1, 4, 14])
-def test_a_turned_image_is_answered_bit_for_bit_at_turned_headings(net: Ring, image: torch.Tensor, sectors: int) -> None:
+def test_a_turned_image_is_answered_bit_for_bit_at_turned_headings(
+    net: Ring, image: torch.Tensor, sectors: int
+) -> None:
     with torch.inference_mode():
         assert torch.equal(net(image.roll(8 * sectors, 3)), net(image).roll(-sectors, 2))
 
@@ -37,18 +39,25 @@ def test_a_turn_by_less_than_a_heading_is_not_exact(net: Ring, image: torch.Tens
 
 
 @pytest.mark.parametrize("heading", [0, 1, 9])
-def test_a_heading_is_the_dense_layer_on_features_turned_back_by_it(net: Ring, image: torch.Tensor, heading: int) -> None:
-    """A sensor turned to the left by `heading` sees all that much further to the right, in sectors of lower number."""
+def test_a_heading_is_the_dense_layer_on_features_turned_back_by_it(
+    net: Ring, image: torch.Tensor, heading: int
+) -> None:
+    """A sensor turned to the left by `heading` sees all that much further to the right, in sectors
+    of lower number."""
     with torch.inference_mode():
         upright = net.features(image.roll(8 * heading, 3))
         dense = net.fc1.permute(1, 0, 2).flatten(1)  # (64, sector · ring · channel)
-        columns = torch.stack([upright[:, :, :, sector].transpose(1, 2).flatten(1) for sector in range(15)], dim=1)
+        columns = torch.stack(
+            [upright[:, :, :, sector].transpose(1, 2).flatten(1) for sector in range(15)], dim=1
+        )
         expected = columns.flatten(1) @ dense.T + net.fc1_bias
         torch.testing.assert_close(net.embed(image)[:, heading], expected, atol=1e-6, rtol=1e-5)
 
 
 @pytest.mark.parametrize("arc", [1, 3, 14])
-def test_logits_without_an_arc_are_those_of_features_that_are_empty_there(net: Ring, image: torch.Tensor, arc: int) -> None:
+def test_logits_without_an_arc_are_those_of_features_that_are_empty_there(
+    net: Ring, image: torch.Tensor, arc: int
+) -> None:
     with torch.inference_mode():
         logits = net(image, arc)
         assert logits.shape == (2, 16, 15, 7)
@@ -61,7 +70,9 @@ def test_logits_without_an_arc_are_those_of_features_that_are_empty_there(net: R
             again = Ring(7).eval()
             again.load_state_dict(net.state_dict())
             again.features = torch.nn.Sequential(torch.nn.Identity())
-            torch.testing.assert_close(logits[:, 1 + first], again(emptied)[:, 0], atol=1e-4, rtol=1e-4)
+            torch.testing.assert_close(
+                logits[:, 1 + first], again(emptied)[:, 0], atol=1e-4, rtol=1e-4
+            )
 
 
 def test_a_feature_sees_fourteen_columns(net: Ring, image: torch.Tensor) -> None:
@@ -85,7 +96,10 @@ def test_the_seam_is_seen_and_the_rims_are_not_joined() -> None:
     seam[..., 20, 119] = 1
     rim[..., 39, 60] = 1
     with torch.inference_mode():
-        changed = [(net.features(bright) - net.features(dark)).abs().sum((0, 1)) > 0 for bright in (seam, rim)]
+        changed = [
+            (net.features(bright) - net.features(dark)).abs().sum((0, 1)) > 0
+            for bright in (seam, rim)
+        ]
     assert changed[0][:, 0].any()
     assert changed[0][:, 14].any()
     assert changed[1][4].any()
@@ -93,14 +107,17 @@ def test_the_seam_is_seen_and_the_rims_are_not_joined() -> None:
 
 
 def test_what_is_dropped_of_the_features_is_dropped_at_every_heading(image: torch.Tensor) -> None:
-    """In a ring that looks alike all around, all headings stay alike if they share one mask that drops whole images."""
+    """In a ring that looks alike all around, all headings stay alike if they share one mask that
+    drops whole images."""
     torch.manual_seed(0)
     net = Ring(2, dropout=1.0).train()
     embedded = net.embed(image)
     assert torch.equal(embedded, net.fc1_bias.expand_as(embedded))
     half = Ring(2, dropout=0.5).train()
     with torch.no_grad():
-        half.fc1.copy_(half.fc1[:1].expand_as(half.fc1))  # every slice alike: a heading sums the same kept columns
+        half.fc1.copy_(
+            half.fc1[:1].expand_as(half.fc1)
+        )  # every slice alike: a heading sums the same kept columns
         embedded = half.embed(image)
     torch.testing.assert_close(embedded, embedded[:, :1].expand_as(embedded), atol=1e-5, rtol=1e-4)
 
@@ -113,7 +130,12 @@ def test_the_slices_of_fc1_start_within_glorots_bound_of_the_whole() -> None:
     assert 0.99 * bound < float(net.fc1.detach().abs().max()) <= bound
 
 
-@pytest.mark.parametrize(("places", "rings", "sectors"), [(0, 40, 120), (5, 7, 120), (5, 40, 0), (5, 40, 60), (5, 40, 124)])
-def test_sectors_that_do_not_pool_to_whole_headings_are_refused(places: int, rings: int, sectors: int) -> None:
+@pytest.mark.parametrize(
+    ("places", "rings", "sectors"),
+    [(0, 40, 120), (5, 7, 120), (5, 40, 0), (5, 40, 60), (5, 40, 124)],
+)
+def test_sectors_that_do_not_pool_to_whole_headings_are_refused(
+    places: int, rings: int, sectors: int
+) -> None:
     with pytest.raises(InputError, match="multiple of 8 sectors"):
         Ring(places, rings, sectors)

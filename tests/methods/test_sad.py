@@ -1,4 +1,5 @@
-"""SAD as a method: the sequence of normalised bird-views that differs least, all seen as the robot was heading."""
+"""SAD as a method: the sequence of normalised bird-views that differs least, all seen as the robot
+was heading."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,8 @@ N = 240
 
 
 def street(rng: np.random.Generator) -> np.ndarray:
-    """Bird-views (n, 4, 64, 64) of a street without end that moves by a pixel a row, and noise at the other headings."""
+    """Bird-views (n, 4, 64, 64) of a street without end that moves by a pixel a row, and noise at
+    the other headings."""
     ground = rng.random((N + 64, 64)) < 0.2
     headings = rng.integers(0, 256, (N, 4, 64, 64), dtype=np.uint8)
     headings[:, 0] = [255 * ground[i : i + 64][::-1] for i in range(N)]
@@ -29,7 +31,9 @@ def street(rng: np.random.Generator) -> np.ndarray:
 
 def another_day(headings: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A tenth of the pixels are anything, and all of it is darker."""
-    other = np.where(rng.random(headings.shape) < 0.1, rng.integers(0, 256, headings.shape), headings)
+    other = np.where(
+        rng.random(headings.shape) < 0.1, rng.integers(0, 256, headings.shape), headings
+    )
     return (other * 0.5).astype(np.uint8)
 
 
@@ -43,12 +47,14 @@ def asked(images: np.ndarray, places: np.ndarray = PLACES, **settings: Any) -> L
 
 
 def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
-    method, rng = Sad(held_out_every_m=40.0, held_out_length_m=20.0), np.random.default_rng(1)
+    method = Sad(held_out_every_m=40.0, held_out_length_m=20.0)
+    rng = np.random.default_rng(1)
     model = method.learn(rows(STREET), PLACES, Progress())
     evidence = Evidence.of(model)
     assert evidence.right.mean() > 0.8
     assert (evidence.unseen["cost"] > evidence.seen["cost"])[evidence.right].all()
-    # Six blocks, nine tenths right: at most .9 · 4.8 of 4.8 answers, and one more counted wrong, are .745.
+    # Six blocks, nine tenths right: at most .9 · 4.8 of 4.8 answers, and one more counted wrong,
+    # are .745.
     ((threshold, _),) = Rejection(wanted_precision=0.7).thresholds(model, ("cost",))
     assert threshold > ACCEPT_NOTHING
     localize = method.localizer(model)
@@ -62,7 +68,9 @@ def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
     assert (new.novelty[:, 0] >= threshold).mean() > 0.9
 
 
-def test_a_view_turned_by_half_a_circle_is_another_image_and_one_alone_is_answered_by_its_own_differences() -> None:
+def test_a_view_turned_by_half_a_circle_is_another_image_and_one_alone_is_answered_by_its_own_differences() -> (
+    None
+):
     localize = asked(STREET)
     turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
     assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
@@ -89,12 +97,17 @@ def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
 
 
 def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
-    method, elsewhere = Sad(), street(np.random.default_rng(2))
+    method = Sad()
+    elsewhere = street(np.random.default_rng(2))
     model = method.learn(rows(STREET), PLACES, Progress())
     moved = method.moved(model, rows(elsewhere), np.arange(N))
     assert moved.keys() == model.keys()
-    assert Rejection().thresholds(moved, ("cost", "ratio")) == Rejection().thresholds(model, ("cost", "ratio"))
-    assert (method.localizer(moved)(rows(elsewhere[20:90]), 1).places[:, 0] == np.arange(20, 90)).all()
+    assert Rejection().thresholds(moved, ("cost", "ratio")) == Rejection().thresholds(
+        model, ("cost", "ratio")
+    )
+    assert (
+        method.localizer(moved)(rows(elsewhere[20:90]), 1).places[:, 0] == np.arange(20, 90)
+    ).all()
 
 
 def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> None:
@@ -105,13 +118,18 @@ def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> N
 
 
 def test_real_scans_find_their_neighbours(real: Path) -> None:
-    # Sixteen scans along 13 m of a street: every second is the reference, and each other one finds a scan beside it.
-    scans = [read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
+    # Sixteen scans along 13 m of a street: every second is the reference, and each other one finds
+    # a scan beside it.
+    scans = [
+        read_velodyne(path) for path in sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))
+    ]
     images = np.zeros((16, 1, 64, 64), np.uint8)
     for image, scan in zip(images[:, 0], scans, strict=True):
         x, y, z = scan[:, :3].T.astype(float)
         there = (np.abs(x) < 15) & (np.abs(y) < 15) & (z > -1.4) & (z < 3)
-        image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = 255
+        image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = (
+            255
+        )
     drive = asked(images[::2], np.arange(8), contrast_rows=30)(rows(images[1::2]), 1).places[:, 0]
     assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
     alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)

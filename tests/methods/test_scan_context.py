@@ -1,4 +1,5 @@
-"""Scan Context-50 and the exhaustive search: what they rank, at which heading, and how they fare on held-out blocks."""
+"""Scan Context-50 and the exhaustive search: what they rank, at which heading, and how they fare on
+held-out blocks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,19 +21,29 @@ from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.matching.made import along
 
-FIFTY, ALL = ScanContext50(), ScanContextAll()
+FIFTY = ScanContext50()
+ALL = ScanContextAll()
 BOTH = pytest.mark.parametrize("method", [FIFTY, ALL], ids=["fifty", "all"])
 Both = ScanContext50 | ScanContextAll
-PLACES, EACH = 24, 4
+PLACES = 24
+EACH = 4
 TRUTH = np.repeat(np.arange(PLACES), EACH)
 
 
 def rows(seed: int, turn: int = 0, noise_m: float = 0.3) -> Rows:
-    """PLACES sparse scenes seen EACH times, 2 m apart, with noise and a tenth of the bins lost, columns rolled by `turn`."""
-    rng, here = np.random.default_rng(0), np.random.default_rng(seed)
-    scenes = rng.uniform(1, 12, (PLACES, 10, 24)) * (rng.random((PLACES, 10, 24)) < rng.uniform(0.1, 0.5, (PLACES, 10, 1)))
+    """PLACES sparse scenes seen EACH times, 2 m apart, with noise and a tenth of the bins lost,
+    columns rolled by `turn`."""
+    rng = np.random.default_rng(0)
+    here = np.random.default_rng(seed)
+    scenes = rng.uniform(1, 12, (PLACES, 10, 24)) * (
+        rng.random((PLACES, 10, 24)) < rng.uniform(0.1, 0.5, (PLACES, 10, 1))
+    )
     images = np.repeat(scenes, EACH, axis=0)
-    images = (images + here.normal(scale=noise_m, size=images.shape)) * (images > 0) * (here.random(images.shape) < 0.9)
+    images = (
+        (images + here.normal(scale=noise_m, size=images.shape))
+        * (images > 0)
+        * (here.random(images.shape) < 0.9)
+    )
     return along(np.roll(images, turn, axis=2).astype(np.float32), 2.0)
 
 
@@ -56,13 +67,16 @@ def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
     assert (ranking.novelty[:, 0] == ranking.costs[:, 0]).all()
     assert ranking.kinds == ("distance",)
-    np.testing.assert_allclose(ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3)  # 24 sectors of 15°
+    np.testing.assert_allclose(
+        ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3
+    )  # 24 sectors of 15°
     np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
 
 
 @BOTH
 def test_costs_are_the_distances_of_the_answered_rows(method: Both):
-    ranking, spectra = localized(method), Spectra.learned(rows(1).images)
+    ranking = localized(method)
+    spectra = Spectra.learned(rows(1).images)
     for query in (0, 50):
         answered = (ranking.xy_m[query, :, 0] / 2).round().astype(np.int64)
         expected, _ = spectra.compare(rows(2).images[query], answered)
@@ -70,17 +84,22 @@ def test_costs_are_the_distances_of_the_answered_rows(method: Both):
 
 
 def test_the_exhaustive_search_misses_nothing_and_the_shortlist_may():
-    everything, few = localized(ALL), localized(replace(FIFTY, candidates=5))
-    np.testing.assert_allclose(localized(replace(FIFTY, candidates=1000)).costs, everything.costs, atol=1e-6)
+    everything = localized(ALL)
+    few = localized(replace(FIFTY, candidates=5))
+    np.testing.assert_allclose(
+        localized(replace(FIFTY, candidates=1000)).costs, everything.costs, atol=1e-6
+    )
     assert (few.costs[:, 0] >= everything.costs[:, 0]).all()
     assert (few.costs[:, -1] > everything.costs[:, -1]).any()
 
 
 def test_only_the_candidates_of_the_nearest_ring_keys_are_compared():
-    # Ring keys of one ring of four bins: 1, 2 and 3. The query holds 2: with one candidate it is row 1, though row 2's
-    # columns, at cosine 1 wherever both are engaged, are no farther; row 0 comes next.
+    # Ring keys of one ring of four bins: 1, 2 and 3. The query holds 2: with one candidate it is
+    # row 1, though row 2's columns, at cosine 1 wherever both are engaged, are no farther; row 0
+    # comes next.
     heights = np.array([[[1, 0, 0, 0]], [[-1, -1, 0, 0]], [[1, 1, 1, 0]]], np.float32)
-    views, query = along(heights), one(np.array([[2, 2, 0, 0]], np.float32))
+    views = along(heights)
+    query = one(np.array([[2, 2, 0, 0]], np.float32))
     alone = asking(replace(FIFTY, candidates=1), views, np.arange(3))(query, 3)
     assert alone.places.tolist() == [[1]]
     assert alone.costs.tolist() == [[2]]  # opposite signs at every shift that engages anything
@@ -89,7 +108,8 @@ def test_only_the_candidates_of_the_nearest_ring_keys_are_compared():
 
 @BOTH
 def test_distinct_places_are_each_answered_once_at_their_nearest_scan(method: Both):
-    scans, places = localized(method, k=25), localized(replace(method, distinct_places=True), k=5)
+    scans = localized(method, k=25)
+    places = localized(replace(method, distinct_places=True), k=5)
     assert all(len(set(answer)) == 5 for answer in places.places.tolist())
     for query in (0, 40):
         first = [scans.places[query].tolist().index(place) for place in places.places[query, :3]]
@@ -108,7 +128,9 @@ def test_ring_keys_count_bins_and_do_not_turn():
         (-40, -40, -9, 5),
         (5, 0, 20, 5),
     ]
-    points = np.array([(x, y, z + i) for x, y, z, count in towers for i in range(count)], np.float64)
+    points = np.array(
+        [(x, y, z + i) for x, y, z, count in towers for i in range(count)], np.float64
+    )
     view = ScanContext()(points)
     expected = np.zeros(40)
     expected[[2, 3, 5, 10, 28, 39]] = 1
@@ -121,16 +143,23 @@ def test_ring_keys_count_bins_and_do_not_turn():
 def test_a_robot_that_turns_left_by_30_degrees_is_told_so(method: Both):
     """Two clouds, seen where the robot learned them and again after it turned on the spot."""
     rng = np.random.default_rng(5)
-    clouds = [np.stack([*rng.uniform(-60, 60, (2, 4000)), rng.uniform(0, 10, 4000)], axis=1) for _ in range(2)]
+    clouds = [
+        np.stack([*rng.uniform(-60, 60, (2, 4000)), rng.uniform(0, 10, 4000)], axis=1)
+        for _ in range(2)
+    ]
     draw = ScanContext(voxel_m=0, min_points=1)
-    learned_yaw_deg, turned_by_deg = 40.0, 30.0
+    learned_yaw_deg = 40.0
+    turned_by_deg = 30.0
 
     def seen(cloud: NDArray[np.float64], yaw_deg: float) -> NDArray[np.float32]:
-        c, s = np.cos(np.deg2rad(yaw_deg)), np.sin(np.deg2rad(yaw_deg))
+        c = np.cos(np.deg2rad(yaw_deg))
+        s = np.sin(np.deg2rad(yaw_deg))
         world_R_robot = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         return draw(cloud @ world_R_robot)  # p_robot = world_R_robotᵀ p_world, for rows
 
-    views = along(np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), yaw_deg=learned_yaw_deg)
+    views = along(
+        np.stack([seen(cloud, learned_yaw_deg) for cloud in clouds]), yaw_deg=learned_yaw_deg
+    )
     localize = asking(method, views, np.arange(2))
     for place, cloud in enumerate(clouds):
         ranking = localize(one(seen(cloud, learned_yaw_deg + turned_by_deg)), 1)
@@ -161,7 +190,8 @@ def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(met
     evidence = Evidence.of(model)
     assert evidence.right.all()
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
-    # All right, a fifth of the queries unseen: of b blocks .8 b right ones, and one more counted wrong.
+    # All right, a fifth of the queries unseen: of b blocks .8 b right ones, and one more counted
+    # wrong.
     (threshold,) = Rejection(wanted_precision=0.5).thresholds(model, ("distance",))
     assert threshold.kept_precision >= 0.5
     assert threshold.reject_from > ACCEPT_NOTHING
@@ -169,27 +199,40 @@ def test_held_out_blocks_are_found_and_look_newer_without_their_surroundings(met
 
 def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
     """What the model says of its blocks is what a plain search over the allowed rows finds."""
-    narrow, views = replace(FIFTY, candidates=1), rows(1)
+    narrow = replace(FIFTY, candidates=1)
+    views = rows(1)
     model = narrow.learn(views, TRUTH, Progress())
-    spectra, keys, database = Spectra.of(model), model["ring_keys"], Database.of(model)
+    spectra = Spectra.of(model)
+    keys = model["ring_keys"]
+    database = Database.of(model)
     held = np.flatnonzero((2.0 * np.arange(len(TRUTH)) + 20) % 40 < 4)
     rest = np.setdiff1d(np.arange(len(TRUTH)), held)
-    expected, right = [], []
+    expected = []
+    right = []
     for row in held:
-        candidates = rest[np.argsort(np.linalg.norm(keys[rest] - keys[row], axis=1), kind="stable")[:1]]
+        candidates = rest[
+            np.argsort(np.linalg.norm(keys[rest] - keys[row], axis=1), kind="stable")[:1]
+        ]
         distances, _ = spectra.compare(views.images[row], candidates)
         expected.append(distances.min())
         right.append(database.places[candidates[distances.argmin()]] == TRUTH[row])
     np.testing.assert_allclose(model["held_out/seen/distance"], expected, atol=1e-6)
     assert model["held_out/right"].tolist() == right
-    assert (FIFTY.learn(views, TRUTH, Progress())["held_out/seen/distance"] < model["held_out/seen/distance"]).any()
+    assert (
+        FIFTY.learn(views, TRUTH, Progress())["held_out/seen/distance"]
+        < model["held_out/seen/distance"]
+    ).any()
 
 
 @pytest.mark.parametrize("lift_m", [1.73, 1.9])
 def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float):
-    """KITTI 08, scan 1500, against 720, sixteen scans of KITTI 00 and one of NCLT: 720 comes first, 148.4° away."""
+    """KITTI 08, scan 1500, against 720, sixteen scans of KITTI 00 and one of NCLT: 720 comes first,
+    148.4° away."""
     lift = np.array([0, 0, lift_m], np.float32)
-    kitti = [real / "kitti/pairs/08/000720.bin", *sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))]
+    kitti = [
+        real / "kitti/pairs/08/000720.bin",
+        *sorted((real / "kitti/sequences/00/velodyne").glob("*.bin")),
+    ]
     clouds = [read_velodyne(path) + lift for path in kitti]
     clouds.append(read_velodyne_sync(next((real / "nclt/2012-01-15/velodyne_sync").glob("*.bin"))))
     views = along(np.stack([ScanContext()(cloud) for cloud in clouds]))
@@ -201,10 +244,14 @@ def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float
 
 
 def test_real_scans_of_one_street_are_nearest_to_their_neighbours(real: Path):
-    """KITTI 00, sixteen consecutive scans about 0.9 m apart: each of the even ones, learned, answers the odd one beside it."""
-    paths, lift = sorted((real / "kitti/sequences/00/velodyne").glob("*.bin")), np.array([0, 0, 1.73], np.float32)
+    """KITTI 00, sixteen consecutive scans about 0.9 m apart: each of the even ones, learned,
+    answers the odd one beside it."""
+    paths = sorted((real / "kitti/sequences/00/velodyne").glob("*.bin"))
+    lift = np.array([0, 0, 1.73], np.float32)
     views = np.stack([ScanContext()(read_velodyne(path) + lift) for path in paths])
-    world_T_scan = read_poses(real / "kitti/poses/00.txt", real / "kitti/sequences/00/calib.txt")[:16]
+    world_T_scan = read_poses(real / "kitti/poses/00.txt", real / "kitti/sequences/00/calib.txt")[
+        :16
+    ]
     even, odd = (Rows(views[i::2], np.arange(8), world_T_scan[i::2]) for i in (0, 1))
     ranking = asking(ALL, even, np.arange(8))(odd, 1)
     away_m = np.linalg.norm(ranking.xy_m[:, 0] - world_T_scan[1::2, :2, 3], axis=1)

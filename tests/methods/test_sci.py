@@ -1,4 +1,5 @@
-"""SCI on a few made-up places: it learns them, forward and reversed, and says what it does not know."""
+"""SCI on a few made-up places: it learns them, forward and reversed, and says what it does not
+know."""
 
 from dataclasses import replace
 
@@ -14,14 +15,25 @@ from tests.learning import Clears
 from tests.matching.made import along
 
 KINDS = ("entropy", "tempered_entropy", "energy", "feature_distance")
-PLACES, EACH, RINGS, SECTORS = 4, 12, 8, 24
+PLACES = 4
+EACH = 12
+RINGS = 8
+SECTORS = 24
 SMALL = Sci(
-    epochs=16, batch=16, dropout=0.2, held_out_every_m=10, held_out_length_m=3, neighbour_m=13, precision="f32", threads=1
+    epochs=16,
+    batch=16,
+    dropout=0.2,
+    held_out_every_m=10,
+    held_out_length_m=3,
+    neighbour_m=13,
+    precision="f32",
+    threads=1,
 )
 
 
 def rows(seed: int, turn: int = 0, noise_m: float = 0.5, places: int = PLACES) -> Rows:
-    """`places` scenes seen EACH times with noise, a metre apart along x, their columns rolled by `turn`."""
+    """`places` scenes seen EACH times with noise, a metre apart along x, their columns rolled by
+    `turn`."""
     scenes = np.random.default_rng(0).uniform(0, 15, (PLACES + 4, RINGS, SECTORS)) * (
         np.random.default_rng(1).random((PLACES + 4, RINGS, SECTORS)) < 0.5
     )
@@ -54,12 +66,17 @@ def test_places_are_learned(model: Model, clears: Clears) -> None:
     clears(1 - model["curves/loss"][-1] / model["curves/loss"][0], 0.7)
     assert model["curves/loss"].shape == (16,)
     accuracy = model["curves/held_out_accuracy"]
-    assert int(model["best_epoch"].item()) == np.flatnonzero(accuracy == accuracy.max())[-1]  # of equals the last
+    assert (
+        int(model["best_epoch"].item()) == np.flatnonzero(accuracy == accuracy.max())[-1]
+    )  # of equals the last
 
 
 @pytest.mark.learning
-def test_a_reversed_view_is_known_after_two_way_training(model: Model, seed: int, clears: Clears) -> None:
-    # n_way 2 turns each training image by half of the 24 columns; one-way training never saw that side.
+def test_a_reversed_view_is_known_after_two_way_training(
+    model: Model, seed: int, clears: Clears
+) -> None:
+    # n_way 2 turns each training image by half of the 24 columns; one-way training never saw that
+    # side.
     back = rows(3, turn=SECTORS // 2)
     clears(right(SMALL, model, back), 0.8)
     one_way = replace(SMALL, n_way=1, epochs=32, seed=seed)  # half the images an epoch
@@ -75,7 +92,9 @@ def test_every_way_of_n_is_known(seed: int, clears: Clears) -> None:
     clears(min(right(four, learned, rows(3, turn)) for turn in (0, 6, 12, 18)), 0.8)
 
 
-def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_their_places_views(ranking: Ranking) -> None:
+def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_their_places_views(
+    ranking: Ranking,
+) -> None:
     assert ranking.places.shape == ranking.costs.shape == (len(TRUTH), 3)
     assert ranking.xy_m.shape == (len(TRUTH), 3, 2)
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
@@ -87,7 +106,9 @@ def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_thei
     np.testing.assert_array_equal(ranking.xy_m[..., 1], 0)
 
 
-def test_more_places_than_there_are_is_all_of_them_and_costs_and_confidence_are_of_probabilities(model: Model) -> None:
+def test_more_places_than_there_are_is_all_of_them_and_costs_and_confidence_are_of_probabilities(
+    model: Model,
+) -> None:
     found = SMALL.localizer(model)(rows(3), k=25)
     assert sorted(found.places[0].tolist()) == list(range(PLACES))
     np.testing.assert_allclose((1 - found.costs).sum(axis=1), 1, atol=1e-5)
@@ -95,7 +116,9 @@ def test_more_places_than_there_are_is_all_of_them_and_costs_and_confidence_are_
     np.testing.assert_allclose(found.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
 
 
-def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(model: Model, ranking: Ranking) -> None:
+def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(
+    model: Model, ranking: Ranking
+) -> None:
     unknown = SMALL.localizer(model)(rows(4, places=PLACES + 4).some(slice(len(TRUTH), None)), 1)
     for novelty in (ranking.novelty, unknown.novelty):
         assert ((novelty[:, :2] >= 0) & (novelty[:, :2] <= 1)).all()
@@ -104,7 +127,9 @@ def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(model: Mo
     assert (np.median(unknown.novelty, axis=0) > np.median(ranking.novelty, axis=0)).all()
 
 
-@pytest.mark.parametrize(("budget", "every_m", "epochs"), [(0.25, 10.0, 4), (0.001, 10.0, 1), (0.125, 1000.0, 2)])
+@pytest.mark.parametrize(
+    ("budget", "every_m", "epochs"), [(0.25, 10.0, 4), (0.001, 10.0, 1), (0.125, 1000.0, 2)]
+)
 def test_a_budget_is_a_share_of_the_epochs_and_a_path_too_short_for_blocks_is_learned_too(
     budget: float, every_m: float, epochs: int
 ) -> None:
@@ -122,7 +147,8 @@ def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model
     evidence = Evidence.of(model)
     assert evidence.right.all()
     for kind in KINDS:
-        # Places are 12 m long: all that is nearer than neighbour_m = 13 includes the whole of the query's own.
+        # Places are 12 m long: all that is nearer than neighbour_m = 13 includes the whole of the
+        # query's own.
         assert (evidence.unseen[kind] > evidence.seen[kind]).mean() > 0.9
     for threshold, _ in Rejection(wanted_precision=0.5).thresholds(model, KINDS):
         assert threshold > ACCEPT_NOTHING

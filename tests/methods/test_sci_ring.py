@@ -1,4 +1,5 @@
-"""SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that is."""
+"""SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that
+is."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,9 @@ from tests.learning import Clears
 from tests.matching.made import along
 
 KINDS = ("combined", "entropy", "tempered_entropy", "energy", "feature_distance")
-PLACES, EACH, SECTORS = 4, 10, 40
+PLACES = 4
+EACH = 10
+SECTORS = 40
 VIEW = ScanContext(rings=8, sectors=SECTORS, max_range_m=24.0, voxel_m=0.0, min_points=1)
 SMALL = SciRing(
     epochs=16,
@@ -39,15 +42,25 @@ YAW_DEG = np.random.default_rng(7).uniform(-180, 180, len(TRUTH))
 def scene(number: int) -> np.ndarray:
     """Thirty poles (n, 3) around a place, x to the east."""
     rng = np.random.default_rng(number)
-    xy_m, heights_m = rng.uniform(-17, 17, (30, 2)), rng.uniform(2, 14, 30)
-    return np.concatenate([[(*xy, z) for z in np.arange(0.5, top, 0.5)] for xy, top in zip(xy_m, heights_m, strict=True)])
+    xy_m = rng.uniform(-17, 17, (30, 2))
+    heights_m = rng.uniform(2, 14, 30)
+    return np.concatenate(
+        [
+            [(*xy, z) for z in np.arange(0.5, top, 0.5)]
+            for xy, top in zip(xy_m, heights_m, strict=True)
+        ]
+    )
 
 
 def rows(seed: int, yaw_deg: np.ndarray = YAW_DEG, first: int = 0) -> Rows:
     """Each scene seen EACH times with noise by sensors of these yaws, a metre apart along x."""
-    path, rng = along(TRUTH, yaw_deg=yaw_deg), np.random.default_rng(seed)
+    path = along(TRUTH, yaw_deg=yaw_deg)
+    rng = np.random.default_rng(seed)
     turns = path.world_T_anchor[:, :3, :3]
-    seen = [(scene(first + place) + rng.normal(0, 0.1, 3)) @ turn for place, turn in zip(TRUTH.tolist(), turns, strict=True)]
+    seen = [
+        (scene(first + place) + rng.normal(0, 0.1, 3)) @ turn
+        for place, turn in zip(TRUTH.tolist(), turns, strict=True)
+    ]
     return replace(path, images=np.stack([VIEW(points) for points in seen]))
 
 
@@ -74,8 +87,11 @@ def test_places_are_learned(model: Model, ranking: Ranking, clears: Clears) -> N
 
 @pytest.mark.learning
 @pytest.mark.parametrize("turn_deg", [0, 90, -130])
-def test_a_sensor_turned_to_the_left_is_known_and_told_so(model: Model, turn_deg: float, clears: Clears) -> None:
-    """Its yaw in the world grows by as much; headings here are 72° apart, so an answer lies between them."""
+def test_a_sensor_turned_to_the_left_is_known_and_told_so(
+    model: Model, turn_deg: float, clears: Clears
+) -> None:
+    """Its yaw in the world grows by as much; headings here are 72° apart, so an answer lies between
+    them."""
     yaw_deg = YAW_DEG + turn_deg
     found = SMALL.localizer(model)(rows(2, yaw_deg), 1)
     clears((found.places[:, 0] == TRUTH).mean(), 0.8)
@@ -83,8 +99,11 @@ def test_a_sensor_turned_to_the_left_is_known_and_told_so(model: Model, turn_deg
     assert ((found.heading_deg > -180) & (found.heading_deg <= 180)).all()
 
 
-def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(model: Model, ranking: Ranking) -> None:
-    # 8 of 40 columns: what was seen at azimuth a is seen at a + 72°, so the sensor looks 72° less to the left.
+def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(
+    model: Model, ranking: Ranking
+) -> None:
+    # 8 of 40 columns: what was seen at azimuth a is seen at a + 72°, so the sensor looks 72° less
+    # to the left.
     views = rows(3)
     found = SMALL.localizer(model)(replace(views, images=np.roll(views.images, 8, axis=2)), 3)
     assert found.places.tolist() == ranking.places.tolist()
@@ -93,7 +112,9 @@ def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(model: Mode
     np.testing.assert_allclose(off_deg(found.heading_deg, ranking.heading_deg - 72), 0, atol=1e-2)
 
 
-def test_the_first_answer_lies_where_the_likest_training_view_stands_the_others_at_their_places_mean(ranking: Ranking) -> None:
+def test_the_first_answer_lies_where_the_likest_training_view_stands_the_others_at_their_places_mean(
+    ranking: Ranking,
+) -> None:
     # Place p holds x = 10 p … 10 p + 9, whose mean is 10 p + 4.5; views stand a metre apart.
     first_m = ranking.xy_m[:, 0, 0]
     assert set(first_m) <= set(range(len(TRUTH)))
@@ -115,7 +136,9 @@ def test_memory_looks_one_way_whatever_way_training_did(model: Model) -> None:
 def test_novelty_is_higher_for_unknown_scenes(model: Model, ranking: Ranking) -> None:
     unknown = SMALL.localizer(model)(rows(4, first=PLACES), 1)
     assert ranking.kinds == KINDS
-    np.testing.assert_allclose(ranking.novelty[:, 0], ranking.novelty[:, 2] * ranking.novelty[:, 4], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(
+        ranking.novelty[:, 0], ranking.novelty[:, 2] * ranking.novelty[:, 4], rtol=1e-5, atol=1e-7
+    )
     for column in range(len(KINDS)):
         assert np.median(unknown.novelty[:, column]) > np.median(ranking.novelty[:, column])
 
@@ -141,11 +164,19 @@ def test_each_batch_leaves_out_arcs_of_one_width_at_most_the_widest_and_never_al
 
 
 def test_a_refit_learns_the_held_out_views_too_and_leaves_what_they_chose() -> None:
-    before, after = (replace(SMALL, refit=refit).learn(rows(2), TRUTH, Progress()) for refit in (0.0, 0.5))
-    chosen = [name for name in before if name.startswith(("held_out/", "curves/")) or name in ("temperature", "best_epoch")]
+    before, after = (
+        replace(SMALL, refit=refit).learn(rows(2), TRUTH, Progress()) for refit in (0.0, 0.5)
+    )
+    chosen = [
+        name
+        for name in before
+        if name.startswith(("held_out/", "curves/")) or name in ("temperature", "best_epoch")
+    ]
     assert all(np.array_equal(before[name], after[name]) for name in chosen)
     assert not np.array_equal(before["net/fc2.weight"], after["net/fc2.weight"])
-    held = holdout.blocks(rows(2).world_T_anchor, TRUTH, SMALL.held_out_every_m, SMALL.held_out_length_m)
+    held = holdout.blocks(
+        rows(2).world_T_anchor, TRUTH, SMALL.held_out_every_m, SMALL.held_out_length_m
+    )
     seen = replace(rows(2), images=rows(2).images[held])
 
     def cost(model: Model) -> float:
@@ -161,11 +192,18 @@ class CutInRefit(Progress):
 
 
 def test_a_refit_that_was_interrupted_goes_on_to_the_same_weights(tmp_path: Path) -> None:
-    method, checkpoint = replace(SMALL, refit=0.5, epochs=8, dropout=0.3), tmp_path / "half.safetensors"
+    method = replace(SMALL, refit=0.5, epochs=8, dropout=0.3)
+    checkpoint = tmp_path / "half.safetensors"
     with pytest.raises(KeyboardInterrupt):
         method.learn(rows(2), TRUTH, CutInRefit(checkpoint=checkpoint))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["half-refit.safetensors", "half.safetensors"]
-    assert same(method.learn(rows(2), TRUTH, Progress(checkpoint=checkpoint)), method.learn(rows(2), TRUTH, Progress()))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "half-refit.safetensors",
+        "half.safetensors",
+    ]
+    assert same(
+        method.learn(rows(2), TRUTH, Progress(checkpoint=checkpoint)),
+        method.learn(rows(2), TRUTH, Progress()),
+    )
 
 
 def test_done_work_leaves_no_checkpoint_of_any_part(tmp_path: Path) -> None:
@@ -194,24 +232,34 @@ def test_held_out_queries_look_newer_once_their_surroundings_are_forgotten(model
     assert evidence.right.mean() > 0.8
     for kind in KINDS:
         assert np.median(evidence.unseen[kind]) > np.median(evidence.seen[kind])
-    assert max(reject_from for reject_from, _ in Rejection(wanted_precision=0.5).thresholds(model, KINDS)) > ACCEPT_NOTHING
+    assert (
+        max(
+            reject_from
+            for reject_from, _ in Rejection(wanted_precision=0.5).thresholds(model, KINDS)
+        )
+        > ACCEPT_NOTHING
+    )
 
 
 def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None:
-    # Two headings, three places, chances in twelfths: place 1 has 2 at heading 0 and 6 at heading 1. A yaw of 1.25 headings is
-    # three quarters of the first after the last, heading 1, and a quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
+    # Two headings, three places, chances in twelfths: place 1 has 2 at heading 0 and 6 at heading
+    # 1. A yaw of 1.25 headings is three quarters of the first after the last, heading 1, and a
+    # quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
     chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
     batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), 0, torch.tensor([1.25]))
     loss, right, count = SMALL.step(lambda images, arc: chances.log()[:, None] + 3, batch)
     assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
     assert (int(right), count) == (1, 1)
     back = (*batch[:3], torch.tensor([-0.75]))  # the same yaw, a whole turn less
-    assert float(SMALL.step(lambda images, arc: chances.log()[:, None], back)[0]) == pytest.approx(float(loss))
+    assert float(SMALL.step(lambda images, arc: chances.log()[:, None], back)[0]) == pytest.approx(
+        float(loss)
+    )
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 2), (0.5, 3), (1.0, 4)])
 def test_the_loss_is_shared_with_the_arc_that_costs_most(share: float, expected: float) -> None:
-    # One heading, two places, the first true: chances of 1/4 whole, 1/16 and 1/8 without each arc, of sums that are 1: in bits.
+    # One heading, two places, the first true: chances of 1/4 whole, 1/16 and 1/8 without each arc,
+    # of sums that are 1: in bits.
     chances = torch.tensor([1 / 4, 1 / 16, 1 / 8])
     logits = torch.stack([chances, 1 - chances], dim=1).log()[None, :, None]
     batch = (torch.zeros(1, 1, 1, 1), torch.tensor([0]), 1, torch.tensor([0.0]))

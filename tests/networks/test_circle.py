@@ -13,7 +13,8 @@ def test_a_heading_lies_between_the_two_next_to_it_even_across_the_end() -> None
 
 
 def test_headings_are_averaged_around_the_circle() -> None:
-    # Of four: half at 0° and half at 90° is 45°; half at 0° and half at 270° is −45°; all at 180° is 180°, not −180°.
+    # Of four: half at 0° and half at 90° is 45°; half at 0° and half at 270° is −45°; all at 180°
+    # is 180°, not −180°.
     chances = torch.tensor([[0.5, 0.5, 0, 0], [0.5, 0, 0, 0.5], [0, 0, 1, 0]])
     np.testing.assert_allclose(circular_mean_deg(chances), [45, -45, 180], atol=1e-4)
 

@@ -19,7 +19,9 @@ SETTINGS: dict[str, Any] = {
     **{"epochs": 4, "batch": 16, "held_out_every_m": 10, "held_out_length_m": 3},
     **{"threads": 1, "precision": "f32"},
 }
-BOTH = pytest.mark.parametrize("method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"])
+BOTH = pytest.mark.parametrize(
+    "method", [Sci(**SETTINGS), SciRing(**SETTINGS)], ids=["sci", "sci_ring"]
+)
 TRUTH = np.repeat(np.arange(4), 12)
 
 
@@ -31,7 +33,9 @@ def rows() -> Rows:
 
 
 @BOTH
-@pytest.mark.parametrize("places", [np.where(np.arange(48) == 5, -1, TRUTH), TRUTH[1:]], ids=["unknown", "too few"])
+@pytest.mark.parametrize(
+    "places", [np.where(np.arange(48) == 5, -1, TRUTH), TRUTH[1:]], ids=["unknown", "too few"]
+)
 def test_every_training_view_needs_its_place(method: Classifier, places: np.ndarray) -> None:
     with pytest.raises(InputError, match="known place"):
         method.learn(rows(), places, Progress())
@@ -41,7 +45,10 @@ def test_every_training_view_needs_its_place(method: Classifier, places: np.ndar
 def test_answers_are_as_precise_as_training(method: Classifier) -> None:
     """Coarse numbers move costs a little, and fine ones are not the same."""
     model = method.learn(rows(), TRUTH, Progress())
-    fine, coarse = (replace(method, precision=precision).localizer(model)(rows(), 4) for precision in ("f32", "bf16"))
+    fine, coarse = (
+        replace(method, precision=precision).localizer(model)(rows(), 4)
+        for precision in ("f32", "bf16")
+    )
     assert np.mean(fine.places[:, 0] == coarse.places[:, 0]) > 0.8
     difference = np.abs(np.sort(fine.costs) - np.sort(coarse.costs))
     assert 0 < difference.max() < 0.2
@@ -54,7 +61,9 @@ def test_a_model_of_another_network_is_refused_in_words() -> None:
 
 
 @BOTH
-def test_kernels_cast_once_answer_as_those_that_are_cast_each_time(method: Classifier, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_cast_once_answer_as_those_that_are_cast_each_time(
+    method: Classifier, monkeypatch: pytest.MonkeyPatch
+) -> None:
     coarse = replace(method, precision="bf16")
     model = coarse.learn(rows(), TRUTH, Progress())
     once = coarse.localizer(model)(rows(), 4)
@@ -78,7 +87,8 @@ class Lines(Progress):
 
 def test_held_out_views_that_fix_no_temperature_are_told() -> None:
     """All of them are right, so the colder the likelier."""
-    method, progress = Sci(**SETTINGS | {"epochs": 16, "dropout": 0.2}), Lines()
+    method = Sci(**SETTINGS | {"epochs": 16, "dropout": 0.2})
+    progress = Lines()
     model = method.learn(rows(), TRUTH, progress)
     assert model["held_out/right"].all()
     (line,) = progress.lines

@@ -15,12 +15,18 @@ def net() -> LeNet:
 
 
 def parameters(net: torch.nn.Module) -> int:
-    """Numbers a network holds, the batch norms' running statistics included, as Keras counts them."""
-    return sum(value.numel() for name, value in net.state_dict().items() if not name.endswith("num_batches_tracked"))
+    """Numbers a network holds, the batch norms' running statistics included, as Keras counts
+    them."""
+    return sum(
+        value.numel()
+        for name, value in net.state_dict().items()
+        if not name.endswith("num_batches_tracked")
+    )
 
 
 def test_the_paper_counts_2_296_515_numbers_65_of_them_a_place() -> None:
-    # 4864 + 256 + 204928 + 512 + 819456 + 1228864 + 37635, of which the batch norms' 2 · (64 + 128) are not trained.
+    # 4864 + 256 + 204928 + 512 + 819456 + 1228864 + 37635, of which the batch norms' 2 · (64 + 128)
+    # are not trained.
     for places in (1, 7, 579, 700):
         assert parameters(LeNet(places)) == 2_296_515 + 65 * (places - 579)
     assert sum(value.numel() for value in LeNet(579).parameters()) == 2_296_131
@@ -74,6 +80,8 @@ def test_other_sizes_are_pooled_down_to_whole_numbers() -> None:
 
 
 @pytest.mark.parametrize(("places", "rings", "sectors"), [(0, 40, 120), (5, 7, 120), (5, 40, 7)])
-def test_images_too_small_for_three_poolings_are_refused(places: int, rings: int, sectors: int) -> None:
+def test_images_too_small_for_three_poolings_are_refused(
+    places: int, rings: int, sectors: int
+) -> None:
     with pytest.raises(InputError):
         LeNet(places, rings, sectors)

@@ -18,12 +18,21 @@ from tests.posing.scene import planar, scene, seen_from
 
 ANCHORS = np.array([planar(0, 0, 0), planar(200, 0, 90), planar(400, 0, -30)])
 GRID = Grid(10.0, (-5.0, 415.0), (-5.0, 15.0))
-SENSOR = {"lift_m": 0.0, "points": 14800.0, "azimuth_deg": 360.0, "beams": None, "ground_m": 0.0, "sensor_m": None}
+SENSOR = {
+    "lift_m": 0.0,
+    "points": 14800.0,
+    "azimuth_deg": 360.0,
+    "beams": None,
+    "ground_m": 0.0,
+    "sensor_m": None,
+}
 READER = {"_target_": "pipeline.readers.nclt.Nclt"}
 
 
 def about(**changes: Any) -> dict[str, Any]:
-    """What the site says of itself. A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99.
+    """What the site says of itself.
+
+    A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99.
 
     Its place is right by 1 from an overlap of .4 on.
     """
@@ -58,7 +67,12 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     model = ScanContext50(candidates=3).learn(views, labels.places, Progress())
     points = np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64)
     offsets = np.cumsum([0, *map(len, clouds)])
-    return dict(model), {"points": points, "offsets": offsets, "world_T_anchor": ANCHORS, "cells": labels.cells}
+    return dict(model), {
+        "points": points,
+        "offsets": offsets,
+        "world_T_anchor": ANCHORS,
+        "cells": labels.cells,
+    }
 
 
 def packed(folder: Path, **changes: Any) -> Path:
@@ -67,7 +81,9 @@ def packed(folder: Path, **changes: Any) -> Path:
     return folder / "three.site"
 
 
-def scan(row: int = 1, x_m: float = -3.0, y_m: float = 4.0, yaw_deg: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
+def scan(
+    row: int = 1, x_m: float = -3.0, y_m: float = 4.0, yaw_deg: float = 40.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Points seen in place `row`, so far off its anchor, and the true pose."""
     anchor_T_robot = planar(x_m, y_m, yaw_deg)
     return seen_from(scene(row), anchor_T_robot), ANCHORS[row] @ anchor_T_robot

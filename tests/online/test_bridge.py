@@ -28,11 +28,23 @@ def endpoint() -> str:
 @pytest.fixture
 def bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., dict[str, object]]]:
     """Another process that answers at this endpoint, once this one listens there."""
-    words = [sys.executable, "-m", "pipeline.cli", "serve", str(packed(tmp_path)), "--zenoh", endpoint, "--key", "robot"]
+    words = [
+        sys.executable,
+        "-m",
+        "pipeline.cli",
+        "serve",
+        str(packed(tmp_path)),
+        "--zenoh",
+        endpoint,
+        "--key",
+        "robot",
+    ]
     with connected(endpoint, "listen") as session:
         process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
         fixes: queue.Queue[dict[str, object]] = queue.Queue()
-        fixed = session.declare_subscriber("robot/fix", lambda sample: fixes.put(json.loads(sample.payload.to_bytes())))
+        fixed = session.declare_subscriber(
+            "robot/fix", lambda sample: fixes.put(json.loads(sample.payload.to_bytes()))
+        )
         scans = session.declare_publisher("robot/points")
         assert "robot/points" in process.stderr.readline()
         for _ in range(100):  # a subscription takes a moment to be known here
@@ -61,13 +73,17 @@ def test_scans_of_another_process_get_fixes_and_what_is_no_scan_a_line(bridge) -
     assert bridge(points_m.astype("<f4").tobytes())["verdict"] == "accepted"
 
 
-def test_nobody_at_the_endpoint_is_one_line(endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nobody_at_the_endpoint_is_one_line(
+    endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main(["serve", str(packed(tmp_path)), "--zenoh", endpoint])
     assert f"--zenoh {endpoint}: Unable to connect" in capsys.readouterr().err
 
 
 def test_floats_are_points() -> None:
-    stamp_ns, points_m = points(np.array([[1, 2, 3], [4, 5, 6]], "<f4").tobytes(), "application/octet-stream")
+    stamp_ns, points_m = points(
+        np.array([[1, 2, 3], [4, 5, 6]], "<f4").tobytes(), "application/octet-stream"
+    )
     assert stamp_ns is None
     assert points_m.tolist() == [[1, 2, 3], [4, 5, 6]]

@@ -42,10 +42,17 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     """A site whose method is a network."""
     method: Classifier = request.param(**SETTINGS)
     images = np.stack([ScanContext()(scene(seed)) for seed in range(3)] * 4)
-    model = method.learn(Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1))), np.tile(np.arange(3), 4), Progress())
+    model = method.learn(
+        Rows(images, np.arange(12), np.tile(ANCHORS, (4, 1, 1))),
+        np.tile(np.arange(3), 4),
+        Progress(),
+    )
     target = f"{type(method).__module__}.{type(method).__name__}"
     path = tmp_path_factory.mktemp("learned") / "three.site"
-    site_file.write(path, site_file.Parts(about(method={"_target_": target, **SETTINGS}), model, arrays()[1], None))
+    site_file.write(
+        path,
+        site_file.Parts(about(method={"_target_": target, **SETTINGS}), model, arrays()[1], None),
+    )
     return path
 
 
@@ -54,7 +61,13 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
     np.save(tmp_path / "scan.npy", points_m)
     said = export(learned, tmp_path / "onnx.site")
     assert "off torch at most, 100% with the same best place" in said
-    words = [sys.executable, "-c", WITHOUT_TORCH, str(tmp_path / "onnx.site"), str(tmp_path / "scan.npy")]
+    words = [
+        sys.executable,
+        "-c",
+        WITHOUT_TORCH,
+        str(tmp_path / "onnx.site"),
+        str(tmp_path / "scan.npy"),
+    ]
     verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
     assert verdict == "accepted"
     np.testing.assert_allclose([float(x), float(y)], world_T_robot[:2, 3], atol=0.1)
@@ -67,19 +80,28 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
 
 def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), "none"]
-    told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
+    told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[
+        -1
+    ]
     assert told.startswith("pipeline.errors.NotInstalledError")
     assert "torch: not installed" in told
     assert "pip install 'yearloc[site]'" in told
 
 
-def test_parity_stands_beside_the_file(learned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parity_stands_beside_the_file(
+    learned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = b"network", Parity(32, 2e-5, 1.0)
     monkeypatch.setattr("pipeline.online.export.exported", lambda method, model: found)
     assert "on 32 views 2.0e-05 off torch at most" in export(learned, tmp_path / "model.onnx")
     assert (tmp_path / "model.onnx").read_bytes() == b"network"
     beside = json.loads((tmp_path / "model.parity.json").read_text())
-    assert beside == {"site": "three/10m/scan_context", "views": 32, "largest_difference": 2e-5, "same_first": 1.0}
+    assert beside == {
+        "site": "three/10m/scan_context",
+        "views": 32,
+        "largest_difference": 2e-5,
+        "same_first": 1.0,
+    }
     found = b"network", Parity(32, 2e-3, 1.0)
     with one_line(ConfigError, "nothing was written"):
         export(learned, tmp_path / "other.onnx")

@@ -25,10 +25,19 @@ def test_wrong_verdicts_alone_are_found_the_worst_first(site: Site, tmp_path: Pa
     right = site.localize(points_m)
     moved = right.world_T_sensor.copy()
     moved[0, 3] += 30
-    wrong, surer = replace(right, world_T_sensor=moved, novelty=0.05), replace(right, world_T_sensor=moved, novelty=0.01)
-    refused, nothing = replace(right, verdict="rejected"), replace(right, verdict="no pose")
+    wrong = replace(right, world_T_sensor=moved, novelty=0.05)
+    surer = replace(right, world_T_sensor=moved, novelty=0.01)
+    refused = replace(right, verdict="rejected")
+    nothing = replace(right, verdict="no pose")
     unknown = replace(taken, world_T_scan=NO_POSE)
-    every = [(taken, right), (taken, wrong), (taken, surer), (taken, refused), (taken, nothing), (unknown, wrong)]
+    every = [
+        (taken, right),
+        (taken, wrong),
+        (taken, surer),
+        (taken, refused),
+        (taken, nothing),
+        (unknown, wrong),
+    ]
     found = failures(of_log(*zip(*every, strict=True)))  # type: ignore[arg-type]
     assert [(one.kind, one.novelty) for one in found] == [
         ("accepted, and wrong", 0.01),
@@ -37,17 +46,29 @@ def test_wrong_verdicts_alone_are_found_the_worst_first(site: Site, tmp_path: Pa
     ]
     assert found[0].off[0] == pytest.approx(30, abs=0.2)
     draw(site.targets, found[0], tmp_path / "card.png", "promise 0.99")
-    picture = np.asarray(Image.open(tmp_path / "card.png").convert("RGB")).reshape(-1, 3).astype(int)
+    picture = (
+        np.asarray(Image.open(tmp_path / "card.png").convert("RGB")).reshape(-1, 3).astype(int)
+    )
     red = (picture[:, 0] - picture[:, 1] > 80).sum()
     grey = ((abs(picture[:, 0] - 0x9A) < 12) & (abs(picture[:, 0] - picture[:, 2]) < 4)).sum()
     assert red > 500
     assert grey > 500
 
 
-def test_scans_without_truth_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scans_without_truth_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     np.save(tmp_path / "1.npy", scan()[0])
     with pytest.raises(SystemExit):
-        main(["failures", str(packed(tmp_path)), str(tmp_path / "1.npy"), "-o", str(tmp_path / "cards")])
+        main(
+            [
+                "failures",
+                str(packed(tmp_path)),
+                str(tmp_path / "1.npy"),
+                "-o",
+                str(tmp_path / "cards"),
+            ]
+        )
     assert "no scan with a true pose" in capsys.readouterr().err
 
 

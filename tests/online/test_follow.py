@@ -1,4 +1,5 @@
-"""A recording that is still being written is followed: what waits too long is dropped and counted."""
+"""A recording that is still being written is followed: what waits too long is dropped and
+counted."""
 
 import time
 from pathlib import Path
@@ -16,7 +17,8 @@ from pipeline.online.odometry import Newest
 from tests.online.made import packed, scan
 from tests.posing.scene import planar, seen_from
 
-START_NS, COUNT = 1_700_000_000_000_000_000, 24
+START_NS = 1_700_000_000_000_000_000
+COUNT = 24
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
 
 
@@ -28,7 +30,13 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     with BagWriter(folder, "mcap") as bag:
         bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
         for i in range(COUNT):
-            bag.points(START_NS + i * 10**8, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+            bag.points(
+                START_NS + i * 10**8,
+                "lidar",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     (file,) = folder.glob("*.mcap")
     return file.read_bytes()
 
@@ -59,10 +67,14 @@ def test_every_cloud_is_seen_or_counted_as_dropped(recorded: bytes, tmp_path: Pa
     assert following.dropped > 0
     assert len(seen) + following.dropped == COUNT
     assert seen[-1].stamp_ns == START_NS + (COUNT - 1) * 10**8
-    np.testing.assert_allclose(seen[-1].points(), scan()[0], atol=1e-4)  # where the transforms put it
+    np.testing.assert_allclose(
+        seen[-1].points(), scan()[0], atol=1e-4
+    )  # where the transforms put it
 
 
-def test_the_command_follows_a_recording(recorded: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_follows_a_recording(
+    recorded: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     thread = record(tmp_path / "day.mcap", recorded, 1.0)
     main(["localize", str(packed(tmp_path)), str(tmp_path / "day.mcap"), "--follow", "--idle", "1"])
     thread.join()
@@ -74,7 +86,9 @@ def test_the_command_follows_a_recording(recorded: bytes, tmp_path: Path, capsys
 @pytest.mark.parametrize("odometry", ["/wheels", "tf:odom>base_link"])
 def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
     """A robot drives a metre in a second; clouds are stamped half way between two of its poses."""
-    points_m, clouds, poses = np.ones((9, 3), np.float32), 4, 10
+    points_m = np.ones((9, 3), np.float32)
+    clouds = 4
+    poses = 10
     with BagWriter(tmp_path / "day", "mcap") as bag:
         bag.static_transform(START_NS, "base_link", "imu_link", planar(0, 0, 0))
         for i in range(poses):
@@ -84,7 +98,9 @@ def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
             else:
                 bag.transform(stamp_ns, "odom", "base_link", planar(i / 10, 0, 0))
             if i < clouds:
-                bag.points(stamp_ns + 5 * 10**7, "base_link", points_m, np.ones(9), np.zeros(9, int))
+                bag.points(
+                    stamp_ns + 5 * 10**7, "base_link", points_m, np.ones(9), np.zeros(9, int)
+                )
     (file,) = (tmp_path / "day").glob("*.mcap")
     seen = list(Following(file, None, 0.0, 0.3, odometry).scans())
     xs_m = [one.odom_T_scan[0, 3] for one in seen]
@@ -95,7 +111,8 @@ def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
 
 
 def test_a_pose_is_carried_on_for_a_moment() -> None:
-    """A tenth of a second after the last of two poses 0.1 s and 0.2 m apart it is 0.2 m farther; after a second nobody knows."""
+    """A tenth of a second after the last of two poses 0.1 s and 0.2 m apart it is 0.2 m farther;
+    after a second nobody knows."""
     newest = Newest()
     newest.add(START_NS, planar(1, 0, 0))
     newest.add(START_NS + 10**8, planar(1.2, 0, 0))
@@ -104,7 +121,9 @@ def test_a_pose_is_carried_on_for_a_moment() -> None:
     assert np.isnan(newest.at(START_NS + 10**9)).all()
 
 
-def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(recorded: bytes, tmp_path: Path) -> None:
+def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(
+    recorded: bytes, tmp_path: Path
+) -> None:
     half = len(recorded) // 2
     (tmp_path / "day.mcap").write_bytes(recorded[:half] + recorded[half + 1001 :])
     following = Following(tmp_path / "day.mcap", None, 0.0, 0.3)
@@ -113,7 +132,9 @@ def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(recorded: b
 
 
 @pytest.mark.parametrize(
-    ("data", "says"), [(b"", r"no PointCloud2 came within 0\.3 s"), (b"no recording at all", "damaged")], ids=["empty", "text"]
+    ("data", "says"),
+    [(b"", r"no PointCloud2 came within 0\.3 s"), (b"no recording at all", "damaged")],
+    ids=["empty", "text"],
 )
 def test_what_holds_no_cloud_ends_in_a_line(tmp_path: Path, data: bytes, says: str) -> None:
     (tmp_path / "day.mcap").write_bytes(data)

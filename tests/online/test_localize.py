@@ -59,7 +59,9 @@ def near(found: dict[str, float]) -> bool:
     return bool(np.hypot(found["x"] - x_m, found["y"] - y_m) < 0.1)
 
 
-def test_a_line_for_people_and_an_object_for_programs(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_for_people_and_an_object_for_programs(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     line, told = run(capsys, site, floats(tmp_path))
     assert line.startswith(f"{UTIME}.bin")
     assert " accepted " in line
@@ -71,21 +73,29 @@ def test_a_line_for_people_and_an_object_for_programs(site: str, tmp_path: Path,
     assert np.array(found["covariance"]).shape == (6, 6)
 
 
-def test_every_format_of_a_scan(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_format_of_a_scan(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m.astype(np.float32))
     near_m = points_m[(np.abs(points_m) < 90).all(axis=1)]
-    (tmp_path / "2.bin").write_bytes(nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32))
+    (tmp_path / "2.bin").write_bytes(
+        nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32)
+    )
     size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
     size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
     head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{size}"
-    (tmp_path / "3.pcd").write_bytes(head.encode() + b"DATA binary\n" + points_m.astype("<f4").tobytes())
+    (tmp_path / "3.pcd").write_bytes(
+        head.encode() + b"DATA binary\n" + points_m.astype("<f4").tobytes()
+    )
     lines = run(capsys, site, tmp_path, "--json")[0].splitlines()
     assert [json.loads(line)["name"] for line in lines] == ["1.npy", "2.bin", "3.pcd"]
     assert all(near(json.loads(line)) and json.loads(line)["stamp"] is None for line in lines)
 
 
-def test_standard_input(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_standard_input(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(floats(tmp_path).read_bytes())))
     assert near(json.loads(run(capsys, site, "-", "--json")[0]))
 
@@ -99,7 +109,13 @@ def test_a_bag_with_its_lidar_where_its_transforms_say(
     with BagWriter(path, kind) as bag:
         bag.static_transform(UTIME * 1000, "base_link", "lidar", BODY_T_LIDAR)
         for i in range(2):
-            bag.points(UTIME * 1000 + i * 10**8, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+            bag.points(
+                UTIME * 1000 + i * 10**8,
+                "lidar",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     first, second = map(json.loads, run(capsys, site, path, "--json")[0].splitlines())
     assert near(first)
     assert near(second)
@@ -107,21 +123,32 @@ def test_a_bag_with_its_lidar_where_its_transforms_say(
     assert "--topic /other: " in refused(capsys, site, path, "--topic", "/other")
 
 
-def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    points_m, path = scan()[0].astype(np.float32), tmp_path / "day"
+def test_a_bag_is_followed_by_its_odometry(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points_m = scan()[0].astype(np.float32)
+    path = tmp_path / "day"
     with BagWriter(path, "mcap") as bag:
         for i in range(3):
             stamp_ns = UTIME * 1000 + i * 10**8
             bag.odometry(stamp_ns - 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
             bag.odometry(stamp_ns + 10**7, "odom", "base_link", planar(5, i, 0), "/wheels")
-            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+            bag.points(
+                stamp_ns,
+                "base_link",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     told = run(capsys, site, path, "--track", "--odometry", "/wheels")[1]
     assert "followed by odometry over 2 steps, by constant motion over 1" in told
     assert "the site is simulated" in told
     assert "by constant motion over 3" in run(capsys, site, path, "--track")[1]
     kept = tmp_path / "kept.csv"
     kept.write_text("of before")
-    assert "--odometry /feet: " in refused(capsys, site, path, "--track", "--odometry", "/feet", "--csv", "-o", kept)
+    assert "--odometry /feet: " in refused(
+        capsys, site, path, "--track", "--odometry", "/feet", "--csv", "-o", kept
+    )
     assert kept.read_text() == "of before"
     assert "needs --track" in refused(capsys, site, path, "--odometry", "/wheels")
 
@@ -130,12 +157,26 @@ def test_a_bag_is_followed_by_its_odometry(site: str, tmp_path: Path, capsys: py
 def test_clouds_that_a_bag_leaves_out_are_counted(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
-    """A driver that stamps in whole seconds: of five clouds in two seconds three repeat the stamp of an earlier one."""
+    """A driver that stamps in whole seconds: of five clouds in two seconds three repeat the stamp
+    of an earlier one."""
     points_m = scan()[0].astype(np.float32)
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(5):
-            bag.points((1000 + i // 3) * 10**9, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
-    main([command, site, str(tmp_path / "day"), *(["--save", str(tmp_path / "a.mcap")] if command == "watch" else [])])
+            bag.points(
+                (1000 + i // 3) * 10**9,
+                "base_link",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
+    main(
+        [
+            command,
+            site,
+            str(tmp_path / "day"),
+            *(["--save", str(tmp_path / "a.mcap")] if command == "watch" else []),
+        ]
+    )
     told = capsys.readouterr().err
     assert "2 scans: 2 accepted" in told
     assert "3 more were left out: stamp of an earlier one (3)" in told
@@ -149,36 +190,65 @@ def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> P
             stamp_ns = UTIME * 1000 + from_ns + i * 10**8
             for around_ns in (-(10**7), 10**7):
                 bag.odometry(stamp_ns + around_ns, "odom", "base_link", odom_T_start, "/wheels")
-            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+            bag.points(
+                stamp_ns,
+                "base_link",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     return folder / name
 
 
-def test_the_odometry_of_another_recording_starts_anew(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_odometry_of_another_recording_starts_anew(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     first = driven(tmp_path / "days", "a", 0, planar(5, 0, 0))
-    onwards, later = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0)), driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
+    onwards = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0))
+    later = driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
     track = ("--track", "--odometry", "/wheels")
     assert "6 accepted" in run(capsys, site, first, later, *track)[1]
-    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, first, later, *track)[1]
-    assert "by odometry over 4 steps, by constant motion over 2" in run(capsys, site, tmp_path / "days", *track)[1]
     assert (
-        "by odometry over 5 steps, by constant motion over 1" in run(capsys, site, first, onwards, *track)[1]
+        "by odometry over 4 steps, by constant motion over 2"
+        in run(capsys, site, first, later, *track)[1]
+    )
+    assert (
+        "by odometry over 4 steps, by constant motion over 2"
+        in run(capsys, site, tmp_path / "days", *track)[1]
+    )
+    assert (
+        "by odometry over 5 steps, by constant motion over 1"
+        in run(capsys, site, first, onwards, *track)[1]
     )  # one drive, split
 
 
-def test_odometry_that_is_set_back_tells_no_step_there(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nine scans of a robot that stands; its odometry says 90 m from the fifth on: one step that no vehicle makes."""
+def test_odometry_that_is_set_back_tells_no_step_there(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nine scans of a robot that stands; its odometry says 90 m from the fifth on: one step that no
+    vehicle makes."""
     points_m = scan()[0].astype(np.float32)
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(9):
             stamp_ns = UTIME * 1000 + i * 10**8
             bag.odometry(stamp_ns, "odom", "base_link", planar(5 if i < 4 else 90, 0, 0), "/wheels")
-            bag.points(stamp_ns, "base_link", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+            bag.points(
+                stamp_ns,
+                "base_link",
+                points_m,
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     told = run(capsys, site, tmp_path / "day", "--track", "--odometry", "/wheels")[1]
     assert "9 accepted" in told
-    assert "by odometry over 6 steps, by constant motion over 3" in told  # none to the first, to the fifth, and from it
+    assert (
+        "by odometry over 6 steps, by constant motion over 3" in told
+    )  # none to the first, to the fifth, and from it
 
 
-def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_other_programs_read(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = floats(tmp_path)
     np.save(tmp_path / "2.npy", np.ones((20, 3), np.float32))  # has no pose
     header, *rows = run(capsys, site, tmp_path, "--csv")[0].splitlines()
@@ -199,7 +269,11 @@ def test_files_that_other_programs_read(site: str, tmp_path: Path, capsys: pytes
 
 @pytest.mark.parametrize(
     ("words", "name"),
-    [(["localize", "--mcap", "-o"], "a.mcap"), (["watch", "--save"], "a.mcap"), (["watch", "--save"], "a.rrd")],
+    [
+        (["localize", "--mcap", "-o"], "a.mcap"),
+        (["watch", "--save"], "a.mcap"),
+        (["watch", "--save"], "a.rrd"),
+    ],
 )
 def test_a_recording_cut_short_leaves_the_one_of_before(
     site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
@@ -217,19 +291,28 @@ def test_a_recording_cut_short_leaves_the_one_of_before(
     assert out.read_text() == "of before"
 
 
-def test_a_broken_scan_among_others_is_counted(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_scan_among_others_is_counted(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     floats(tmp_path)
     (tmp_path / "2.npy").write_bytes(b"\x93NUMPY")
-    assert f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy" in run(capsys, site, tmp_path)[1]
+    assert (
+        f"1 could not be read, the first: {tmp_path}/2.npy: no whole .npy"
+        in run(capsys, site, tmp_path)[1]
+    )
     assert "no whole .npy file" in refused(capsys, site, tmp_path / "2.npy")
 
 
-def test_a_scan_of_another_sensor_is_named(site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scan_of_another_sensor_is_named(
+    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
     told = run(capsys, site, tmp_path / "1.npy")[1]
     assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
-    assert "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]  # what to give in all, not to add
+    assert (
+        "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]
+    )  # what to give in all, not to add
     assert "--lift 1.7" in told
     assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
 
@@ -245,7 +328,10 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_alone(
     poses = [f"{UTIME + late},0,0,0,0,0,0\n" for late in (-100_000, 100_000)]
     (tmp_path / "day/groundtruth_day.csv").write_text("".join(poses))
     said = refused(capsys, site, tmp_path / "day", "--lift", 1.73)
-    assert f"--lift 1.73: {tmp_path}/day is a log of the site's data set, whose reader raises its points" in said
+    assert (
+        f"--lift 1.73: {tmp_path}/day is a log of the site's data set, whose reader raises its "
+        "points" in said
+    )
     told = run(capsys, site, tmp_path / "day")[1]
     assert "not 0: it would with +1.72 m more of reader.lift_m" in told
 
@@ -256,11 +342,20 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_alone(
         ((10, 0, 0), "tilted by about 10°: it would stand upright with", "-10.0,0.0,0.0"),
         ((0, -20, 0), "tilted by about 20°: it would stand upright with", "0.0,20.0,0.0"),
         ((180, 0, 0), "upside down: it would stand upright with", "180.0,0.0,0.0"),
-        ((190, 0, 0), "upside down and tilted by about 10°: it would stand upright with", "170.0,0.0,0.0"),
+        (
+            (190, 0, 0),
+            "upside down and tilted by about 10°: it would stand upright with",
+            "170.0,0.0,0.0",
+        ),
     ],
 )
 def test_a_scan_that_leans_is_told_by_how_much_and_how_to_turn_it(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], rpy_deg: tuple[float, ...], says: str, turn: str
+    site: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    rpy_deg: tuple[float, ...],
+    says: str,
+    turn: str,
 ) -> None:
     """A lidar 1.5 m over the ground that is mounted so."""
     lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
@@ -287,20 +382,34 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["1.bin", "--body-T-lidar", "0,0,1"], "--body-T-lidar=0,0,1: expected x,y,z,roll,pitch,yaw in metres and degrees"),
+        (
+            ["1.bin", "--body-T-lidar", "0,0,1"],
+            "--body-T-lidar=0,0,1: expected x,y,z,roll,pitch,yaw in metres and degrees",
+        ),
         (["none"], "none: no such file or folder"),
         (["."], "no scan there"),
-        (["1.bin", "--promise", "0.5"], "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
+        (
+            ["1.bin", "--promise", "0.5"],
+            "promise=0.5: this site cannot promise that, it can 0.95 and 0.99",
+        ),
         (["1.bin", "-o", "nowhere/x.csv"], "nowhere/x.csv: no folder nowhere"),
         (["1.bin", "-o", "empty"], "empty: is a folder, expected a file"),
-        (["1.bin", "-o", "/proc/x.csv"], "/proc/x.csv: cannot be written (no such file or directory)"),
+        (
+            ["1.bin", "-o", "/proc/x.csv"],
+            "/proc/x.csv: cannot be written (no such file or directory)",
+        ),
         (["1.bin", "--mcap", "-o", "/proc/x.mcap"], "/proc/x.mcap: cannot be written"),
         (["1.bin", "--mcap", "-o", "/dev/null"], "/dev/null: is no plain file"),
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )
 def test_a_mistake_is_one_line(
-    site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], says: str
+    site: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    says: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
@@ -317,4 +426,6 @@ def test_the_lines_of_the_tutorial_run(
     np.save("scan.npy", scan()[0])
     page = (Path(__file__).parents[2] / "docs/tutorials/robot.md").read_text()
     exec(page.partition("```python\n")[2].partition("```")[0], {})
-    assert capsys.readouterr().out.startswith(f"{json.loads(run(capsys, site, 'scan.npy', '--json')[0])['place']} [[")
+    assert capsys.readouterr().out.startswith(
+        f"{json.loads(run(capsys, site, 'scan.npy', '--json')[0])['place']} [["
+    )

@@ -23,7 +23,10 @@ from tests.readers.damage import one_line
 from tests.views.made import artifacts
 
 ROOT = Path(__file__).parents[2]
-METHODS = [{"name": "scan_context", "view": "scan_context"}, {"name": "sad", "view": "birdview", "stage": "birdviews"}]
+METHODS = [
+    {"name": "scan_context", "view": "scan_context"},
+    {"name": "sad", "view": "birdview", "stage": "birdviews"},
+]
 STUDY = {"train": "monday", "grids": ["10m"], "methods": METHODS}
 
 
@@ -36,7 +39,8 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
     steps = [(row, planar(0.5 * i, 0, 0)) for row in range(3) for i in range(8)]
     clouds = [seen_from(scene(row), step) for row, step in steps]
     poses = np.array([ANCHORS[row] @ step for row, step in steps])
-    made, images = folder / "artifacts", np.stack([ScanContext()(cloud) for cloud in clouds])
+    made = folder / "artifacts"
+    images = np.stack([ScanContext()(cloud) for cloud in clouds])
     artifacts(folder / "made", clouds, poses)
     for kind in ("scans", "submaps"):
         (made / kind / "three").mkdir(parents=True)
@@ -46,12 +50,18 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
     with store.write(made / "labels/three/10m/monday.zarr", schemas.LABELS, days=0, **box) as out:
         for name in schemas.LABELS.columns:
             out.put(name, getattr(labels, name))
-    with store.write(made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN) as out:
+    with store.write(
+        made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN
+    ) as out:
         out.put("images", images)
         out.put("stamps_ns", np.arange(24))
         out.put("world_T_anchor", poses)
     model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
-    recipe = {"_target_": "pipeline.methods.scan_context.ScanContext50", "view": "scan_context", "candidates": 50}
+    recipe = {
+        "_target_": "pipeline.methods.scan_context.ScanContext50",
+        "view": "scan_context",
+        "candidates": 50,
+    }
     store.write_model(made / "train/three/10m/scan_context.safetensors", model, recipe)
     return Packing(folder / "conf", made, {"three": STUDY})
 
@@ -59,8 +69,11 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
 def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
     said = packing.pack("three/10m/scan_context", tmp_path / "three.site", Progress())
     assert said.startswith(f"{tmp_path / 'three.site'}: 3 places, 24 submaps")
-    site, (points_m, world_T_robot) = Site.open(tmp_path / "three.site"), scan(2, 1.0, 0.5, 20.0)
-    with one_line(InputError, "promise=0.99: this site cannot promise that, nor any other"):  # by 24 held-out queries
+    site = Site.open(tmp_path / "three.site")
+    (points_m, world_T_robot) = scan(2, 1.0, 0.5, 20.0)
+    with one_line(
+        InputError, "promise=0.99: this site cannot promise that, nor any other"
+    ):  # by 24 held-out queries
         site.localize(points_m)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
@@ -81,6 +94,8 @@ def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
         ("three/10m/sad", "matches sequences of bird-views"),
     ],
 )
-def test_what_cannot_be_packed_is_named(packing: Packing, tmp_path: Path, name: str, says: str) -> None:
+def test_what_cannot_be_packed_is_named(
+    packing: Packing, tmp_path: Path, name: str, says: str
+) -> None:
     with one_line(ConfigError, says):
         packing.pack(name, tmp_path / "a.site", Progress())

@@ -1,4 +1,5 @@
-"""The ROS 2 example: its logic with messages as rosbags decodes them, and its node with fakes in place of ROS."""
+"""The ROS 2 example: its logic with messages as rosbags decodes them, and its node with fakes in
+place of ROS."""
 
 import importlib.util
 import sys
@@ -36,13 +37,26 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
-    """A cloud a second, and odometry that stands 7 m from its start and then 1 m on a second, as ROS delivers them."""
+    """A cloud a second, and odometry that stands 7 m from its start and then 1 m on a second, as
+    ROS delivers them."""
     with BagWriter(folder, "mcap") as bag:
         for i, points_m in enumerate(clouds):
             time_ns = START_NS + i * 10**9
             for around_ns in (-(10**8), 10**8):
-                bag.odometry(time_ns + around_ns, "odom", "base_link", planar(7 + i + around_ns / 1e9, 0, 0), "/wheels")
-            bag.points(time_ns, "lidar", points_m.astype(np.float32), np.ones(len(points_m)), np.zeros(len(points_m), int))
+                bag.odometry(
+                    time_ns + around_ns,
+                    "odom",
+                    "base_link",
+                    planar(7 + i + around_ns / 1e9, 0, 0),
+                    "/wheels",
+                )
+            bag.points(
+                time_ns,
+                "lidar",
+                points_m.astype(np.float32),
+                np.ones(len(points_m)),
+                np.zeros(len(points_m), int),
+            )
     file = BagFile(folder)
     return (
         [file.decode(data, CLOUD) for _, data in file.messages("/points")],
@@ -50,20 +64,36 @@ def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
     )
 
 
-def faked(monkeypatch: pytest.MonkeyPatch, site: Path, **parameters: object) -> dict[str, MagicMock]:
+def faked(
+    monkeypatch: pytest.MonkeyPatch, site: Path, **parameters: object
+) -> dict[str, MagicMock]:
     """ROS, with these parameters of the node."""
-    packages = ("rclpy", "rclpy.node", "rclpy.qos", "rclpy.utilities", "tf2_ros", "geometry_msgs", "nav_msgs", "sensor_msgs")
-    fakes = {name: MagicMock() for name in (*packages, "geometry_msgs.msg", "nav_msgs.msg", "sensor_msgs.msg")}
+    packages = (
+        "rclpy",
+        "rclpy.node",
+        "rclpy.qos",
+        "rclpy.utilities",
+        "tf2_ros",
+        "geometry_msgs",
+        "nav_msgs",
+        "sensor_msgs",
+    )
+    fakes = {
+        name: MagicMock()
+        for name in (*packages, "geometry_msgs.msg", "nav_msgs.msg", "sensor_msgs.msg")
+    }
     for name, fake in fakes.items():
         monkeypatch.setitem(sys.modules, name, fake)
-    fakes["rclpy.node"].Node.return_value.declare_parameter.side_effect = lambda name, usual: SimpleNamespace(
-        value=parameters.get(name, usual)
+    fakes["rclpy.node"].Node.return_value.declare_parameter.side_effect = lambda name, usual: (
+        SimpleNamespace(value=parameters.get(name, usual))
     )
     fakes["rclpy.utilities"].remove_ros_args.return_value = ["localizer.py", str(site)]
     return fakes
 
 
-def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(example: ModuleType, site: Path, tmp_path: Path) -> None:
+def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(
+    example: ModuleType, site: Path, tmp_path: Path
+) -> None:
     node = example.Localizer(Site.open(site))
     elsewhere, here = map(node.pose, sent(tmp_path / "day", scene(7), scan()[0])[0])
     assert elsewhere is None
@@ -74,14 +104,19 @@ def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(example: ModuleType
     assert np.isnan(map_T_odom).all()  # nothing is known of the odometry
 
 
-def test_odometry_is_followed_and_led_to_the_map(example: ModuleType, site: Path, tmp_path: Path) -> None:
+def test_odometry_is_followed_and_led_to_the_map(
+    example: ModuleType, site: Path, tmp_path: Path
+) -> None:
     """At the second cloud, 1 m on, odometry says x = 8 m: its frame begins 8 m behind the robot."""
     node = example.Localizer(Site.open(site), body_T_lidar="0,0,1.5,180,0,0")
     mounted = [seen_from(scene(1), planar(x_m, 0, 0)) * (1, -1, -1) + (0, 0, 1.5) for x_m in (0, 1)]
     clouds, odometry = sent(tmp_path / "day", *mounted)
     steps = []
     followed = node._tracker.localize
-    node._tracker.localize = lambda points_m, step, time_ns: (steps.append((step, time_ns)), followed(points_m, step, time_ns))[1]
+    node._tracker.localize = lambda points_m, step, time_ns: (
+        steps.append((step, time_ns)),
+        followed(points_m, step, time_ns),
+    )[1]
     for message in odometry:
         node.moved(message)
     _, (pose, _, map_T_odom) = map(node.pose, clouds)
@@ -97,7 +132,9 @@ def test_the_node_copies_the_stamp_and_broadcasts_the_odometrys_frame(
     fakes = faked(monkeypatch, site, odometry="/wheels", tf=True)
     node = fakes["rclpy.node"].Node.return_value
     example.main()
-    (_, _, arrived, _), (_, topic, moved, _) = (call.args for call in node.create_subscription.call_args_list)
+    (_, _, arrived, _), (_, topic, moved, _) = (
+        call.args for call in node.create_subscription.call_args_list
+    )
     assert topic == "/wheels"
     (cloud,), odometry = sent(tmp_path / "day", scan()[0])
     for message in odometry:
@@ -105,8 +142,15 @@ def test_the_node_copies_the_stamp_and_broadcasts_the_odometrys_frame(
     arrived(cloud)
     ((fix,),) = (call.args for call in node.create_publisher.return_value.publish.call_args_list)
     assert fix.header.stamp is cloud.header.stamp
-    assert (fix.header.stamp.sec, fix.header.stamp.nanosec, fix.header.frame_id) == (1_700_000_000, 250_000_000, "map")
-    ((leads,),) = (call.args for call in fakes["tf2_ros"].TransformBroadcaster.return_value.sendTransform.call_args_list)
+    assert (fix.header.stamp.sec, fix.header.stamp.nanosec, fix.header.frame_id) == (
+        1_700_000_000,
+        250_000_000,
+        "map",
+    )
+    ((leads,),) = (
+        call.args
+        for call in fakes["tf2_ros"].TransformBroadcaster.return_value.sendTransform.call_args_list
+    )
     assert leads.header.stamp is cloud.header.stamp
     assert (leads.header.frame_id, leads.child_frame_id) == ("map", "odom")
 

@@ -33,12 +33,18 @@ class Server:
     address: str
     process: psutil.Process
 
-    def ask(self, body: bytes, kind: str = FLOATS, token: str = TOKEN, **params: object) -> requests.Response:
+    def ask(
+        self, body: bytes, kind: str = FLOATS, token: str = TOKEN, **params: object
+    ) -> requests.Response:
         headers = {"Content-Type": kind, "Authorization": f"Bearer {token}"}
-        return requests.post(f"{self.address}/localize", body, headers=headers, params=params, timeout=30)
+        return requests.post(
+            f"{self.address}/localize", body, headers=headers, params=params, timeout=30
+        )
 
     def get(self, path: str, token: str = TOKEN) -> requests.Response:
-        return requests.get(f"{self.address}{path}", headers={"Authorization": f"Bearer {token}"}, timeout=10)
+        return requests.get(
+            f"{self.address}{path}", headers={"Authorization": f"Bearer {token}"}, timeout=10
+        )
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +52,18 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = [sys.executable, "-m", "pipeline.cli", "serve", str(packed(tmp_path_factory.mktemp("site"))), "--port", str(port)]
-    process = subprocess.Popen(words, env={**os.environ, "YEARLOC_TOKEN": TOKEN}, stderr=subprocess.DEVNULL)
+    words = [
+        sys.executable,
+        "-m",
+        "pipeline.cli",
+        "serve",
+        str(packed(tmp_path_factory.mktemp("site"))),
+        "--port",
+        str(port),
+    ]
+    process = subprocess.Popen(
+        words, env={**os.environ, "YEARLOC_TOKEN": TOKEN}, stderr=subprocess.DEVNULL
+    )
     found = Server(f"http://127.0.0.1:{port}", psutil.Process(process.pid))
     for _ in range(150):
         try:
@@ -72,7 +88,10 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     assert server.ask(floats(), promise="none").json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
     lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
-    assert server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"] == "accepted"
+    assert (
+        server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"]
+        == "accepted"
+    )
     upside_down = ((scan()[0] - (0, 0, 1.3)) * (1, -1, -1)).astype("<f4").tobytes()
     assert server.ask(upside_down, body_T_lidar="0,0,1.3,180,0,0").json()["verdict"] == "accepted"
 
@@ -80,7 +99,13 @@ def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
 def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
     points_m = scan()[0].astype(np.float32)
     with BagWriter(tmp_path / "day", "mcap") as bag:
-        bag.points(1_700_000_000_500_000_000, "lidar", points_m, np.ones(len(points_m)), np.zeros(len(points_m), int))
+        bag.points(
+            1_700_000_000_500_000_000,
+            "lidar",
+            points_m,
+            np.ones(len(points_m)),
+            np.zeros(len(points_m), int),
+        )
     found = server.ask(BagFile(tmp_path / "day").first("/points") or b"", CDR).json()
     assert (found["verdict"], found["stamp"]) == ("accepted", 1_700_000_000.5)
 
@@ -93,11 +118,41 @@ def test_a_cloud_as_ros_sends_it(server: Server, tmp_path: Path) -> None:
         (b"", CDR, {}, 400, "without a whole header"),
         (b"\0\1\0\0" + b"\0" * 40, CDR, {}, 400, "PointCloud2"),
         (b"\0" * 12, FLOATS, {"promise": "often"}, 400, "promise='often': expected a number"),
-        (b"\0" * 12, FLOATS, {"promise": "0.5"}, 400, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"),
-        (b"\0" * 12, FLOATS, {"promise": "0.999"}, 400, "promise=0.999: this site cannot promise that, it can 0.95 and 0.99"),
-        (b"\0" * 12, FLOATS, {"lift": "1.3"}, 400, "?lift: no such option; expected promise, lift_m or body_T_lidar"),
-        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,x"}, 400, "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres"),
-        (b"\0" * 12, FLOATS, {"body_T_lidar": "0,0,1,0,0,0", "lift_m": "1"}, 400, "lift_m: not with body_T_lidar"),
+        (
+            b"\0" * 12,
+            FLOATS,
+            {"promise": "0.5"},
+            400,
+            "promise=0.5: this site cannot promise that, it can 0.95 and 0.99",
+        ),
+        (
+            b"\0" * 12,
+            FLOATS,
+            {"promise": "0.999"},
+            400,
+            "promise=0.999: this site cannot promise that, it can 0.95 and 0.99",
+        ),
+        (
+            b"\0" * 12,
+            FLOATS,
+            {"lift": "1.3"},
+            400,
+            "?lift: no such option; expected promise, lift_m or body_T_lidar",
+        ),
+        (
+            b"\0" * 12,
+            FLOATS,
+            {"body_T_lidar": "0,0,x"},
+            400,
+            "body_T_lidar=0,0,x: expected x,y,z,roll,pitch,yaw in metres",
+        ),
+        (
+            b"\0" * 12,
+            FLOATS,
+            {"body_T_lidar": "0,0,1,0,0,0", "lift_m": "1"},
+            400,
+            "lift_m: not with body_T_lidar",
+        ),
         (b"\0" * 12, FLOATS, {"lift_m": "nan"}, 400, "lift_m='nan': expected a number"),
         (b"\0" * (LARGEST_BYTES + 12), FLOATS, {}, 413, "a scan of more than"),
     ],
@@ -124,9 +179,14 @@ def test_without_its_token_nobody_is_answered(server: Server) -> None:
 
 
 def test_hostile_bodies_leave_it_running(server: Server) -> None:
-    rng, whole = np.random.default_rng(0), bytearray(floats())
+    rng = np.random.default_rng(0)
+    whole = bytearray(floats())
     for i in range(60):
-        body = bytearray(whole[: int(rng.integers(1, 4000)) * 12]) if i % 2 else bytearray(rng.bytes(int(rng.integers(1, 5000))))
+        body = (
+            bytearray(whole[: int(rng.integers(1, 4000)) * 12])
+            if i % 2
+            else bytearray(rng.bytes(int(rng.integers(1, 5000))))
+        )
         for at in rng.integers(len(body), size=20):
             body[at] = rng.integers(256)
         answer = server.ask(bytes(body), FLOATS if i % 4 < 2 else CDR)
@@ -145,10 +205,16 @@ def test_health_and_metrics(server: Server) -> None:
 
 
 def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
-    """One more than may wait is refused at once. Of those that hang up one may be under way, and one have been answered."""
+    """One more than may wait is refused at once.
+
+    Of those that hang up one may be under way, and one have been answered.
+    """
     server.ask(floats())
     host, port = server.address.removeprefix("http://").split(":")
-    head = f"POST /localize HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {TOKEN}\r\nContent-Type: {FLOATS}\r\n"
+    head = (
+        f"POST /localize HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer "
+        f"{TOKEN}\r\nContent-Type: {FLOATS}\r\n"
+    )
     clients = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
     for client in clients:
         client.sendall(f"{head}Content-Length: {len(floats())}\r\n\r\n".encode() + floats())
@@ -156,7 +222,9 @@ def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
         time.sleep(0.01)
     fill = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
     for client in fill:
-        client.sendall(f"{head}Content-Length: 12\r\n\r\n".encode())  # and no body: it waits where there is room
+        client.sendall(
+            f"{head}Content-Length: 12\r\n\r\n".encode()
+        )  # and no body: it waits where there is room
     refused = server.ask(floats())
     assert refused.status_code == 503
     assert int(refused.headers["Retry-After"]) >= 1
@@ -164,6 +232,8 @@ def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
         client.close()
     assert server.ask(floats()).json()["verdict"] == "accepted"
     (gone,) = [
-        line for line in server.get("/metrics").text.splitlines() if line.startswith('yearloc_refused_total{status="499"}')
+        line
+        for line in server.get("/metrics").text.splitlines()
+        if line.startswith('yearloc_refused_total{status="499"}')
     ]
     assert float(gone.split()[1]) >= WAITING / 2

@@ -1,4 +1,5 @@
-"""A site file: what goes in comes out, a scan is localised, and nothing but a whole site of ours is opened."""
+"""A site file: what goes in comes out, a scan is localised, and nothing but a whole site of ours is
+opened."""
 
 import zipfile
 from contextlib import suppress
@@ -44,7 +45,10 @@ def test_a_scan_is_localised(three: Site, row: int) -> None:
     assert fix.place == three.places.at(world_T_robot[None, :2, 3])[0]
     assert fix.overlap > 0.8
     assert fix.ms > 0
-    assert all(np.linalg.norm(one.world_T_sensor[:2, 3] - fix.world_T_sensor[:2, 3]) >= 5 for one in fix.runners_up)
+    assert all(
+        np.linalg.norm(one.world_T_sensor[:2, 3] - fix.world_T_sensor[:2, 3]) >= 5
+        for one in fix.runners_up
+    )
 
 
 def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) -> None:
@@ -56,26 +60,42 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
 
 @pytest.mark.parametrize(
     ("overlaps", "verdict"),
-    [((0.8,), "accepted"), ((0.5,), "near"), ((0.75, 0.75), "ambiguous"), ((0.3,), "rejected"), ((), "no pose")],
+    [
+        ((0.8,), "accepted"),
+        ((0.5,), "near"),
+        ((0.75, 0.75), "ambiguous"),
+        ((0.3,), "rejected"),
+        ((), "no pose"),
+    ],
 )
 def test_what_is_believed_is_the_pose_its_place_one_of_several_or_nothing(
     three: Site, overlaps: tuple[float, ...], verdict: str
 ) -> None:
-    """Odds of e⁴ to 1 are accepted; of e⁻² are not, but the place is sure; two of e³, 200 m apart, are one or the other."""
-    found = Registered.of([hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)], three.judged.pose)
+    """Odds of e⁴ to 1 are accepted; of e⁻² are not, but the place is sure; two of e³, 200 m apart,
+    are one or the other."""
+    found = Registered.of(
+        [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)], three.judged.pose
+    )
     fix = three.judge(found, 0.99)
     assert fix.verdict == verdict
     assert three.judge(found, None).verdict in ("rejected", "no pose")
-    assert [one.chance for one in fix.runners_up] == pytest.approx([np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1))
+    assert [one.chance for one in fix.runners_up] == pytest.approx(
+        [np.exp(3) / (1 + 2 * np.exp(3))] * (len(overlaps) - 1)
+    )
 
 
 def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
     points_m, _ = scan()
     bad = np.concatenate([points_m, np.full((9, 3), np.nan), np.full((9, 3), 1e30)])
-    np.testing.assert_array_equal(three.localize(bad).world_T_sensor, three.localize(points_m).world_T_sensor)
+    np.testing.assert_array_equal(
+        three.localize(bad).world_T_sensor, three.localize(points_m).world_T_sensor
+    )
 
 
-@pytest.mark.parametrize("points_m", [np.zeros(3), np.zeros((4, 2)), np.array([["a", "b", "c"]]), np.zeros((2, 3), complex)])
+@pytest.mark.parametrize(
+    "points_m",
+    [np.zeros(3), np.zeros((4, 2)), np.array([["a", "b", "c"]]), np.zeros((2, 3), complex)],
+)
 def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
     with one_line(InputError, r"expected numbers \(n, 3\), in metres"):
         three.localize(points_m)
@@ -84,7 +104,9 @@ def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
 def test_a_promise_that_the_site_does_not_make_is_refused(three: Site) -> None:
     with one_line(InputError, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"):
         three.localize(scan()[0], promise=0.5)
-    with one_line(InputError, "promise=0.999: this site cannot promise that"):  # no threshold keeps it
+    with one_line(
+        InputError, "promise=0.999: this site cannot promise that"
+    ):  # no threshold keeps it
         Tracker(three, promise=0.999)
     assert three.localize(scan()[0], promise=None).verdict == "rejected"
 
@@ -110,7 +132,9 @@ def test_a_site_that_is_not_there_says_what_writes_one(tmp_path: Path) -> None:
     ],
     ids=["climbs out", "lacks", "no arrays", "no text"],
 )
-def test_a_zip_of_something_else_is_refused(tmp_path: Path, content: dict[str, bytes], says: str) -> None:
+def test_a_zip_of_something_else_is_refused(
+    tmp_path: Path, content: dict[str, bytes], says: str
+) -> None:
     with zipfile.ZipFile(tmp_path / "a.site", "w") as file:
         for name, data in content.items():
             file.writestr(name, data)
@@ -122,15 +146,28 @@ def test_a_zip_of_something_else_is_refused(tmp_path: Path, content: dict[str, b
     ("changes", "says"),
     [
         ({"version": 1}, "a site of version 1, this yearloc reads version 2"),
-        ({"method": {"_target_": "os.system"}}, "_target_=os.system: expected a class of pipeline.methods"),
+        (
+            {"method": {"_target_": "os.system"}},
+            "_target_=os.system: expected a class of pipeline.methods",
+        ),
         ({"view": {"_target_": "pipeline.views.draw.View"}}, "expected a class of"),
-        ({"method": {"_target_": "pipeline.methods.scan_context.ScanContext50", "candidates": "many"}}, "method.candidates=many"),
+        (
+            {
+                "method": {
+                    "_target_": "pipeline.methods.scan_context.ScanContext50",
+                    "candidates": "many",
+                }
+            },
+            "method.candidates=many",
+        ),
         ({"k": None}, "do not fit together"),
         ({"verdict": {}}, "do not fit together"),
         ({"map": {"grain_m": 1}}, "do not fit together"),
     ],
 )
-def test_what_a_site_says_of_itself_is_checked(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
+def test_what_a_site_says_of_itself_is_checked(
+    tmp_path: Path, changes: dict[str, Any], says: str
+) -> None:
     with one_line(ArtifactError, says):
         Site.open(packed(tmp_path, **changes))
 
@@ -144,8 +181,12 @@ def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_damaged_site_is_opened_as_it_was_or_refused(path: Path, tmp_path: Path, data: Any) -> None:
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_a_damaged_site_is_opened_as_it_was_or_refused(
+    path: Path, tmp_path: Path, data: Any
+) -> None:
     broken = tmp_path / "broken.site"
     broken.write_bytes(data.draw(damaged(path.read_bytes())))
     with suppress(ArtifactError):

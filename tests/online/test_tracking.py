@@ -28,20 +28,25 @@ def test_a_path_is_followed_with_and_without_odometry(site: Site) -> None:
         for i in range(4):
             fix = tracker.localize(seen(0, 0.5 * i), step)
             assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
-            np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(0.5 * i, 0, 0), atol=0.1)
+            np.testing.assert_allclose(
+                fix.world_T_sensor, ANCHORS[0] @ planar(0.5 * i, 0, 0), atol=0.1
+            )
 
 
 def test_without_odometry_a_robot_moves_on_for_as_long_as_the_stamps_say(site: Site) -> None:
     tracker = Tracker(site)
     for i, stamp_s in ((0, 0), (2, 1)):  # a metre in a second
         tracker.localize(seen(0, 0.5 * i), None, stamp_s * 10**9)
-    fix = tracker.localize(seen(0, 4.0), None, 4 * 10**9)  # 3 m on after three, farther than it could be found without
+    fix = tracker.localize(
+        seen(0, 4.0), None, 4 * 10**9
+    )  # 3 m on after three, farther than it could be found without
     assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
     np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(4, 0, 0), atol=0.1)
 
 
 SECOND = 10**9
-STAMPS = {  # of scans 0 to 5, half a metre and a second apart, a fault at the fourth: what the clock said
+# of scans 0 to 5, half a metre and a second apart, a fault at the fourth: what the clock said
+STAMPS = {
     "one stamp twice": [0, 1, 2, 2, 4, 5],
     "a clock set back by 100 s": [0, 1, 2, -97, -96, -95],
     "a stamp of 0": [1000, 1001, 1002, 0, 1004, 1005],
@@ -51,7 +56,9 @@ STAMPS = {  # of scans 0 to 5, half a metre and a second apart, a fault at the f
 
 
 @pytest.mark.parametrize("stamps_s", STAMPS.values(), ids=STAMPS)
-def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_drive(site: Site, stamps_s: list[float]) -> None:
+def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_drive(
+    site: Site, stamps_s: list[float]
+) -> None:
     motion = Motion()
     for i, stamp_s in enumerate(stamps_s):
         if i:
@@ -59,13 +66,21 @@ def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_dri
             assert np.linalg.norm(predicted[:3, 3] - (0.5 if i > 1 else 0.0, 0, 0)) < 1.0
         motion.fixed(planar(0.5 * i, 0, 0), stamp_s)
     tracker = Tracker(site)
-    verdicts = [tracker.localize(seen(0, 0.5 * i), None, round(at * SECOND)).verdict for i, at in enumerate(stamps_s)]
+    verdicts = [
+        tracker.localize(seen(0, 0.5 * i), None, round(at * SECOND)).verdict
+        for i, at in enumerate(stamps_s)
+    ]
     assert verdicts == ["accepted"] * 6
 
 
 def test_fixes_that_no_robot_can_drive_tell_no_speed() -> None:
     motion = Motion()
-    for x_m, time_s in ((0, 0), (1, 1), (101, 2), (101.01, 2.001)):  # 1 m/s, 100 m/s, 10 m/s within a millisecond
+    for x_m, time_s in (
+        (0, 0),
+        (1, 1),
+        (101, 2),
+        (101.01, 2.001),
+    ):  # 1 m/s, 100 m/s, 10 m/s within a millisecond
         motion.fixed(planar(x_m, 0, 0), time_s)
     np.testing.assert_allclose(motion.onwards(2.0), planar(2, 0, 0))
     np.testing.assert_allclose(motion.onwards(0.0), np.eye(4))
@@ -78,13 +93,16 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
     alone = Tracker(site).localize(seen(2, 0.0), None, 60 * SECOND)
     fixes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
     poses = np.array([fix.world_T_sensor for fix in fixes])
-    assert fixes[0].novelty == pytest.approx(alone.novelty)  # what was believed before speaks neither for it nor against
+    assert fixes[0].novelty == pytest.approx(
+        alone.novelty
+    )  # what was believed before speaks neither for it nor against
     assert (np.linalg.norm(poses[:, :2, 3] - ANCHORS[2, :2, 3], axis=1) < 10).all()
     assert fixes[-1].verdict == "accepted"
 
 
 def test_odometry_that_was_set_back_does_not_carry_a_robot_off(site: Site) -> None:
-    """Half a metre a second, and once 90 m back in one: farther than a robot drives, so the step is guessed."""
+    """Half a metre a second, and once 90 m back in one: farther than a robot drives, so the step is
+    guessed."""
     tracker = Tracker(site)
     for i in range(6):
         step = planar(-90 if i == 4 else 0.5, 0, 0)
@@ -97,11 +115,14 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
     tracker = Tracker(site)
     for i in range(3):
         tracker.localize(seen(0, 0.5 * i), planar(0.5, 0, 0))
-    modes, verdicts = [], []
+    modes = []
+    verdicts = []
     for i in range(PATIENCE + 5):
         fix = tracker.localize(seen(2, 0.5 * i), planar(0.5, 0, 0))
         modes.append(tracker.mode)
-        verdicts.append((fix.verdict, bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - ANCHORS[2, :2, 3]) < 10)))
+        verdicts.append(
+            (fix.verdict, bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - ANCHORS[2, :2, 3]) < 10))
+        )
     assert modes[:2] == ["tracking", "tracking"]
     assert "lost" in modes
     assert verdicts[-1] == ("accepted", True)
@@ -118,7 +139,8 @@ def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_what_is_near_by_one_scan_is_not_said_of_a_tracked_one(site: Site) -> None:
-    """An overlap of .5 is near; of a pose that was sought where the robot was believed no rival was looked for."""
+    """An overlap of .5 is near; of a pose that was sought where the robot was believed no rival was
+    looked for."""
     found = Registered.of([hypothesis(0, 0.5)], site.judged.pose)
     assert Tracker(site)._judge(found, tracked=False).verdict == "near"
     assert Tracker(site)._judge(found, tracked=True).verdict == "rejected"

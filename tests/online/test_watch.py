@@ -18,19 +18,26 @@ from tests.posing.scene import scene
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """The site, and a folder of a scan that is accepted, one from elsewhere, and one that tells nothing."""
+    """The site, and a folder of a scan that is accepted, one from elsewhere, and one that tells
+    nothing."""
     folder = tmp_path_factory.mktemp("drive")
     for number, points_m in enumerate((scan()[0], scene(7), np.ones((9, 3)))):
         np.save(folder / f"{number}.npy", points_m.astype(np.float32))
     return str(packed(tmp_path_factory.mktemp("site"))), str(folder)
 
 
-def test_a_file_for_rerun(drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_for_rerun(
+    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
-    assert "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in capsys.readouterr().err
+    assert (
+        "3 scans: 1 accepted, 0 near, 0 ambiguous, 1 rejected, 1 no pose" in capsys.readouterr().err
+    )
     data = (tmp_path / "day.rrd").read_bytes()
     assert data[:3] == b"RRF"
-    assert all(name in data for name in (b"world/map", b"world/scan", b"novelty/threshold", b"places"))
+    assert all(
+        name in data for name in (b"world/map", b"world/scan", b"novelty/threshold", b"places")
+    )
 
 
 def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
@@ -44,7 +51,9 @@ def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
         "/fix": (POSE_COVARIANCE, 1),
     }
     fix = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))
-    origin_m = bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    origin_m = (
+        bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    )
     np.testing.assert_allclose(fix[0, :2] + (origin_m.x, origin_m.y), scan()[1][:2, 3], atol=0.1)
 
 
@@ -55,13 +64,32 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
     far = {name: dict(part) for name, part in (("model", parts.model), ("arrays", parts.arrays))}
     far["arrays"]["world_T_anchor"] = far["arrays"]["world_T_anchor"].copy()
     far["arrays"]["world_T_anchor"][:, :3, 3] += away_m
-    far["model"] = {name: array + away_m[:2] if name.endswith("xy_m") else array for name, array in far["model"].items()}
-    places = {"cell_m": GRID.cell_m, "x_m": np.add(GRID.x_m, away_m[0]).tolist(), "y_m": np.add(GRID.y_m, away_m[1]).tolist()}
-    site_file.write(tmp_path / "far.site", parts._replace(about={**parts.about, "places": places}, **far))
+    far["model"] = {
+        name: array + away_m[:2] if name.endswith("xy_m") else array
+        for name, array in far["model"].items()
+    }
+    places = {
+        "cell_m": GRID.cell_m,
+        "x_m": np.add(GRID.x_m, away_m[0]).tolist(),
+        "y_m": np.add(GRID.y_m, away_m[1]).tolist(),
+    }
+    site_file.write(
+        tmp_path / "far.site", parts._replace(about={**parts.about, "places": places}, **far)
+    )
     np.save(tmp_path / "1.npy", scan()[0].astype(np.float32))
-    main(["watch", str(tmp_path / "far.site"), str(tmp_path / "1.npy"), "--save", str(tmp_path / "day.mcap")])
+    main(
+        [
+            "watch",
+            str(tmp_path / "far.site"),
+            str(tmp_path / "1.npy"),
+            "--save",
+            str(tmp_path / "day.mcap"),
+        ]
+    )
     bag = BagFile(tmp_path / "day.mcap")
-    origin_m = bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    origin_m = (
+        bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
+    )
     map_T_site = np.array([origin_m.x, origin_m.y, origin_m.z])
     pose = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE).pose.pose.position
     np.testing.assert_allclose((pose.x, pose.y), (scan()[1][:3, 3] + away_m)[:2], atol=0.1)
@@ -76,10 +104,15 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
     [
         (["--save", "day.txt"], "--save day.txt: expected FILE.rrd or FILE.mcap"),
         (["--save", "day.rrd", "--every", "0"], "--every 0: expected at least 1"),
-        (["--save", "day.rrd", "--promise", "1"], "promise=1: this site cannot promise that, it can 0.95 and 0.99"),
+        (
+            ["--save", "day.rrd", "--promise", "1"],
+            "promise=1: this site cannot promise that, it can 0.95 and 0.99",
+        ),
     ],
 )
-def test_a_mistake_is_one_line(drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:
+def test_a_mistake_is_one_line(
+    drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
     with pytest.raises(SystemExit):
         main(["watch", *drive, *words])
     assert says in capsys.readouterr().err.splitlines()[-1]

@@ -17,20 +17,25 @@ def test_at_first_a_chance_stays_what_it_is() -> None:
 
 
 def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_lower_it() -> None:
-    agreed, jumped = Belief(), Belief()
+    agreed = Belief()
+    jumped = Belief()
     for belief in (agreed, jumped):
         assert belief.see(planar(100, 0, 0), 0.8) == pytest.approx(0.8)
         belief.move(planar(4, 0, 0))
-    # There with 0.8 × (1 − JUMPS), and wrong poses agree by 0.3: right by 0.8 (0.2 + 0.8 / 0.3), wrong by 0.2 × 0.2.
+    # There with 0.8 × (1 − JUMPS), and wrong poses agree by 0.3: right by 0.8 (0.2 + 0.8 / 0.3),
+    # wrong by 0.2 × 0.2.
     there = 0.8 * (1 - JUMPS)
     right = 0.8 * (1 - there + there / 0.3)
     assert agreed.see(planar(104, 0, 0), 0.8) == pytest.approx(right / (right + 0.2 * (1 - there)))
     # Elsewhere: right by 0.8 × 0.2, wrong by 0.2.
-    assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(0.8 * (1 - there) / (0.8 * (1 - there) + 0.2))
+    assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(
+        0.8 * (1 - there) / (0.8 * (1 - there) + 0.2)
+    )
 
 
 def test_a_tracked_pose_is_believed_by_its_own_chance_alone() -> None:
-    better, worse = Belief(), Belief()
+    better = Belief()
+    worse = Belief()
     before, _ = (belief.see(planar(100, 0, 0), 0.9) for belief in (better, worse))
     assert better.see(planar(100, 0, 0), 0.95, tracked=True) > before
     assert worse.see(planar(100, 0, 0), 0.3, tracked=True) < before - 0.3
@@ -43,7 +48,9 @@ def test_belief_is_carried_by_the_odometry_and_less_sure_with_every_metre() -> N
         belief.move(step)
     pose, chance = belief.best()
     assert pose == pytest.approx(planar(58, 2, 90))
-    assert chance == pytest.approx(0.99 * (1 - JUMPS) ** 3 * still_right(np.array(0.5)))  # 5 % of 10 m
+    assert chance == pytest.approx(
+        0.99 * (1 - JUMPS) ** 3 * still_right(np.array(0.5))
+    )  # 5 % of 10 m
 
 
 def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
@@ -55,7 +62,8 @@ def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
 
 
 def test_after_a_guessed_step_poses_are_near_that_are_metres_from_it() -> None:
-    # 2 m, and three times 2 m; a pose that was only guessed from keeps erf(2 / (√2 × 2 m)) = .68 of its chance.
+    # 2 m, and three times 2 m; a pose that was only guessed from keeps erf(2 / (√2 × 2 m)) = .68 of
+    # its chance.
     for off_m, near in ((7.9, True), (8.1, False)):
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
@@ -66,9 +74,11 @@ def test_after_a_guessed_step_poses_are_near_that_are_metres_from_it() -> None:
 
 @pytest.mark.parametrize("tracked", [False, True])
 def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: bool) -> None:
-    """Right means within 2 m: a pose 3.5 m along the street from where the robot is believed is not believed for it.
+    """Right means within 2 m: a pose 3.5 m along the street from where the robot is believed is not
+    believed for it.
 
-    By hand, of a usual fix: near with .999, of which none has surely not slipped: .56 × .999 / .3 to .44 × .999, or .81.
+    By hand, of a usual fix: near with .999, of which none has surely not slipped: .56 × .999 / .3
+    to .44 × .999, or .81.
     """
     belief = Belief()
     for _ in range(4):
@@ -80,7 +90,8 @@ def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: b
 
 
 def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
-    """3.5 m along x from a pose that was guessed to 2 m, believed by .19: .19 (3.5² + 2²) m² along x, and .19 · 2² m² across."""
+    """3.5 m along x from a pose that was guessed to 2 m, believed by .19: .19 (3.5² + 2²) m² along
+    x, and .19 · 2² m² across."""
     belief = Belief()
     for _ in range(4):
         belief.see(planar(0, 0, 0), 0.99)

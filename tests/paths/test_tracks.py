@@ -16,7 +16,9 @@ from pipeline.paths.graph import Graph
 from pipeline.paths.odometry import Odometry
 from pipeline.paths.tracks import Track, joined
 
-FILTER, GRAPH, ODOMETRY = Filter(), Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0), Odometry()
+FILTER = Filter()
+GRAPH = Graph(True, 0.05, 0.2, 0.1, 0.5, 2.0)
+ODOMETRY = Odometry()
 N = 80
 
 
@@ -43,7 +45,13 @@ def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
     world[known] = TRUE[known]
     world[known, 0, 3] += np.random.default_rng(0).normal(0, 0.05, len(known))
     seen = np.isin(np.arange(N), known)
-    return Track(np.array(odom), world, np.where(seen, chance, 0.0), seen, np.tile(1e-4 * np.eye(6), (N, 1, 1)))
+    return Track(
+        np.array(odom),
+        world,
+        np.where(seen, chance, 0.0),
+        seen,
+        np.tile(1e-4 * np.eye(6), (N, 1, 1)),
+    )
 
 
 def off_m(path: tracks.Path, seen: Track) -> np.ndarray:
@@ -54,7 +62,8 @@ def test_odometry_alone_drifts_from_the_first_fix_on_and_knows_nothing_before():
     found = off_m(ODOMETRY, track([10, 40], scale=1.02))
     assert np.isnan(found[:10]).all()
     assert found[10] < 0.2
-    # 2 % too long on a circle of radius r: as if round one of 1.02 r, so up to 2 × 0.02 × 40 m = 1.6 m away.
+    # 2 % too long on a circle of radius r: as if round one of 1.02 r, so up to 2 × 0.02 × 40 m =
+    # 1.6 m away.
     assert 1.4 < found[10:].max() < 1.8
 
 
@@ -71,14 +80,16 @@ def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
 def test_a_filter_believes_no_lone_look_alike():
     """One fix across the circle that claims to be right by .7, between fixes that are."""
     seen = track(list(range(0, 60, 2)))
-    seen.world_T_query[31], seen.chance[31] = TRUE[51], 0.7
+    seen.world_T_query[31] = TRUE[51]
+    seen.chance[31] = 0.7
     assert np.linalg.norm(TRUE[51, :2, 3] - TRUE[31, :2, 3]) > 70
     assert FILTER.along(seen).world_T_query[31] == pytest.approx(TRUE[31], abs=0.2)
 
 
 def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
     seen = track([*range(0, N, 10), N - 1], scale=1.03)
-    alone, mended = off_m(ODOMETRY, seen), off_m(GRAPH, seen)
+    alone = off_m(ODOMETRY, seen)
+    mended = off_m(GRAPH, seen)
     assert np.isfinite(mended).all()
     assert mended.max() < 0.7  # a quarter of the circle between two fixes
     assert mended.max() < alone.max() / 3
@@ -110,8 +121,11 @@ def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
 
 
 def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
-    """A query without a pose gets its neighbour's, carried; its place is the cell that it stands in, and it is accepted."""
-    seen, k, path = track([row for row in range(N) if row != 22]), 3, tmp_path / "day.zarr"
+    """A query without a pose gets its neighbour's, carried; its place is the cell that it stands
+    in, and it is accepted."""
+    seen = track([row for row in range(N) if row != 22])
+    k = 3
+    path = tmp_path / "day.zarr"
     places = Places(Grid(10.0, (-60.0, 60.0), (-60.0, 60.0)), np.arange(144))
     columns = {
         "places": np.tile(np.arange(k), (N, 1)),
@@ -126,7 +140,12 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
         "overlap": np.full(N, 0.5, np.float32),
     }
     case = {"change": "", "level": 0.0, "shadow": False, "repeat": 0}
-    attrs = {"cases": [case], "kinds": ["fix", "place"], "thresholds": [0.6, 0.5], "wanted_precision": 0.9}
+    attrs = {
+        "cases": [case],
+        "kinds": ["fix", "place"],
+        "thresholds": [0.6, 0.5],
+        "wanted_precision": 0.9,
+    }
     attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
         key: [0.3, 0.2, 0.1] for key in ("promised_place", "promised_several")
     }
@@ -143,6 +162,8 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     assert found["novelty"][22, 1] == columns["novelty"][22, 1]
     assert told["thresholds"] == pytest.approx([0.1, 0.5])
     assert np.isnan(found["covariance"]).all()
-    assert max(told["promised_place"] + told["promised_several"]) < 0  # they were judged of each query's own pose
+    assert (
+        max(told["promised_place"] + told["promised_several"]) < 0
+    )  # they were judged of each query's own pose
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)

@@ -1,4 +1,5 @@
-"""Answers with poses: places, costs and novelties of a ranking led by what was registered, and the chance of a fix."""
+"""Answers with poses: places, costs and novelties of a ranking led by what was registered, and the
+chance of a fix."""
 
 from dataclasses import replace
 
@@ -22,7 +23,11 @@ FIXES = [
     Fix.of([hypothesis(95, 0.5, yaw_deg=-45)], OVERLAPS),
 ]
 RANKING = Ranking(
-    *(np.array([[1, 4, 2, 0]] * 3), np.array([[0.1, 0.2, 0.3, 0.4]] * 3, np.float32), np.arange(24.0).reshape(3, 4, 2)),
+    *(
+        np.array([[1, 4, 2, 0]] * 3),
+        np.array([[0.1, 0.2, 0.3, 0.4]] * 3, np.float32),
+        np.arange(24.0).reshape(3, 4, 2),
+    ),
     *(np.array([[0.2], [0.9], [0.4]], np.float32), np.full(3, np.nan, np.float32)),
     *(np.array([[7, 8, 9, np.nan]] * 3, np.float32), ("entropy",)),
 )

@@ -1,4 +1,5 @@
-"""Chances: shares of what a query's hypotheses have for them, learned from queries whose pose is known."""
+"""Chances: shares of what a query's hypotheses have for them, learned from queries whose pose is
+known."""
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ def test_the_hypotheses_of_a_query_share_its_chance() -> None:
 
 
 def drawn(n: int, seed: int = 0) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Queries of two hypotheses, of which the one with .2 more overlap is right; where both have little, neither is."""
+    """Queries of two hypotheses, of which the one with .2 more overlap is right; where both have
+    little, neither is."""
     rng = np.random.default_rng(seed)
-    signs, right = [], []
+    signs = []
+    right = []
     for row in range(n):
         good = 0.5 if row % 3 else 0.25
         overlap = np.array([good, good - 0.2]) + rng.normal(0, 0.03, 2)

@@ -9,7 +9,8 @@ from pipeline.posing.walls import Walls
 from tests.posing.scene import planar
 
 WALLS = Walls()
-NEAR, FAR = 10.0, 20.0
+NEAR = 10.0
+FAR = 20.0
 
 
 def room(wall_m: float) -> np.ndarray:
@@ -37,22 +38,36 @@ def moved_room(x_m: float) -> np.ndarray:
 
 
 def test_a_wall_that_is_gone_is_told_by_two_scans_and_not_by_one() -> None:
-    mapped, scans = targets(room(NEAR)), [room(FAR), moved_room(1.0)]
+    mapped = targets(room(NEAR))
+    scans = [room(FAR), moved_room(1.0)]
     poses = np.array([planar(0, 0, 0), planar(1.0, 0, 0)])
-    assert contradicted(mapped, WALLS, scans, poses, 0.1) == {0: 0}  # the nearer of the two takes its place
+    assert contradicted(mapped, WALLS, scans, poses, 0.1) == {
+        0: 0
+    }  # the nearer of the two takes its place
     assert contradicted(mapped, WALLS, scans[:1], poses[:1], 0.1) == {}
 
 
 def test_a_wall_that_was_built_is_told_too() -> None:
-    assert contradicted(targets(room(FAR)), WALLS, [room(NEAR)] * 2, np.array([planar(0, 0, 0)] * 2), 0.1) == {0: 0}
+    assert contradicted(
+        targets(room(FAR)), WALLS, [room(NEAR)] * 2, np.array([planar(0, 0, 0)] * 2), 0.1
+    ) == {0: 0}
 
 
 def test_nothing_has_changed_where_scans_see_the_same_or_stand_elsewhere() -> None:
     same = np.array([planar(0, 0, 0)] * 2)
     assert contradicted(targets(room(NEAR)), WALLS, [room(NEAR)] * 2, same, 0.0) == {}
-    assert contradicted(targets(room(NEAR)), WALLS, [room(FAR)] * 2, np.array([planar(6, 0, 0)] * 2), 0.1) == {}
+    assert (
+        contradicted(
+            targets(room(NEAR)), WALLS, [room(FAR)] * 2, np.array([planar(6, 0, 0)] * 2), 0.1
+        )
+        == {}
+    )
 
 
 def test_what_is_usual_is_learned_from_neighbours_in_the_map() -> None:
-    assert usual_contradiction(targets(room(FAR), moved_room(2.0)), WALLS) == pytest.approx(0, abs=0.02)
-    assert usual_contradiction(targets(room(NEAR)), WALLS) == 1.0  # no neighbours: nothing can be told
+    assert usual_contradiction(targets(room(FAR), moved_room(2.0)), WALLS) == pytest.approx(
+        0, abs=0.02
+    )
+    assert (
+        usual_contradiction(targets(room(NEAR)), WALLS) == 1.0
+    )  # no neighbours: nothing can be told

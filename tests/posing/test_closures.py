@@ -21,20 +21,33 @@ def answers(closures, x_m: list[float], accepted: list[bool], seen: list[bool]):
     found = np.tile(np.eye(4), (len(x_m), 1, 1))
     found[:, 0, 3] = x_m
     true = np.tile(np.eye(4), (len(x_m), 1, 1))
-    return closures.Answers(found, true, np.array(accepted), np.array(seen), np.array([10.0, 20.0, 30.0, 90.0]))
+    return closures.Answers(
+        found, true, np.array(accepted), np.array(seen), np.array([10.0, 20.0, 30.0, 90.0])
+    )
 
 
 def test_a_peer_that_is_not_there_is_left_out_with_a_line(closures, monkeypatch, tmp_path):
-    monkeypatch.setattr(closures, "yearloc", lambda day: answers(closures, [0.0] * 4, [True] * 4, [True] * 4))
+    monkeypatch.setattr(
+        closures, "yearloc", lambda day: answers(closures, [0.0] * 4, [True] * 4, [True] * 4)
+    )
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)  # import fails
-    _, _, ours, *others = closures.table(SimpleNamespace(scan_context=tmp_path / "scan_context"), Path(tmp_path))
+    _, _, ours, *others = closures.table(
+        SimpleNamespace(scan_context=tmp_path / "scan_context"), Path(tmp_path)
+    )
     assert ours.split()[0] == "yearloc"
-    assert [line.split(" left out")[0].strip() for line in others] == ["MapClosures", "GICP", "KISS-Matcher"]
+    assert [line.split(" left out")[0].strip() for line in others] == [
+        "MapClosures",
+        "GICP",
+        "KISS-Matcher",
+    ]
 
 
 def test_a_row_counts_the_right_of_the_seen_and_the_wrong_of_the_accepted(closures):
-    """At 0, 1.9, 2.1 m and nowhere: two of the three seen are right, one is kept; of the last three, accepted, two are wrong."""
-    row = answers(closures, [0.0, 1.9, 2.1, np.nan], [False, True, True, True], [True, True, True, False]).line("peer")
+    """At 0, 1.9, 2.1 m and nowhere: two of the three seen are right, one is kept; of the last
+    three, accepted, two are wrong."""
+    row = answers(
+        closures, [0.0, 1.9, 2.1, np.nan], [False, True, True, True], [True, True, True, False]
+    ).line("peer")
     assert row.split() == ["peer", "4", "3", "0.667", "0.333", "3", "2", "2", "20", "25"]
 
 

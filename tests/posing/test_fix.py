@@ -1,4 +1,5 @@
-"""Fixes: among candidate training submaps the right pose is found, and where there is too little to tell, none."""
+"""Fixes: among candidate training submaps the right pose is found, and where there is too little to
+tell, none."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +24,13 @@ PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
 def written(path: Path, seeds: range) -> Targets:
     """A map of places, each another scene."""
     clouds = [seen_from(scene(seed), planar(0, 0, 0)) for seed in seeds]
-    with store.write(path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
-        out.put("points", np.rint(np.concatenate([np.empty((0, 3)), *clouds]) / GRAIN_M).astype(np.int64))
+    with store.write(
+        path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    ) as out:
+        out.put(
+            "points",
+            np.rint(np.concatenate([np.empty((0, 3)), *clouds]) / GRAIN_M).astype(np.int64),
+        )
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", np.array(ANCHORS[: len(seeds)]).reshape(-1, 4, 4))
     return Targets.read(path)
@@ -40,8 +46,13 @@ def test_an_empty_map_gives_no_pose(tmp_path: Path) -> None:
     assert Fixer().fix(scene(), written(tmp_path / "none.zarr", range(0)), PLACES) == Fix()
 
 
-@pytest.mark.parametrize(("row", "x_m", "y_m", "yaw_deg"), [(0, 2.0, -1.0, 130.0), (1, -3.0, 4.0, 0.0), (2, 0.0, 0.0, -60.0)])
-def test_the_pose_is_found_among_candidates(targets: Targets, row: int, x_m: float, y_m: float, yaw_deg: float) -> None:
+@pytest.mark.parametrize(
+    ("row", "x_m", "y_m", "yaw_deg"),
+    [(0, 2.0, -1.0, 130.0), (1, -3.0, 4.0, 0.0), (2, 0.0, 0.0, -60.0)],
+)
+def test_the_pose_is_found_among_candidates(
+    targets: Targets, row: int, x_m: float, y_m: float, yaw_deg: float
+) -> None:
     anchor_T_query = planar(x_m, y_m, yaw_deg)
     found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES)
     best = found.hypotheses[0]
@@ -57,7 +68,9 @@ def test_the_pose_is_found_among_candidates(targets: Targets, row: int, x_m: flo
 
 
 def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) -> None:
-    here, elsewhere = (Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES) for seed in (0, 7))
+    here, elsewhere = (
+        Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES) for seed in (0, 7)
+    )
     assert elsewhere.alignment.overlap < 0.6 * here.alignment.overlap
     assert elsewhere.alignment.spread_m > 2 * here.alignment.spread_m
     assert elsewhere.chance < 0.5 < 0.99 < here.chance
@@ -81,7 +94,9 @@ def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -
 
 
 def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
-    found = Fixer().fix(seen_from(scene(1), planar(1, 0, 90)), targets, Answers.at(np.full((5, 2), np.nan)))
+    found = Fixer().fix(
+        seen_from(scene(1), planar(1, 0, 90)), targets, Answers.at(np.full((5, 2), np.nan))
+    )
     assert found.hypotheses[0].row == 1
     assert found.alignment.overlap > 0.8
 
@@ -93,7 +108,10 @@ def test_what_is_left_out_is_not_there(targets: Targets) -> None:
 
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
-    assert all(one.alignment.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses)
+    assert all(
+        one.alignment.overlap < 0.1
+        for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses
+    )
 
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
@@ -101,7 +119,15 @@ OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
 
 
 def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:
-    found = Fix.of([hypothesis(0, 0.4, 0.001), hypothesis(7, 0.9, 0.03), hypothesis(9, 0.5), hypothesis(20, 0.3)], OVERLAPS)
+    found = Fix.of(
+        [
+            hypothesis(0, 0.4, 0.001),
+            hypothesis(7, 0.9, 0.03),
+            hypothesis(9, 0.5),
+            hypothesis(20, 0.3),
+        ],
+        OVERLAPS,
+    )
     assert [one.here.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4, 0.3]
     assert found.elsewhere == [2, 3]  # 9 m is within 5 m of 7 m
     odds = np.exp([4.0, 0.0, -1.0, -2.0])
@@ -109,7 +135,9 @@ def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() ->
 
 
 def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
-    one, again, turned = hypothesis(0, 0.5), hypothesis(1.5, 0.4), hypothesis(0, 0.4, yaw_deg=6)
+    one = hypothesis(0, 0.5)
+    again = hypothesis(1.5, 0.4)
+    turned = hypothesis(0, 0.4, yaw_deg=6)
     found = Fix.of([again, turned, one], OVERLAPS)
     assert found.hypotheses == (one, turned)
     assert found.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
@@ -117,16 +145,22 @@ def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
 
 def test_an_earlier_end_of_the_search_is_as_if_nothing_else_had_been_found() -> None:
     first, better, other = (
-        replace(hypothesis(x_m, share), step=step) for step, (x_m, share) in enumerate([(0, 0.5), (1, 0.6), (9, 0.9)])
+        replace(hypothesis(x_m, share), step=step)
+        for step, (x_m, share) in enumerate([(0, 0.5), (1, 0.6), (9, 0.9)])
     )
     found = Fix.of([first, better, other], OVERLAPS)
     assert [one.step for one in found.hypotheses] == [2, 0]
-    assert found.upto(1, OVERLAPS).hypotheses == found.upto(2, OVERLAPS).hypotheses == (replace(better, step=0),)
+    assert (
+        found.upto(1, OVERLAPS).hypotheses
+        == found.upto(2, OVERLAPS).hypotheses
+        == (replace(better, step=0),)
+    )
     assert found.upto(0).chance == Fix().upto(1).chance == 0
 
 
 def test_a_look_alike_takes_from_the_chance() -> None:
-    alone, beside = Fix.of([hypothesis(0, 0.9)], OVERLAPS), Fix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
+    alone = Fix.of([hypothesis(0, 0.9)], OVERLAPS)
+    beside = Fix.of([hypothesis(0, 0.9), hypothesis(20, 0.9)], OVERLAPS)
     assert alone.chance == pytest.approx(np.exp(4) / (1 + np.exp(4)))
     assert beside.chance == pytest.approx(np.exp(4) / (1 + 2 * np.exp(4)))
 
@@ -140,7 +174,8 @@ def test_a_sure_hypothesis_ends_the_search(targets: Targets) -> None:
 
 def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
     """Row 1 heads 90° and the query 30° to its left; no walls are sought when that is sure."""
-    query, world_T_query = seen_from(scene(1), planar(1, 2, 30)), ANCHORS[1] @ planar(1, 2, 30)
+    query = seen_from(scene(1), planar(1, 2, 30))
+    world_T_query = ANCHORS[1] @ planar(1, 2, 30)
     answers = Answers(world_T_query[None, :2, 3] + 0.5, np.array([123.0]))
     found = Fixer(sure=0.9, rounds=(1,), tries=1).fix(query, targets, answers)
     assert len(found.hypotheses) == 1

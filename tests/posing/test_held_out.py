@@ -1,4 +1,5 @@
-"""Held-out fixes: blocks of a training day are asked with and without their surroundings, and say when a fix is clear."""
+"""Held-out fixes: blocks of a training day are asked with and without their surroundings, and say
+when a fix is clear."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +41,8 @@ def looked_at(points_m: np.ndarray) -> np.ndarray:
 
 def localizer(views: Rows, k: int) -> Ranking:
     """Answers each view where it is."""
-    xy_m, n = views.world_T_anchor[:, None, :2, 3], len(views.stamps_ns)
+    xy_m = views.world_T_anchor[:, None, :2, 3]
+    n = len(views.stamps_ns)
     column = np.zeros((n, 1), np.float32)
     return Ranking(np.zeros((n, 1), np.int64), column, xy_m, column, column[:, 0], column, ("own",))
 
@@ -48,11 +50,17 @@ def localizer(views: Rows, k: int) -> Ranking:
 def asked(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
     drive = Drive(path.parent / "scans" / "day.zarr", path.parent / "submaps" / "day.zarr")
     places = np.zeros(len(views.stamps_ns), np.int64)
-    return how.evidence(Fixer(), TrainingDay(path, drive, views, places, looked_at, localizer, 1), Compute(), Progress())
+    return how.evidence(
+        Fixer(),
+        TrainingDay(path, drive, views, places, looked_at, localizer, 1),
+        Compute(),
+        Progress(),
+    )
 
 
 def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(path: Path) -> None:
-    """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their turn."""
+    """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their
+    turn."""
     evidence = asked(VIEWS, path)
     queries = len(evidence.fixes) // 3
     assert queries == 8
@@ -75,17 +83,30 @@ def test_evidence_stands_for_as_many_queries_as_there_are_blocks(path: Path) -> 
 
 
 def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
-    """Each change alone: walls only add and hide, a wedge of 90° leaves three quarters of a circle at least, leaves fall."""
+    """Each change alone: walls only add and hide, a wedge of 90° leaves three quarters of a circle
+    at least, leaves fall."""
     rng = np.random.default_rng(0)
-    circle_m = np.column_stack([10 * np.cos(at := np.arange(3600) / 3600 * 2 * np.pi), 10 * np.sin(at), np.full(3600, 3.0)])
-    none = {"walls": 0, "wedge_deg": 0.0, "cars": 0, "crowns": 0, "went": 0, "above": 0.0, "below": 0.0}
+    circle_m = np.column_stack(
+        [10 * np.cos(at := np.arange(3600) / 3600 * 2 * np.pi), 10 * np.sin(at), np.full(3600, 3.0)]
+    )
+    none = {
+        "walls": 0,
+        "wedge_deg": 0.0,
+        "cars": 0,
+        "crowns": 0,
+        "went": 0,
+        "above": 0.0,
+        "below": 0.0,
+    }
     assert np.array_equal(Ageing(**none).aged(circle_m, rng), circle_m)
     wedges = [len(Ageing(**none | {"wedge_deg": 90.0}).aged(circle_m, rng)) for _ in range(40)]
     assert 2700 <= min(wedges) < 3400
     assert max(wedges) == 3600
     leaves = [len(Ageing(**none | {"above": 0.5}).aged(circle_m, rng)) for _ in range(40)]
     assert 1700 < min(leaves) < 2400 < 3200 < max(leaves) <= 3600
-    assert [len(Ageing(**none | {"below": 0.5}).aged(circle_m, rng)) for _ in range(5)] == [3600] * 5
+    assert [len(Ageing(**none | {"below": 0.5}).aged(circle_m, rng)) for _ in range(5)] == [
+        3600
+    ] * 5
     for what, points, high_m in (("cars", 150, 1.5), ("crowns", 200, 8.5)):
         came = [Ageing(**none | {what: 10}).aged(circle_m, rng) for _ in range(40)]
         assert all(np.array_equal(aged[:3600], circle_m) for aged in came)  # they hide nothing
@@ -97,20 +118,28 @@ def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
     went = [len(Ageing(**none | {"went": 3}).aged(circle_m, rng)) for _ in range(40)]
     assert 2000 < min(went) < max(went) == 3600
     walls = [Ageing(**none | {"walls": 2}).aged(circle_m, rng) for _ in range(40)]
-    assert min(np.isclose(np.hypot(*one[:, :2].T), 10.0).sum() for one in walls) < 3600  # some stand before the circle
+    assert (
+        min(np.isclose(np.hypot(*one[:, :2].T), 10.0).sum() for one in walls) < 3600
+    )  # some stand before the circle
     assert any(len(one) > 3600 for one in walls)
 
 
 def test_a_map_of_another_day_is_refused(path: Path) -> None:
     other = Rows(np.zeros((8, 1)), np.arange(8), ANCHORS[::-1])
-    with pytest.raises(InputError, match=r"day\.zarr: a map of 8 submaps that are not the 8 of the training views"):
+    with pytest.raises(
+        InputError, match=r"day\.zarr: a map of 8 submaps that are not the 8 of the training views"
+    ):
         asked(other, path)
 
 
 def test_settings_that_make_no_evidence_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"held_out\.length_m=5\.0: expected less than held_out\.every_m=4\.0"):
+    with pytest.raises(
+        ConfigError, match=r"held_out\.length_m=5\.0: expected less than held_out\.every_m=4\.0"
+    ):
         HeldOut(every_m=4.0, length_m=5.0, around_m=(20.0,))
-    with pytest.raises(ConfigError, match=r"held_out\.around_m=\[20\.0, 0\]: expected lengths above 0"):
+    with pytest.raises(
+        ConfigError, match=r"held_out\.around_m=\[20\.0, 0\]: expected lengths above 0"
+    ):
         HeldOut(every_m=4.0, length_m=2.0, around_m=(20.0, 0))
     with pytest.raises(ConfigError, match=r"ageing\.walls=-1: expected a number from 0 on"):
         Ageing(walls=-1)

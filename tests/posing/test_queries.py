@@ -29,29 +29,49 @@ def drive(
     folder: Path, name: str, world_T_anchor: np.ndarray, clouds: Sequence[np.ndarray] = ()
 ) -> tuple[store.Artifact, store.Artifact]:
     """Scans of the scene, or these, and submaps of one each."""
-    clouds, rows = clouds or [seen_from(scene(), at) for at in world_T_anchor], np.arange(len(world_T_anchor))
+    clouds = clouds or [seen_from(scene(), at) for at in world_T_anchor]
+    rows = np.arange(len(world_T_anchor))
     paths = [folder / kind / f"{name}.zarr" for kind in ("scans", "submaps")]
     with store.write(paths[0], schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as out:
-        out.append("points", np.concatenate([np.rint(cloud / 0.005) for cloud in clouds]).astype(np.int16))
+        out.append(
+            "points", np.concatenate([np.rint(cloud / 0.005) for cloud in clouds]).astype(np.int16)
+        )
         out.append("offsets", np.cumsum([0, *map(len, clouds)]))
         for column, values in {
             "stamps_ns": STAMPS_NS[0] * (1 + rows),
             **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
         }.items():
             out.put(column, values)
-    with store.write(paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED) as out:
-        used = {"first": rows, "scans": rows, "ground_m": np.zeros(len(rows)), "used": np.ones(len(rows), bool)}
-        for column, values in {**used, "stamps_ns": STAMPS_NS[0] * (1 + rows), "world_T_anchor": world_T_anchor}.items():
+    with store.write(
+        paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED
+    ) as out:
+        used = {
+            "first": rows,
+            "scans": rows,
+            "ground_m": np.zeros(len(rows)),
+            "used": np.ones(len(rows), bool),
+        }
+        for column, values in {
+            **used,
+            "stamps_ns": STAMPS_NS[0] * (1 + rows),
+            "world_T_anchor": world_T_anchor,
+        }.items():
             out.put(column, values)
     return store.read(paths[0], schemas.SCANS), store.read(paths[1], schemas.SUBMAPS)
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A map of one submap, two queries beside it, and their ranking as driven and turned, which names the right place."""
+    """A map of one submap, two queries beside it, and their ranking as driven and turned, which
+    names the right place."""
     write_map(tmp_path / "map.zarr", *drive(tmp_path, "train", np.eye(4)[None]), 0.5, 80.0, 50.0)
     drive(tmp_path, "test", TRUE)
-    given = {"kinds": ("entropy",), "thresholds": (0.5,), "cases": [asdict(case) for case in CASES], "wanted_precision": 0.9}
+    given = {
+        "kinds": ("entropy",),
+        "thresholds": (0.5,),
+        "cases": [asdict(case) for case in CASES],
+        "wanted_precision": 0.9,
+    }
     given |= {"kept_precision": (0.9,)}
     with store.write(tmp_path / "rankings" / "test.zarr", schemas.RANKINGS, **given) as out:
         for column, kind in schemas.RANKINGS.columns.items():
@@ -68,20 +88,32 @@ def queries(folder: Path, *alterations: Turned) -> Queries:
 def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
     turned = Turned(repeats=1)
     fixes = queries(folder, turned).fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)
-    left_rad = [turned.alter(CASES[1], np.zeros((1, 3)), generator(turned, stamp))[1] for stamp in STAMPS_NS.tolist()]
+    left_rad = [
+        turned.alter(CASES[1], np.zeros((1, 3)), generator(turned, stamp))[1]
+        for stamp in STAMPS_NS.tolist()
+    ]
     away_m, turn_deg = apart(poses(fixes), np.concatenate([TRUE, TRUE @ turns(np.array(left_rad))]))
     assert away_m.max() < 0.1
     assert turn_deg.max() < 0.5
 
 
 def test_a_case_that_no_alteration_makes_is_one_line(folder: Path) -> None:
-    with one_line(InputError, r"rankings: a ranking of Case\(change='turned'.* which no alteration given here makes"):
+    with one_line(
+        InputError,
+        r"rankings: a ranking of Case\(change='turned'.* which no alteration given here makes",
+    ):
         queries(folder).fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)
 
 
 def test_a_ranking_of_other_queries_is_one_line(folder: Path) -> None:
     drive(folder, "other", TRUE[:1])
     (folder / "rankings" / "test.zarr").rename(folder / "rankings" / "other.zarr")
-    other = Queries("other", str(folder / "scans"), str(folder / "submaps"), (str(folder / "rankings"),), (Turned(repeats=1),))
+    other = Queries(
+        "other",
+        str(folder / "scans"),
+        str(folder / "submaps"),
+        (str(folder / "rankings"),),
+        (Turned(repeats=1),),
+    )
     with one_line(InputError, "a ranking of 4 queries; the submaps make 2 in all cases"):
         other.fixes(Fixer(rounds=(1,)), folder / "map.zarr", 1)

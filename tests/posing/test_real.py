@@ -1,5 +1,5 @@
-"""Real revisits: NCLT's key frames of 2013-01-10, a street driven out and, minutes later, back in reverse (METHODS 7.6, 9);
-and a loop of KITTI."""
+"""Real revisits: NCLT's key frames of 2013-01-10, a street driven out and, minutes later, back in
+reverse (METHODS 7.6, 9); and a loop of KITTI."""
 
 from pathlib import Path
 
@@ -29,13 +29,17 @@ class KeyFrames:
     def __init__(self, folder: Path) -> None:
         rows = np.loadtxt(folder / "keyframes.txt")
         world_T_body = np.tile(np.eye(4), (len(rows), 1, 1))
-        world_T_body[:, :3, :3], world_T_body[:, :3, 3] = Rotation.from_quat(rows[:, 29:33]).as_matrix(), rows[:, 26:29]
-        self.world_T_frame, self._folder = world_T_body @ BODY_T_FORWARD, folder
+        world_T_body[:, :3, :3] = Rotation.from_quat(rows[:, 29:33]).as_matrix()
+        world_T_body[:, :3, 3] = rows[:, 26:29]
+        self.world_T_frame = world_T_body @ BODY_T_FORWARD
+        self._folder = folder
 
     def points_m(self, row: int) -> np.ndarray:
         """Points (n, 3) of a key frame."""
         path = self._folder / f"{row}.pcd"
-        return (pcd.decode(path.read_bytes(), path, 2**28) - BODY_T_FORWARD[:3, 3]) @ BODY_T_FORWARD[:3, :3]
+        return (
+            pcd.decode(path.read_bytes(), path, 2**28) - BODY_T_FORWARD[:3, 3]
+        ) @ BODY_T_FORWARD[:3, :3]
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +50,11 @@ def frames(real: Path) -> KeyFrames:
 @pytest.fixture(scope="module")
 def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targets:
     """The way out."""
-    path, clouds = tmp_path_factory.mktemp("map") / "out.zarr", [frames.points_m(row) for row in OUT]
-    with store.write(path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
+    path = tmp_path_factory.mktemp("map") / "out.zarr"
+    clouds = [frames.points_m(row) for row in OUT]
+    with store.write(
+        path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    ) as out:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", frames.world_T_frame[OUT])
@@ -59,8 +66,11 @@ def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[Fix]:
     return [Fixer().fix(frames.points_m(row), targets) for row in rows]
 
 
-def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(frames: KeyFrames, targets: Targets) -> None:
-    back, elsewhere = range(480, 620, 10), range(700, 1140, 60)
+def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(
+    frames: KeyFrames, targets: Targets
+) -> None:
+    back = range(480, 620, 10)
+    elsewhere = range(700, 1140, 60)
     there = fixes(frames, targets, back)
     away_m, turn_deg = apart(poses(there), frames.world_T_frame[back])
     right = (away_m < 2) & (turn_deg < 5)
@@ -71,16 +81,25 @@ def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(frames
 
 
 def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Path) -> None:
-    """08/720 and 1500, by their poses 3.6 m apart and turned by 148.5°; these are no truth to a metre, so starts are compared."""
+    """08/720 and 1500, by their poses 3.6 m apart and turned by 148.5°; these are no truth to a
+    metre, so starts are compared."""
     lift_m = np.array([0.0, 0.0, 1.73])
-    target_m, query_m = (read_velodyne(real / f"kitti/pairs/08/00{name}.bin") + lift_m for name in ("0720", "1500"))
-    walls, registration = Walls(), Registration()
-    first = walls.match(walls.chart(walls.of(target_m)), walls.turned(walls.of(query_m))).target_T_query
+    target_m, query_m = (
+        read_velodyne(real / f"kitti/pairs/08/00{name}.bin") + lift_m for name in ("0720", "1500")
+    )
+    walls = Walls()
+    registration = Registration()
+    first = walls.match(
+        walls.chart(walls.of(target_m)), walls.turned(walls.of(query_m))
+    ).target_T_query
     assert abs(abs(np.rad2deg(yaw(first[None]))[0]) - 148.5) < 5
-    target, query = registration.prepare(target_m), registration.prepare(query_m)
-    rng, ended = np.random.default_rng(0), []
+    target = registration.prepare(target_m)
+    query = registration.prepare(query_m)
+    rng = np.random.default_rng(0)
+    ended = []
     for _ in range(8):
-        bearing, turn_deg = rng.uniform(0, 2 * np.pi), rng.choice([-1, 1]) * rng.uniform(3, 6)
+        bearing = rng.uniform(0, 2 * np.pi)
+        turn_deg = rng.choice([-1, 1]) * rng.uniform(3, 6)
         start = planar(2.5 * np.cos(bearing), 2.5 * np.sin(bearing), turn_deg)
         ended.append(registration.refine(target, query, first @ start).target_T_source)
     away_m, off_deg = apart(np.array(ended), np.array(ended[:1] * len(ended)))

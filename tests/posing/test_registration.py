@@ -11,7 +11,8 @@ from tests.posing.scene import planar, scene, seen_from
 
 @pytest.mark.parametrize(("x_m", "y_m", "yaw_deg"), [(1.5, -1.0, 6.0), (-2.5, 0.5, 175.0)])
 def test_a_known_pose_is_found(x_m: float, y_m: float, yaw_deg: float) -> None:
-    target, true = scene(), planar(x_m, y_m, yaw_deg)
+    target = scene()
+    true = planar(x_m, y_m, yaw_deg)
     found = Registration().align(target, seen_from(scene(), true), true @ planar(1.0, 0.5, 4.0))
     away_m, turn_deg = apart(found.target_T_source[None], true[None])
     assert away_m[0] < 0.05
@@ -30,14 +31,19 @@ def test_other_houses_overlap_less() -> None:
 def test_a_bare_plane_and_a_bare_wall_leave_directions_open() -> None:
     rng = np.random.default_rng(0)
     plane = np.column_stack([rng.uniform(-20, 20, (5000, 2)), rng.normal(0, 0.03, 5000)])
-    wall = np.column_stack([rng.uniform(-20, 20, 5000), rng.normal(10, 0.03, 5000), rng.uniform(0, 8, 5000)])
+    wall = np.column_stack(
+        [rng.uniform(-20, 20, 5000), rng.normal(10, 0.03, 5000), rng.uniform(0, 8, 5000)]
+    )
     assert Registration().align(plane, plane, np.eye(4)).spread_m == np.inf
-    assert Registration().align(np.r_[plane, wall], np.r_[plane, wall], np.eye(4)).spread_m == np.inf
+    assert (
+        Registration().align(np.r_[plane, wall], np.r_[plane, wall], np.eye(4)).spread_m == np.inf
+    )
     assert Registration().align(scene(), scene(), np.eye(4)).spread_m < 0.01
 
 
 def test_the_covariance_is_what_repeated_noise_gives() -> None:
-    rng, poses = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    poses = []
     for _ in range(24):
         noisy = [scene() + rng.normal(0, 0.05, scene().shape) for _ in range(2)]
         found = Registration().align(*noisy, np.eye(4))

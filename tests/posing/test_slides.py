@@ -18,32 +18,45 @@ EVERY_M = 18.0
 """From one house to the next."""
 
 
-def upright(rng: np.random.Generator, corners: list[tuple[float, float]], n: int = 700) -> np.ndarray:
+def upright(
+    rng: np.random.Generator, corners: list[tuple[float, float]], n: int = 700
+) -> np.ndarray:
     """Walls 7 m high from each corner to the next."""
     parts = []
     for (x0, y0), (x1, y1) in pairwise(corners):
         share = rng.uniform(0, 1, n)
-        parts.append(np.column_stack([x0 + share * (x1 - x0), y0 + share * (y1 - y0), rng.uniform(0, 7, n)]))
+        parts.append(
+            np.column_stack([x0 + share * (x1 - x0), y0 + share * (y1 - y0), rng.uniform(0, 7, n)])
+        )
     return np.concatenate(parts)
 
 
 def houses(rng: np.random.Generator) -> np.ndarray:
     """On both sides of a street along x, one every 18 m, 10 m long."""
-    return np.concatenate([
-        upright(rng, [(x_m, 14 * side), (x_m, 8 * side), (x_m + 10, 8 * side), (x_m + 10, 14 * side)])
-        for x_m in np.arange(-36, 156, EVERY_M)
-        for side in (-1, 1)
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            upright(
+                rng,
+                [(x_m, 14 * side), (x_m, 8 * side), (x_m + 10, 8 * side), (x_m + 10, 14 * side)],
+            )
+            for x_m in np.arange(-36, 156, EVERY_M)
+            for side in (-1, 1)
+        ]
+    )
 
 
 def colonnade(rng: np.random.Generator) -> np.ndarray:
     """Pillars of 1 m on both sides, one every 6 m, before long walls."""
     pillars = [
-        upright(rng, [(x_m, y_m), (x_m + 1, y_m), (x_m + 1, y_m + 1), (x_m, y_m + 1), (x_m, y_m)], 150)
+        upright(
+            rng, [(x_m, y_m), (x_m + 1, y_m), (x_m + 1, y_m + 1), (x_m, y_m + 1), (x_m, y_m)], 150
+        )
         for x_m in np.arange(-36, 156, 6.0)
         for y_m in (-7.0, 6.0)
     ]
-    return np.concatenate([*pillars, *(upright(rng, [(-36, y_m), (156, y_m)], 9000) for y_m in (-12.0, 12.0))])
+    return np.concatenate(
+        [*pillars, *(upright(rng, [(-36, y_m), (156, y_m)], 9000) for y_m in (-12.0, 12.0))]
+    )
 
 
 def trees(rng: np.random.Generator) -> np.ndarray:
@@ -54,7 +67,9 @@ def trees(rng: np.random.Generator) -> np.ndarray:
             around = rng.normal(0, 1, (300, 3))
             crown = around / np.linalg.norm(around, axis=1, keepdims=True) * 1.8 + (x_m, y_m, 4.5)
             turn = rng.uniform(0, 2 * np.pi, 150)
-            trunk = np.column_stack([x_m + 0.3 * np.cos(turn), y_m + 0.3 * np.sin(turn), rng.uniform(0, 3, 150)])
+            trunk = np.column_stack(
+                [x_m + 0.3 * np.cos(turn), y_m + 0.3 * np.sin(turn), rng.uniform(0, 3, 150)]
+            )
             parts += [crown, trunk]
     return np.concatenate(parts)
 
@@ -71,13 +86,23 @@ def crossing(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([upright(rng, one, 2000) for one in turned]) + np.array([32.0, 0.0, 0.0])
 
 
-STREETS = {"equal houses": houses, "a colonnade": colonnade, "rows of trees": trees, "a crossing of equal corners": crossing}
+STREETS = {
+    "equal houses": houses,
+    "a colonnade": colonnade,
+    "rows of trees": trees,
+    "a crossing of equal corners": crossing,
+}
 
 
 def street(kind: str, own: bool, drive: int) -> np.ndarray:
-    """A street and its ground; with a kiosk of its `own` at 30 m. Each drive meets other points of them."""
+    """A street and its ground; with a kiosk of its `own` at 30 m.
+
+    Each drive meets other points of them.
+    """
     rng = np.random.default_rng(drive)
-    ground = np.column_stack([rng.uniform(-40, 160, 9000), rng.uniform(-20, 20, 9000), rng.normal(0, 0.02, 9000)])
+    ground = np.column_stack(
+        [rng.uniform(-40, 160, 9000), rng.uniform(-20, 20, 9000), rng.normal(0, 0.02, 9000)]
+    )
     parts = [ground, STREETS[kind](rng)]
     if own:
         parts += [
@@ -94,7 +119,9 @@ def driven(folder: Path, kind: str, own: bool) -> tuple[np.ndarray, Targets]:
     if kind.startswith("a crossing"):
         anchors = anchors[6:11]  # 24 to 40 m
     clouds = [visible(points_m, anchor) for anchor in anchors]
-    with store.write(folder / "day.zarr", schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True) as out:
+    with store.write(
+        folder / "day.zarr", schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    ) as out:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", anchors)
@@ -123,23 +150,34 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 def test_a_pose_leads_by_what_only_its_own_place_has(world: Scene) -> None:
     _, own, points_m, targets = world
     walls = Walls()
-    found = slide(walls, targets, walls.middles(walls.of(visible(points_m, AT))), AT, np.zeros(len(targets.world_T_anchor), bool))
+    found = slide(
+        walls,
+        targets,
+        walls.middles(walls.of(visible(points_m, AT))),
+        AT,
+        np.zeros(len(targets.world_T_anchor), bool),
+    )
     assert (found.lead > 0.05) is own
 
 
 def test_where_a_street_repeats_itself_no_pose_is_believed(world: Scene) -> None:
     """The right pose and its copies share the chance; with a kiosk the right one has it."""
     _, own, points_m, targets = world
-    found = Fixer().fix(visible(points_m, AT), targets, Answers(np.array([[32.0, 0.0]]), np.array([0.0])))
+    found = Fixer().fix(
+        visible(points_m, AT), targets, Answers(np.array([[32.0, 0.0]]), np.array([0.0]))
+    )
     assert (found.chance > 0.9) is own
     if own:
         assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
 
 
-def test_far_from_all_submaps_a_slide_tells_nothing(world: tuple[bool, np.ndarray, Targets]) -> None:
+def test_far_from_all_submaps_a_slide_tells_nothing(
+    world: tuple[bool, np.ndarray, Targets],
+) -> None:
     *_, points_m, targets = world
     walls = Walls()
-    middles, none = walls.middles(walls.of(visible(points_m, planar(30, 0, 0)))), np.zeros(len(targets.world_T_anchor), bool)
+    middles = walls.middles(walls.of(visible(points_m, planar(30, 0, 0))))
+    none = np.zeros(len(targets.world_T_anchor), bool)
     assert slide(walls, targets, middles, planar(0, 500, 0), none).lead == 0.0
     assert slide(walls, targets, middles, planar(30, 0, 0), ~none).copies == ()
 
@@ -150,7 +188,9 @@ def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_pat
     walls = Walls()
     middles = walls.middles(walls.of(visible(points_m, AT)))
     found = slide(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
-    assert [copy.score for copy in found.copies] == sorted((copy.score for copy in found.copies), reverse=True)
+    assert [copy.score for copy in found.copies] == sorted(
+        (copy.score for copy in found.copies), reverse=True
+    )
     anchors = [targets.world_T_anchor[copy.row] for copy in found.copies]
     pairs = zip(anchors, found.copies, strict=True)
     away_m = [(anchor @ copy.target_T_query)[0, 3] - AT[0, 3] for anchor, copy in pairs]
@@ -169,11 +209,18 @@ def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: 
 
 
 def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
-    """Four corners look alike when the robot turns by 90°; nothing along the street fits as well."""
+    """Four corners look alike when the robot turns by 90°; nothing along the street fits as
+    well."""
     points_m, targets = driven(tmp_path, "a crossing of equal corners", own=False)
     walls = Walls()
     at = planar(32, 0, 0)
-    found = slide(walls, targets, walls.middles(walls.of(visible(points_m, at))), at, np.zeros(len(targets.world_T_anchor), bool))
+    found = slide(
+        walls,
+        targets,
+        walls.middles(walls.of(visible(points_m, at))),
+        at,
+        np.zeros(len(targets.world_T_anchor), bool),
+    )
     turn_deg = np.rad2deg(yaw(found.copies[0].target_T_query[None])[0])
     assert abs(turn_deg) > 80
     assert abs(found.lead) < 0.05

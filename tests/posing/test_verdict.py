@@ -1,4 +1,5 @@
-"""Verdicts: what is believed of a fix, and where a promise is kept, by evidence that is known by hand."""
+"""Verdicts: what is believed of a fix, and where a promise is kept, by evidence that is known by
+hand."""
 
 import numpy as np
 import pytest
@@ -14,37 +15,59 @@ OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
 
 
 def test_doubts_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
-    """Odds of e², 1, e⁻¹ and e⁻² against 1, at 0, 3, 40 and 80 m: the first two are near, the second is no runner-up."""
-    fix = Fix.of([hypothesis(x_m, overlap) for x_m, overlap in ((0, 0.7), (3, 0.5), (40, 0.4), (80, 0.3))], OVERLAPS)
+    """Odds of e², 1, e⁻¹ and e⁻² against 1, at 0, 3, 40 and 80 m: the first two are near, the
+    second is no runner-up."""
+    fix = Fix.of(
+        [hypothesis(x_m, overlap) for x_m, overlap in ((0, 0.7), (3, 0.5), (40, 0.4), (80, 0.3))],
+        OVERLAPS,
+    )
     odds = np.exp([2.0, 0.0, -1.0, -2.0])
     shares = odds / (1 + odds.sum())
     doubts = Judge(OVERLAPS, OVERLAPS).doubts(fix)
-    assert doubts == pytest.approx(1 - np.array([shares[0], shares[:2].sum(), shares[[0, 2, 3]].sum()]))
+    assert doubts == pytest.approx(
+        1 - np.array([shares[0], shares[:2].sum(), shares[[0, 2, 3]].sum()])
+    )
     assert Judge(OVERLAPS, OVERLAPS).doubts(Fix()).tolist() == [1, 1, 1]
 
 
 def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence:
-    """A right fix of much overlap in each block, and one of little without its surroundings; the first few of these overlap."""
+    """A right fix of much overlap in each block, and one of little without its surroundings; the
+    first few of these overlap."""
     rng = np.random.default_rng(seed)
-    fixes, true = [], []
+    fixes = []
+    true = []
     for block in range(blocks):
         fixes.append(Fix.of([hypothesis(0, rng.uniform(0.6, 0.8))]))
-        fixes.append(Fix.of([hypothesis(0, rng.uniform(0.6, 0.8) if block < wrong else rng.uniform(0.2, 0.3))]))
+        fixes.append(
+            Fix.of(
+                [hypothesis(0, rng.uniform(0.6, 0.8) if block < wrong else rng.uniform(0.2, 0.3))]
+            )
+        )
         true += [planar(0, 0, 0), planar(300, 0, 0)]
-    return Evidence(fixes, np.array(true), np.tile([False, True], blocks), np.arange(blocks).repeat(2))
+    return Evidence(
+        fixes, np.array(true), np.tile([False, True], blocks), np.arange(blocks).repeat(2)
+    )
 
 
 def test_right_and_near_are_told_apart() -> None:
     fixes = [Fix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
     fixes.append(Fix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
-    known = Evidence([*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6))
+    known = Evidence(
+        [*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6)
+    )
     assert known.true().tolist() == [
-        [True, True, True], [False, True, False], [False, True, False], [False, False, False], [False, False, True], [False] * 3
-    ]  # fmt: skip
+        [True, True, True],
+        [False, True, False],
+        [False, True, False],
+        [False, False, False],
+        [False, False, True],
+        [False] * 3,
+    ]
 
 
 def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
-    """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100 blocks 80 keep .95 alone."""
+    """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
+    blocks 80 keep .95 alone."""
     many, few = (Verdict(evidence(blocks), 0.2, 1) for blocks in (200, 100))
     assert [limit > 0 for limit in many.limits("fix")] == [True, True, False]
     assert [limit > 0 for limit in few.limits("fix")] == [True, False, False]
@@ -53,14 +76,22 @@ def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> 
 
 def test_wrong_ones_among_the_right_break_a_promise() -> None:
     """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
-    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2, 1).limits("fix")] == [True, False, False]
+    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2, 1).limits("fix")] == [
+        True,
+        False,
+        False,
+    ]
 
 
 def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() -> None:
     """All are right, those of little overlap too, and no limit breaks a promise: .05 allows a doubt
     of a quarter, .01 a twentieth."""
     fixes = [Fix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)]
-    sure = Verdict(Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)), 0.2, 1)
+    sure = Verdict(
+        Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)),
+        0.2,
+        1,
+    )
     sure.__dict__["judge"] = Judge(OVERLAPS, OVERLAPS)
     assert sure.limits("fix") == pytest.approx([0.25, 0.05, 0.005])
 
@@ -82,7 +113,9 @@ def test_the_search_goes_as_deep_as_held_out_blocks_gain() -> None:
     first = _stepped(hypothesis(0, 0.7), hypothesis(100, 0.25))
     late = _stepped(hypothesis(100, 0.25), hypothesis(0, 0.7))
     for fixes, depth in (([first, late] * 100, 2), ([first] * 200, 1)):
-        evidence = Evidence(fixes, np.tile(planar(0, 0, 0), (200, 1, 1)), np.zeros(200, bool), np.arange(200))
+        evidence = Evidence(
+            fixes, np.tile(planar(0, 0, 0), (200, 1, 1)), np.zeros(200, bool), np.arange(200)
+        )
         assert Verdict.learned(evidence, 0.2, 2).depth == depth
 
 

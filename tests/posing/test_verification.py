@@ -1,4 +1,5 @@
-"""Verification: a wall that the map has, one that it contradicts, one that was hidden from it, and the map's own."""
+"""Verification: a wall that the map has, one that it contradicts, one that was hidden from it, and
+the map's own."""
 
 import numpy as np
 import pytest
@@ -8,13 +9,16 @@ from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Walls
 from tests.posing.scene import planar
 
-WALLS, REGISTRATION = Walls(), Registration()
+WALLS = Walls()
+REGISTRATION = Registration()
 
 
 def wall(x_m: float, half_m: float = 10.0, n: int = 3000) -> np.ndarray:
     """Across the x axis, 1 to 6 m high."""
     rng = np.random.default_rng(int(x_m))
-    return np.column_stack([np.full(n, x_m), rng.uniform(-half_m, half_m, n), rng.uniform(1.1, 6, n)])
+    return np.column_stack(
+        [np.full(n, x_m), rng.uniform(-half_m, half_m, n), rng.uniform(1.1, 6, n)]
+    )
 
 
 def seen(*walls_m: np.ndarray) -> Seen:
@@ -45,10 +49,14 @@ def test_walls_speak_for_and_against_a_pose_and_hidden_ones_say_nothing() -> Non
 
 def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
     assert found(seen(wall(20.5)), ahead_m=10.0) == Agreement(1.0, 1.0, 1.0)
-    assert found(seen(wall(38.5))).seen_again == 0.0  # the query looks through where the map has its wall
+    assert (
+        found(seen(wall(38.5))).seen_again == 0.0
+    )  # the query looks through where the map has its wall
     half = found(seen(wall(30.5)[wall(30.5)[:, 1] > 0], wall(38.5)[wall(38.5)[:, 1] < 0]))
     assert half.seen_again == pytest.approx(0.5, abs=0.05)
-    assert found(seen(wall(15.5, half_m=9.0))).seen_again == 0.0  # hidden: nothing speaks for the pose
+    assert (
+        found(seen(wall(15.5, half_m=9.0))).seen_again == 0.0
+    )  # hidden: nothing speaks for the pose
 
 
 def test_a_high_wall_counts_no_more_than_a_low_one() -> None:

@@ -1,4 +1,5 @@
-"""Walls from above: heading and offset are found, and what the map saw through counts against a match."""
+"""Walls from above: heading and offset are found, and what the map saw through counts against a
+match."""
 
 import numpy as np
 import pytest
@@ -8,20 +9,30 @@ from pipeline.posing.walls import SEEN_THROUGH, WALL, Walls
 from tests.posing.scene import planar, scene, seen_from
 
 
-@pytest.mark.parametrize(("x_m", "y_m", "yaw_deg"), [(0.0, 0.0, 0.0), (3.0, -4.0, 90.0), (-5.0, 2.0, -120.0)])
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "yaw_deg"), [(0.0, 0.0, 0.0), (3.0, -4.0, 90.0), (-5.0, 2.0, -120.0)]
+)
 def test_heading_and_offset_are_found(x_m: float, y_m: float, yaw_deg: float) -> None:
-    walls, true = Walls(), planar(x_m, y_m, yaw_deg)
-    found = walls.match(walls.chart(walls.of(scene())), walls.turned(walls.of(seen_from(scene(), true))))
+    walls = Walls()
+    true = planar(x_m, y_m, yaw_deg)
+    found = walls.match(
+        walls.chart(walls.of(scene())), walls.turned(walls.of(seen_from(scene(), true)))
+    )
     assert found.target_T_query == pytest.approx(true, abs=1.0)
     assert found.target_T_query[:2, :2] == pytest.approx(true[:2, :2], abs=0.06)
-    other = walls.match(walls.chart(walls.of(scene(1))), walls.turned(walls.of(seen_from(scene(), true))))
+    other = walls.match(
+        walls.chart(walls.of(scene(1))), walls.turned(walls.of(seen_from(scene(), true)))
+    )
     assert found.score > other.score + 0.1
 
 
 def test_a_chart_knows_walls_and_what_was_seen_through() -> None:
     walls = Walls(cell_m=1.0, margin_m=2.0)
     wall = np.column_stack([np.full(400, 20.5), np.linspace(-10, 10, 400), np.full(400, 2.0)])
-    chart, single = walls.chart(walls.of(wall), single=False)[0], walls.chart(walls.of(wall), single=True)[0]
+    chart, single = (
+        walls.chart(walls.of(wall), single=False)[0],
+        walls.chart(walls.of(wall), single=True)[0],
+    )
     middle = walls.half
     assert chart[middle + 20, middle] == WALL
     assert single[middle + 10, middle] == SEEN_THROUGH
@@ -31,23 +42,29 @@ def test_a_chart_knows_walls_and_what_was_seen_through() -> None:
 
 
 def test_a_wall_where_the_map_saw_through_counts_against() -> None:
-    walls, far = Walls(offset_m=1.0), np.column_stack([np.full(400, 30.5), np.linspace(-15, 15, 400), np.full(400, 2.0)])
+    walls = Walls(offset_m=1.0)
+    far = np.column_stack([np.full(400, 30.5), np.linspace(-15, 15, 400), np.full(400, 2.0)])
     new = np.column_stack([np.full(200, 15.5), np.linspace(-5, 5, 200), np.full(200, 2.0)])
     hidden = np.column_stack([np.full(200, 38.5), np.linspace(-5, 5, 200), np.full(200, 2.0)])
     chart = walls.chart(walls.of(far))
-    alone, with_new, with_hidden = (walls.match(chart, walls.turned(walls.of(np.concatenate(parts)))).score for parts in
-                                    ([far], [far, new], [far, hidden]))  # fmt: skip
+    alone, with_new, with_hidden = (
+        walls.match(chart, walls.turned(walls.of(np.concatenate(parts)))).score
+        for parts in ([far], [far, new], [far, hidden])
+    )
     assert alone > with_hidden > with_new
     assert alone == pytest.approx(1.0)
 
 
 def test_a_query_without_walls_matches_nothing() -> None:
-    walls, ground = Walls(), np.column_stack([np.random.default_rng(0).uniform(-20, 20, (500, 2)), np.zeros(500)])
+    walls = Walls()
+    ground = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (500, 2)), np.zeros(500)])
     assert walls.match(walls.chart(walls.of(scene())), walls.turned(walls.of(ground))).score == 0.0
 
 
 def test_settings_are_checked() -> None:
-    with pytest.raises(ConfigError, match=r"walls\.high_m=1.0: expected more than walls\.low_m=2.0"):
+    with pytest.raises(
+        ConfigError, match=r"walls\.high_m=1.0: expected more than walls\.low_m=2.0"
+    ):
         Walls(low_m=2.0, high_m=1.0)
     with pytest.raises(ConfigError, match=r"walls\.cell_m=0"):
         Walls(cell_m=0)
@@ -56,7 +73,8 @@ def test_settings_are_checked() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> None:
     walls = Walls(cell_m=2.0, headings=24, offset_m=7.0)
-    chart, turned = walls.chart(walls.of(scene(seed))), walls.turned(walls.of(seen_from(scene(seed % 2), planar(3, -2, 50))))
+    chart = walls.chart(walls.of(scene(seed)))
+    turned = walls.turned(walls.of(seen_from(scene(seed % 2), planar(3, -2, 50))))
     shifted = turned[:, :, None, None] + np.stack(np.mgrid[-4:5, -4:5], axis=2)
     sums = chart[0][shifted[..., 0], shifted[..., 1]].sum(axis=1, dtype=int)
     assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])

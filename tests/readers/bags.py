@@ -31,7 +31,8 @@ def drive(path: Path, kind: str, clouds: int = 4, first: int = 0) -> Path:
 
 
 def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
-    """Driven along x at 10 m/s: poses ten a second on /truth and /odom (from 100 m on), a cloud 50 ms after each.
+    """Driven along x at 10 m/s: poses ten a second on /truth and /odom (from 100 m on), a cloud 50
+    ms after each.
 
     Cloud i holds the points (i, 0, 0) and (1, 2, 3) of the LiDAR's frame.
     """
@@ -41,4 +42,10 @@ def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
         bag.odometry(stamp_ns, "map", "base_link", at(i), "/truth")
         bag.odometry(stamp_ns, "odom", "base_link", at(100 + i), "/odom")
         if i < first + clouds:
-            bag.points(stamp_ns + STEP_NS // 2, "lidar", np.array([[i, 0, 0], [1, 2, 3]], np.float32), np.ones(2), np.arange(2))
+            bag.points(
+                stamp_ns + STEP_NS // 2,
+                "lidar",
+                np.array([[i, 0, 0], [1, 2, 3]], np.float32),
+                np.ones(2),
+                np.arange(2),
+            )

@@ -1,30 +1,39 @@
 """Bags laid out byte by byte from the formats' descriptions, without the library that reads them.
 
-Two clouds at 10.5 s and 11 s with the points (1, 2, 3) and (4, 5, 6), and poses at 10 s and 12 s, 10 m apart on x, turned to the
-left. `/cloud` is a PointCloud2 in the frame `lidar`, `/pose` a PoseStamped in `map`.
+Two clouds at 10.5 s and 11 s with the points (1, 2, 3) and (4, 5, 6), and poses at 10 s and 12 s,
+10 m apart on x, turned to the left. `/cloud` is a PointCloud2 in the frame `lidar`, `/pose` a
+PoseStamped in `map`.
 """
 
 import sqlite3
 import struct
 from pathlib import Path
 
-CLOUD_MD5, POSE_MD5 = b"1158d486dd51d683ce2f1be655c3c181", b"d3812c3cbc69362b77dc0b19b345f8f5"
+CLOUD_MD5 = b"1158d486dd51d683ce2f1be655c3c181"
+POSE_MD5 = b"d3812c3cbc69362b77dc0b19b345f8f5"
 HALF = 0.5**0.5
 CLOUDS = {10_500_000_000: (1.0, 2.0, 3.0), 11_000_000_000: (4.0, 5.0, 6.0)}
-POSES = {10_000_000_000: (0.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF), 12_000_000_000: (10.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF)}
+POSES = {
+    10_000_000_000: (0.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF),
+    12_000_000_000: (10.0, 0.0, 0.0, 0.0, 0.0, HALF, HALF),
+}
 FIELDS = (("x", 0), ("y", 4), ("z", 8))
 
 
 class Cdr:
-    """Common Data Representation: each number at a multiple of its size after the four bytes of encapsulation."""
+    """Common Data Representation: each number at a multiple of its size after the four bytes of
+    encapsulation."""
 
     def __init__(self, big: bool) -> None:
-        self.order, self.data = ">" if big else "<", b"\0\0\0\0" if big else b"\0\1\0\0"
+        self.order = ">" if big else "<"
+        self.data = b"\0\0\0\0" if big else b"\0\1\0\0"
 
     def add(self, code: str, *numbers: float) -> None:
         for number in numbers:
             size = struct.calcsize(code)
-            self.data += bytes(-(len(self.data) - 4) % size) + struct.pack(self.order + code, number)
+            self.data += bytes(-(len(self.data) - 4) % size) + struct.pack(
+                self.order + code, number
+            )
 
     def text(self, text: str) -> None:
         self.add("I", len(text) + 1)
@@ -70,7 +79,13 @@ def ros1_header(stamp_ns: int, frame: str) -> bytes:
 def ros1_cloud(stamp_ns: int, point: tuple[float, ...]) -> bytes:
     fields = b"".join(text(name) + struct.pack("<IBI", offset, 7, 1) for name, offset in FIELDS)
     sizes = struct.pack("<BIII", 0, 12, 12, 12)
-    return ros1_header(stamp_ns, "/lidar") + struct.pack("<3I", 1, 1, 3) + fields + sizes + struct.pack("<3fB", *point, 1)
+    return (
+        ros1_header(stamp_ns, "/lidar")
+        + struct.pack("<3I", 1, 1, 3)
+        + fields
+        + sizes
+        + struct.pack("<3fB", *point, 1)
+    )
 
 
 def ros1_pose(stamp_ns: int, numbers: tuple[float, ...]) -> bytes:
@@ -82,7 +97,10 @@ def u32(*numbers: int) -> bytes:
 
 
 def joined(fields: dict[str, bytes]) -> bytes:
-    return b"".join(u32(len(name) + 1 + len(value)) + name.encode() + b"=" + value for name, value in fields.items())
+    return b"".join(
+        u32(len(name) + 1 + len(value)) + name.encode() + b"=" + value
+        for name, value in fields.items()
+    )
 
 
 def record(data: bytes, **fields: bytes) -> bytes:
@@ -92,28 +110,50 @@ def record(data: bytes, **fields: bytes) -> bytes:
 
 
 def ros1(path: Path) -> Path:
-    """https://wiki.ros.org/Bags/Format/2.0: header, one chunk, its index, then the connections and the chunk's info."""
-    cloud = {"topic": b"/cloud", "type": b"sensor_msgs/PointCloud2", "md5sum": CLOUD_MD5, "message_definition": b"by hand"}
-    pose = {"topic": b"/pose", "type": b"geometry_msgs/PoseStamped", "md5sum": POSE_MD5, "message_definition": b"by hand"}
+    """https://wiki.ros.org/Bags/Format/2.0: header, one chunk, its index, then the connections and
+    the chunk's info."""
+    cloud = {
+        "topic": b"/cloud",
+        "type": b"sensor_msgs/PointCloud2",
+        "md5sum": CLOUD_MD5,
+        "message_definition": b"by hand",
+    }
+    pose = {
+        "topic": b"/pose",
+        "type": b"geometry_msgs/PoseStamped",
+        "md5sum": POSE_MD5,
+        "message_definition": b"by hand",
+    }
     connections = b"".join(
-        record(joined(topic), op=b"\7", conn=u32(number), topic=topic["topic"]) for number, topic in enumerate((cloud, pose))
+        record(joined(topic), op=b"\7", conn=u32(number), topic=topic["topic"])
+        for number, topic in enumerate((cloud, pose))
     )
     sent = [(stamp, 0, ros1_cloud(stamp, point)) for stamp, point in CLOUDS.items()]
     sent += [(stamp, 1, ros1_pose(stamp, numbers)) for stamp, numbers in POSES.items()]
-    chunk, index = connections, {0: b"", 1: b""}
+    chunk = connections
+    index = {0: b"", 1: b""}
     for stamp, number, data in sorted(sent):
         time = u32(stamp // 10**9, stamp % 10**9)
         index[number] += time + u32(len(chunk))
         chunk += record(data, op=b"\2", conn=u32(number), time=time)
 
     def opening(index_pos: int) -> bytes:
-        fields = {"op": b"\3", "index_pos": struct.pack("<Q", index_pos), "conn_count": u32(2), "chunk_count": u32(1)}
+        fields = {
+            "op": b"\3",
+            "index_pos": struct.pack("<Q", index_pos),
+            "conn_count": u32(2),
+            "chunk_count": u32(1),
+        }
         padding = bytes(4096 - len(record(b"", **fields)))
         return b"#ROSBAG V2.0\n" + record(padding, **fields)
 
     body = record(chunk, op=b"\5", compression=b"none", size=u32(len(chunk)))
-    body += b"".join(record(entry, op=b"\4", ver=u32(1), conn=u32(n), count=u32(len(entry) // 12)) for n, entry in index.items())
-    start, end = min(sent)[0], max(sent)[0]
+    body += b"".join(
+        record(entry, op=b"\4", ver=u32(1), conn=u32(n), count=u32(len(entry) // 12))
+        for n, entry in index.items()
+    )
+    start = min(sent)[0]
+    end = max(sent)[0]
     info = record(
         u32(0, 2, 1, 2),
         op=b"\6",
@@ -128,14 +168,17 @@ def ros1(path: Path) -> Path:
 
 
 def mcap(path: Path, big: bool = False) -> Path:
-    """https://mcap.dev/spec: magic, header, schemas, channels and messages, no chunks and no index, footer, magic."""
+    """https://mcap.dev/spec: magic, header, schemas, channels and messages, no chunks and no index,
+    footer, magic."""
 
     def part(op: int, data: bytes) -> bytes:
         return struct.pack("<BQ", op, len(data)) + data
 
-    magic, data = b"\x89MCAP0\r\n", part(1, text("ros2") + text("by hand"))
+    magic = b"\x89MCAP0\r\n"
+    data = part(1, text("ros2") + text("by hand"))
     for number, (topic, kind) in enumerate(
-        {"/cloud": "sensor_msgs/msg/PointCloud2", "/pose": "geometry_msgs/msg/PoseStamped"}.items(), 1
+        {"/cloud": "sensor_msgs/msg/PointCloud2", "/pose": "geometry_msgs/msg/PoseStamped"}.items(),
+        1,
     ):
         data += part(3, struct.pack("<H", number) + text(kind) + text("ros2msg") + text("by hand"))
         data += part(4, struct.pack("<HH", number, number) + text(topic) + text("cdr") + u32(0))
@@ -148,16 +191,31 @@ def mcap(path: Path, big: bool = False) -> Path:
 def db3(path: Path, big: bool = False) -> Path:
     """rosbag2's sqlite3 tables of its first version, with neither metadata.yaml nor definitions."""
     with sqlite3.connect(path) as base:
-        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
-        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
-        base.execute("INSERT INTO topics VALUES (1, '/cloud', 'sensor_msgs/msg/PointCloud2', 'cdr')")
-        base.execute("INSERT INTO topics VALUES (2, '/pose', 'geometry_msgs/msg/PoseStamped', 'cdr')")
+        base.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, "
+            "serialization_format TEXT)"
+        )
+        base.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, "
+            "data BLOB)"
+        )
+        base.execute(
+            "INSERT INTO topics VALUES (1, '/cloud', 'sensor_msgs/msg/PointCloud2', 'cdr')"
+        )
+        base.execute(
+            "INSERT INTO topics VALUES (2, '/pose', 'geometry_msgs/msg/PoseStamped', 'cdr')"
+        )
         for stamp, number, message in messages(big):
-            base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", (number, stamp, message))
+            base.execute(
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+                (number, stamp, message),
+            )
     base.close()
     return path
 
 
 def messages(big: bool) -> list[tuple[int, int, bytes]]:
     found = [(stamp, 1, cdr_cloud(stamp, point, big)) for stamp, point in CLOUDS.items()]
-    return sorted(found + [(stamp, 2, cdr_pose(stamp, numbers, big)) for stamp, numbers in POSES.items()])
+    return sorted(
+        found + [(stamp, 2, cdr_pose(stamp, numbers, big)) for stamp, numbers in POSES.items()]
+    )

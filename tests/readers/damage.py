@@ -1,4 +1,5 @@
-"""Damages files as disks, cables, editors and other computers do, and checks what a reader makes of them."""
+"""Damages files as disks, cables, editors and other computers do, and checks what a reader makes of
+them."""
 
 import re
 from collections.abc import Iterator
@@ -12,9 +13,36 @@ from hypothesis import strategies as st
 from pipeline.errors import YearlocError
 from pipeline.readers.log import Log, Reader
 
-KINDS = ("cut", "flip", "flip", "words", "words", "rows", "number", "number", "endian", "stretch", "longer", "empty", "noise")
+KINDS = (
+    "cut",
+    "flip",
+    "flip",
+    "words",
+    "words",
+    "rows",
+    "number",
+    "number",
+    "endian",
+    "stretch",
+    "longer",
+    "empty",
+    "noise",
+)
 WORDS = [
-    *(b"nan", b"-inf", b"inf", b"1e308", b"-1e308", b"1e18", b"1000000000000", b"9" * 40, b"9" * 400, b"1e-320", b"-1", b"0"),
+    *(
+        b"nan",
+        b"-inf",
+        b"inf",
+        b"1e308",
+        b"-1e308",
+        b"1e18",
+        b"1000000000000",
+        b"9" * 40,
+        b"9" * 400,
+        b"1e-320",
+        b"-1",
+        b"0",
+    ),
     *(b"", b"0.5", b"1 2", b"#", b'"', b"\xff", b"\0", b"0x10", b"1_0", b"INS_INACTIVE", b"31U"),
 ]
 NUMBERS = [
@@ -33,7 +61,8 @@ NUMBERS = [
 @st.composite
 def damaged(draw: st.DrawFn, data: bytes) -> bytes:
     """`data` with one fault: some bytes, words or rows lost, changed, repeated or moved."""
-    kind, start = draw(st.sampled_from(KINDS)), draw(st.integers(0, max(len(data) - 1, 0)))
+    kind = draw(st.sampled_from(KINDS))
+    start = draw(st.integers(0, max(len(data) - 1, 0)))
     if kind == "cut":
         return data[:start]
     if kind == "flip":
@@ -56,10 +85,16 @@ def damaged(draw: st.DrawFn, data: bytes) -> bytes:
         return data[:start] + number + data[start + len(number) :]
     if kind == "endian":
         width = draw(st.sampled_from([2, 4, 8]))
-        return data[:start] + b"".join(data[at : at + width][::-1] for at in range(start, len(data), width))
+        return data[:start] + b"".join(
+            data[at : at + width][::-1] for at in range(start, len(data), width)
+        )
     if kind == "stretch":
         part = data[start : start + draw(st.integers(1, 64))]
-        return data[:start] + draw(st.sampled_from([b"", part + part, part[::-1]])) + data[start + len(part) :]
+        return (
+            data[:start]
+            + draw(st.sampled_from([b"", part + part, part[::-1]]))
+            + data[start + len(part) :]
+        )
     if kind == "longer":
         return data + draw(st.sampled_from([data, data * 200, bytes(1), bytes(16), data[-8:]]))
     return b"" if kind == "empty" else draw(st.binary(max_size=96))
@@ -74,7 +109,8 @@ def one_line(kind: type[YearlocError], says: str) -> Iterator[None]:
 
 
 def opened(reader: Reader, root: Path, sequence: str) -> Log | None:
-    """Open a log, or fail with one line that names the folder (None); check that the log keeps its promises."""
+    """Open a log, or fail with one line that names the folder (None); check that the log keeps its
+    promises."""
     try:
         log = reader.open(root, sequence)
     except YearlocError as error:
@@ -87,7 +123,9 @@ def opened(reader: Reader, root: Path, sequence: str) -> Log | None:
         known.append(np.isfinite(poses).all(axis=(1, 2)))
         assert np.isnan(poses[~known[-1]]).all()
         rotations = poses[known[-1], :3, :3]
-        np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), np.zeros_like(rotations) + np.eye(3), atol=1e-2)
+        np.testing.assert_allclose(
+            rotations @ rotations.swapaxes(1, 2), np.zeros_like(rotations) + np.eye(3), atol=1e-2
+        )
         assert (np.linalg.det(rotations) > 0).all()
     assert (known[0] | known[1]).all()
     assert all(count > 0 for count in log.skipped.values())

@@ -15,10 +15,20 @@ def sync_bytes(*hits: tuple[int, int, int]) -> bytes:
     return b"".join(np.array(hit, "<u2").tobytes() + bytes([7, 3]) for hit in hits)
 
 
-def packet(utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4) -> bytes:
+def packet(
+    utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4
+) -> bytes:
     """Of velodyne_hits.bin: hits of x, y, z, intensity, laser."""
-    head = np.array(magic, "<u2").tobytes() + np.array([len(hits)], "<u4").tobytes() + np.array([utime], "<u8").tobytes()
-    return head + bytes(4) + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
+    head = (
+        np.array(magic, "<u2").tobytes()
+        + np.array([len(hits)], "<u4").tobytes()
+        + np.array([utime], "<u8").tobytes()
+    )
+    return (
+        head
+        + bytes(4)
+        + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
+    )
 
 
 def nclt_row(index: int, *pose: object) -> str:
@@ -32,10 +42,13 @@ def nclt_log(
     scans: dict[str, bytes] | None = None,
     odometry: str | None = None,
 ) -> Path:
-    """A sequence driven north at 10 m/s for one second, with scans where `scans` (file stem to bytes) says."""
+    """A sequence driven north at 10 m/s for one second, with scans where `scans` (file stem to
+    bytes) says."""
     folder = root / DATE / "velodyne_sync"
     folder.mkdir(parents=True)
-    for stem, data in (scans if scans is not None else {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}).items():
+    for stem, data in (
+        scans if scans is not None else {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}
+    ).items():
         (folder / f"{stem}.bin").write_bytes(data)
     if truth is not None:
         (root / DATE / f"groundtruth_{DATE}.csv").write_text(truth)
@@ -51,14 +64,19 @@ def kitti_log(
     times: str | None = "".join(f"{0.1 * i:.6e}\n" for i in range(6)),
     scans: dict[str, bytes] | None = None,
 ) -> Path:
-    """Log 07: six poses, two metres forward each; scan i holds one point at (i, 1, −1.73), reflectance 0.5."""
+    """Log 07: six poses, two metres forward each; scan i holds one point at (i, 1, −1.73),
+    reflectance 0.5."""
     log = root / "sequences" / "07"
     (log / "velodyne").mkdir(parents=True)
     (root / "poses").mkdir()
     usual = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)}
     for stem, data in (usual if scans is None else scans).items():
         (log / "velodyne" / f"{stem}.bin").write_bytes(data)
-    for path, text in ((log / "calib.txt", calib), (log / "times.txt", times), (root / "poses" / "07.txt", poses)):
+    for path, text in (
+        (log / "calib.txt", calib),
+        (log / "times.txt", times),
+        (root / "poses" / "07.txt", poses),
+    ):
         if text is not None:
             path.write_text(text)
     return root
@@ -66,11 +84,14 @@ def kitti_log(
 
 def folder_log(
     root: Path,
-    poses: str | None = "".join(f"{START / 1e6 + 0.1 * i:.1f} {i} 0 0 0 0 0 1\n" for i in range(11)),
+    poses: str | None = "".join(
+        f"{START / 1e6 + 0.1 * i:.1f} {i} 0 0 0 0 0 1\n" for i in range(11)
+    ),
     scans: dict[str, bytes] | None = None,
     times: str | None = None,
 ) -> Path:
-    """A robot's own sequence, driven forward at 10 m/s for one second, with one point at (2, 1, 3) after 0.15 s."""
+    """A robot's own sequence, driven forward at 10 m/s for one second, with one point at (2, 1, 3)
+    after 0.15 s."""
     usual = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()}
     for name, data in (usual if scans is None else scans).items():
         (root / "drive" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -82,31 +103,48 @@ def folder_log(
     return root
 
 
-def flaser(ranges_m: Sequence[float], robot: str, stamp: float, laser: str | None = None, kind: str = "FLASER") -> str:
+def flaser(
+    ranges_m: Sequence[float],
+    robot: str,
+    stamp: float,
+    laser: str | None = None,
+    kind: str = "FLASER",
+) -> str:
     """A CARMEN record of one sweep; poses are x y heading."""
-    return f"{kind} {len(ranges_m)} {' '.join(map(str, ranges_m))} {laser or robot} {robot} {stamp} robot {stamp}\n"
+    return (
+        f"{kind} {len(ranges_m)} {' '.join(map(str, ranges_m))} {laser or robot} {robot} {stamp} "
+        f"robot {stamp}\n"
+    )
 
 
 def carmen_log(root: Path, stamps: bool = True, name: str = "drive.log") -> Path:
-    """A corrected log: six sweeps a metre apart along x, whose odometry goes 1.5 m ahead and .25 m aside from one to the next."""
+    """A corrected log: six sweeps a metre apart along x, whose odometry goes 1.5 m ahead and .25 m
+    aside from one to the next."""
     lines = ["# CARMEN\nPARAM robot_front_laser_max 50.0 1 host 1\n"]
     for i in range(6):
         lines.append(f"ODOM {i + 0.5} 0.25 0 1 0 0 {i} host {i}\n" if i else "")
-        lines += [flaser([1, 2, 50], f"{i} 0 0", 10 + i if stamps else 0), f"ODOM {i} 0 0 1 0 0 {i} host {i}\n"]
+        lines += [
+            flaser([1, 2, 50], f"{i} 0 0", 10 + i if stamps else 0),
+            f"ODOM {i} 0 0 1 0 0 {i} host {i}\n",
+        ]
     root.mkdir(parents=True, exist_ok=True)
     (root / name).write_text("".join(lines))
     return root
 
 
 def key_frames(root: Path) -> Path:
-    """Four key frames 0 to 3, a metre apart along −y, a second each; the clouds hold a point 2 m along −y."""
+    """Four key frames 0 to 3, a metre apart along −y, a second each; the clouds hold a point 2 m
+    along −y."""
     folder = root / "run"
     folder.mkdir(parents=True)
     rows = []
     for i in range(4):
         poses = " ".join(f"{source} {-i} 0 0 0 0 1" for source in range(4))
         rows.append(f"{i} {100 + i} 0 1 1 {poses}\n")
-        head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n"
+        head = (
+            "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT "
+            "1\nPOINTS 1\nDATA ascii\n"
+        )
         (folder / f"{i}.pcd").write_text(f"{head}0 -2 {i}\n")
     (folder / "keyframes.txt").write_text("".join(rows))
     return root

@@ -1,4 +1,5 @@
-"""A small RobotCar drive, made by hand: packed bytes and text as the data set's own files hold them."""
+"""A small RobotCar drive, made by hand: packed bytes and text as the data set's own files hold
+them."""
 
 import struct
 from collections.abc import Mapping
@@ -23,7 +24,8 @@ def sweep(*returns: tuple[float, float, float]) -> bytes:
 
 
 def vo_row(source_ms: float, before_ms: float, *step: float) -> str:
-    """Motion from one moment to the next, in milliseconds after START: x, y, z, roll, pitch, yaw; the rest is 0."""
+    """Motion from one moment to the next, in milliseconds after START: x, y, z, roll, pitch, yaw;
+    the rest is 0."""
     numbers = [*step, *[0.0] * (6 - len(step))]
     return f"{START + round(1000 * source_ms)},{START + round(1000 * before_ms)},{','.join(map(repr, numbers))}\n"
 
@@ -57,10 +59,12 @@ def drive(
     stamps: str | None = "",
     extrinsics: Mapping[str, str] | None = None,
 ) -> Path:
-    """A root with one sequence. Sweeps are given by milliseconds after START (one return 1 m ahead every 100 ms if not given).
+    """A root with one sequence.
 
-    `stamps` is the text of lms_front.timestamps: None for no such file, "" for a line a sweep. The INS unit sits in the
-    vehicle's origin unless `extrinsics` says otherwise.
+    Sweeps are given by milliseconds after START (one return 1 m ahead every 100 ms if not given).
+
+    `stamps` is the text of lms_front.timestamps: None for no such file, "" for a line a sweep. The
+    INS unit sits in the vehicle's origin unless `extrinsics` says otherwise.
     """
     front = {50 + 100 * i: sweep((1, 0, 7)) for i in range(10)} if sweeps is None else sweeps
     for laser, files in (("lms_front", front), ("lms_rear", rear)):
@@ -74,7 +78,9 @@ def drive(
         if stamps is not None or laser == "lms_rear":
             (root / DATE / f"{laser}.timestamps").write_text(text)
     (root / "extrinsics").mkdir()
-    for sensor, text in ({"lms_front": FRONT, "lms_rear": REAR, "ins": ZERO} | dict(extrinsics or {})).items():
+    for sensor, text in (
+        {"lms_front": FRONT, "lms_rear": REAR, "ins": ZERO} | dict(extrinsics or {})
+    ).items():
         (root / "extrinsics" / f"{sensor}.txt").write_text(text)
     for name, table in (("vo/vo.csv", vo), ("gps/ins.csv", ins)):
         if table is not None:

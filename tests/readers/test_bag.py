@@ -32,8 +32,12 @@ def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
     log = READER.open(tmp_path, "drive")
     assert log.stamps_ns.tolist() == [START_NS + STEP_NS // 2 + i * STEP_NS for i in range(4)]
     # Clouds come half-way between the poses at i and i + 1 metres.
-    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[i + 0.5, 0, 0] for i in range(4)], atol=1e-6)
-    np.testing.assert_allclose(log.odom_T_scan[:, :3, 3], [[100.5 + i, 0, 0] for i in range(4)], atol=1e-6)
+    np.testing.assert_allclose(
+        log.world_T_scan[:, :3, 3], [[i + 0.5, 0, 0] for i in range(4)], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        log.odom_T_scan[:, :3, 3], [[100.5 + i, 0, 0] for i in range(4)], atol=1e-6
+    )
     # The LiDAR looks left from (0.5, 0, 1.5): its x is the body's y, its y the body's −x.
     for row in (3, 0, 2, 1):
         np.testing.assert_allclose(log.points(row), [[0.5, row, 1.5], [-1.5, 1, 4.5]], atol=1e-6)
@@ -45,16 +49,26 @@ def test_what_is_written_is_read(tmp_path: Path, kind: str) -> None:
     ("make", "suffix", "big"),
     [
         (by_hand.ros1, "bag", ()),
-        *((make, make.__name__, (big,)) for make in (by_hand.mcap, by_hand.db3) for big in (False, True)),
+        *(
+            (make, make.__name__, (big,))
+            for make in (by_hand.mcap, by_hand.db3)
+            for big in (False, True)
+        ),
     ],
 )
-def test_bags_laid_out_by_hand_are_read(tmp_path: Path, make: Callable[..., Path], suffix: str, big: tuple[bool, ...]) -> None:
+def test_bags_laid_out_by_hand_are_read(
+    tmp_path: Path, make: Callable[..., Path], suffix: str, big: tuple[bool, ...]
+) -> None:
     make(tmp_path / f"drive.{suffix}", *big)
-    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(tmp_path, "drive")
+    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3, lift_m=0.25).open(
+        tmp_path, "drive"
+    )
     assert log.stamps_ns.tolist() == [10_500_000_000, 11_000_000_000]
     np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2.5, 0, 0], [5, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(yaw(log.world_T_scan), np.pi / 2)
-    np.testing.assert_allclose(np.concatenate([log.points(0), log.points(1)]), [[1, 2, 3.25], [4, 5, 6.25]])
+    np.testing.assert_allclose(
+        np.concatenate([log.points(0), log.points(1)]), [[1, 2, 3.25], [4, 5, 6.25]]
+    )
     assert np.isnan(log.odom_T_scan).all()
 
 
@@ -64,16 +78,25 @@ def test_of_clouds_in_gaps_of_the_poses_the_gap_is_told_and_no_clock_blamed(tmp_
         replace(READER, max_gap_s=STEP_NS / 2e9).open(tmp_path, "drive")
     line = str(refused.value)
     assert "none of its 4 messages has a pose: 4 in a gap of the poses; they span" in line
-    assert f"poses are usually {STEP_NS / 1e9:.3g} s apart, more than reader.max_gap_s={STEP_NS / 2e9:g}" in line
+    assert (
+        f"poses are usually {STEP_NS / 1e9:.3g} s apart, more than "
+        f"reader.max_gap_s={STEP_NS / 2e9:g}" in line
+    )
     assert "clock" not in line
 
 
 @pytest.mark.parametrize("fmt", rosbag1.Writer.CompressionFormat)
-def test_a_compressed_ros1_bag_is_read(tmp_path: Path, fmt: rosbag1.Writer.CompressionFormat) -> None:
+def test_a_compressed_ros1_bag_is_read(
+    tmp_path: Path, fmt: rosbag1.Writer.CompressionFormat
+) -> None:
     unused = rosbag1.Writer("unused.bag")
     unused.set_compression(fmt)
-    with rosbag1.Reader(drive(tmp_path / "plain.bag", "ros1")) as old, rosbag1.Writer(tmp_path / "small.bag") as new:
-        new.compression_format, new.compressor = unused.compression_format, unused.compressor
+    with (
+        rosbag1.Reader(drive(tmp_path / "plain.bag", "ros1")) as old,
+        rosbag1.Writer(tmp_path / "small.bag") as new,
+    ):
+        new.compression_format = unused.compression_format
+        new.compressor = unused.compressor
         copy_messages(old, new, "md5sum")
     assert_same(tmp_path)
 
@@ -86,7 +109,9 @@ def test_a_compressed_ros1_bag_is_read(tmp_path: Path, fmt: rosbag1.Writer.Compr
         (rosbag2.StoragePlugin.MCAP, rosbag2.CompressionMode.STORAGE),
     ],
 )
-def test_a_compressed_ros2_bag_is_read(tmp_path: Path, mode: rosbag2.CompressionMode, plugin: rosbag2.StoragePlugin) -> None:
+def test_a_compressed_ros2_bag_is_read(
+    tmp_path: Path, mode: rosbag2.CompressionMode, plugin: rosbag2.StoragePlugin
+) -> None:
     writer = rosbag2.Writer(tmp_path / "small", version=8, storage_plugin=plugin)
     writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
     with rosbag2.Reader(drive(tmp_path / "plain", "mcap")) as old, writer as new:
@@ -95,7 +120,10 @@ def test_a_compressed_ros2_bag_is_read(tmp_path: Path, mode: rosbag2.Compression
 
 
 def copy_messages(old: Any, new: Any, digest: str) -> None:
-    links = {c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, **{digest: c.digest}) for c in old.connections}
+    links = {
+        c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, **{digest: c.digest})
+        for c in old.connections
+    }
     for connection, stamp, data in old.messages():
         new.write(links[connection.id], stamp, data)
 
@@ -109,7 +137,8 @@ def assert_same(root: Path) -> None:
 
 
 def test_bags_of_all_kinds_make_one_sequence_in_order_of_time(tmp_path: Path) -> None:
-    # By name the last comes first; each holds the pose after its last cloud, as the next does again.
+    # By name the last comes first; each holds the pose after its last cloud, as the next does
+    # again.
     for kind, name, first in (("ros1", "c", 0), ("sqlite3", "b", 4), ("mcap", "a", 8)):
         drive(bag_path(tmp_path / "day", kind, name), kind, first=first)
     log = READER.open(tmp_path, "day")
@@ -142,7 +171,9 @@ def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> P
 
 
 def cloud(bag: BagWriter, stamp_ns: int, x: float = 0.0, frame: str = "lidar") -> None:
-    bag.points(stamp_ns, frame, np.array([[x, 0, 0]], np.float32), np.zeros(1), np.zeros(1, np.uint16))
+    bag.points(
+        stamp_ns, frame, np.array([[x, 0, 0]], np.float32), np.zeros(1), np.zeros(1, np.uint16)
+    )
 
 
 def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> None:
@@ -156,7 +187,8 @@ def test_clouds_are_put_in_order_and_repeated_stamps_counted(tmp_path: Path) -> 
 
 
 def test_the_fewest_poses_are_left_out_when_stamps_run_backwards() -> None:
-    # One stamp from the future costs one row, not all that follow; the jump back from 7 to 4 costs two.
+    # One stamp from the future costs one row, not all that follow; the jump back from 7 to 4 costs
+    # two.
     assert longest_increasing(np.array([1, 2, 99, 3, 3, 4, 5])).tolist() == [0, 1, 4, 5, 6]
     assert longest_increasing(np.array([1, 6, 7, 4, 5, 8, 9, 10])).size == 6
     assert longest_increasing(np.array([], np.int64)).size == 0
@@ -168,13 +200,22 @@ def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> 
     by_hand.db3(tmp_path / "drive.db3")
     with sqlite3.connect(tmp_path / "drive.db3") as base:
         for stamp, numbers in stamps.items():
-            data = by_hand.cdr_cloud(0, numbers) if stamp in by_hand.CLOUDS else by_hand.cdr_pose(0, numbers)
+            data = (
+                by_hand.cdr_cloud(0, numbers)
+                if stamp in by_hand.CLOUDS
+                else by_hand.cdr_pose(0, numbers)
+            )
             base.execute("UPDATE messages SET data = ? WHERE timestamp = ?", (data, stamp))
     base.close()
-    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3).open(tmp_path, "drive")
+    log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3).open(
+        tmp_path, "drive"
+    )
     assert log.stamps_ns.tolist() == list(by_hand.CLOUDS)
     np.testing.assert_allclose(log.points(1), [[4, 5, 6]])
-    assert log.notes == tuple(f"{topic}: no message is stamped; the times of receipt are used" for topic in ("/cloud", "/pose"))
+    assert log.notes == tuple(
+        f"{topic}: no message is stamped; the times of receipt are used"
+        for topic in ("/cloud", "/pose")
+    )
 
 
 def test_gaps_and_poses_that_are_none_are_counted(tmp_path: Path) -> None:
@@ -191,7 +232,8 @@ def test_gaps_and_poses_that_are_none_are_counted(tmp_path: Path) -> None:
 
 
 def test_a_way_through_the_tree_of_frames_is_a_trajectory(tmp_path: Path) -> None:
-    # map>odom moves 1 m aside within 400 ms, odom>base_link 1 m ahead each 100 ms, base_link is 1 m below the IMU.
+    # map>odom moves 1 m aside within 400 ms, odom>base_link 1 m ahead each 100 ms, base_link is 1 m
+    # below the IMU.
     def write(bag: BagWriter) -> None:
         up = np.eye(4)
         up[2, 3] = -1.0
@@ -205,11 +247,16 @@ def test_a_way_through_the_tree_of_frames_is_a_trajectory(tmp_path: Path) -> Non
                 bag.transform(START_NS + i * STEP_NS, "map", "odom", side)
         cloud(bag, START_NS + STEP_NS)
 
-    log = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link").open(written(tmp_path, write), "drive")
+    log = Bag(truth="tf:map>base_link", odometry="tf:odom>base_link").open(
+        written(tmp_path, write), "drive"
+    )
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, 0.25, -1], atol=1e-12)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1, 0, -1], atol=1e-12)
     np.testing.assert_allclose(log.points(0), [[0, 0, 1]])
-    with one_line(LogError, "no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar"):
+    with one_line(
+        LogError,
+        "no transforms lead from world to base_link; those that it holds: imu>base_link, imu>lidar",
+    ):
         Bag(truth="tf:world>base_link").open(tmp_path, "drive")
     with pytest.raises(LogError, match="tf:imu>lidar never changes"):
         Bag(truth="tf:imu>lidar").open(tmp_path, "drive")
@@ -224,9 +271,15 @@ def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
     with rosbag1.Reader(tmp_path / "new.bag") as new, rosbag1.Writer(tmp_path / "drive.bag") as old:
         for connection, stamp_ns, data in new.messages():
             kind = connection.msgtype.replace("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-            md5 = "94810edda583a504dfda3829e70d7eec" if kind == "tf/msg/tfMessage" else connection.digest
+            md5 = (
+                "94810edda583a504dfda3829e70d7eec"
+                if kind == "tf/msg/tfMessage"
+                else connection.digest
+            )
             link = next((link for link in old.connections if link.topic == connection.topic), None)
-            link = link or old.add_connection(connection.topic, kind, msgdef=connection.msgdef.data, md5sum=md5)
+            link = link or old.add_connection(
+                connection.topic, kind, msgdef=connection.msgdef.data, md5sum=md5
+            )
             old.write(link, stamp_ns, data)
     log = Bag(truth="tf:odom>lidar").open(tmp_path, "drive")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1])
@@ -245,7 +298,8 @@ def test_odometry_of_another_body_is_carried_to_the_true_one(tmp_path: Path) -> 
 
 
 def test_sweeps_are_laid_out_in_the_vehicle(tmp_path: Path) -> None:
-    # Five beams from −90° to 90°, clockwise on a scanner mounted upside down; the 1st too near, the 4th too far, the 5th none.
+    # Five beams from −90° to 90°, clockwise on a scanner mounted upside down; the 1st too near, the
+    # 4th too far, the 5th none.
     def write(bag: BagWriter) -> None:
         ranges = np.array([0.05, 2.0, 3.0, 31.0, np.inf])
         bag.laser_scan(START_NS + STEP_NS, "laser", ranges, np.pi / 2, -np.pi / 4, 0.1, 30.0)
@@ -273,7 +327,11 @@ def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_
     # The first row after the break says so, by a NaN.
     assert np.isnan(log.odom_T_scan[:, 0, 0]).tolist() == [False] * 11 + [True, False, False]
     assert log.notes == ("6 of 14 sweeps have no place (no pose on /truth)",)
-    lost = {"in a gap of the poses": 9, "outside the poses' span": 1, "between a break of the odometry and the next place": 10}
+    lost = {
+        "in a gap of the poses": 9,
+        "outside the poses' span": 1,
+        "between a break of the odometry and the next place": 10,
+    }
     assert log.skipped == lost
 
 
@@ -289,7 +347,8 @@ def test_a_real_laser_scan_is_read_with_poses_beside_it(real: Path, tmp_path: Pa
     (tmp_path / "day").mkdir()
     (tmp_path / "day" / "scan.bag").symlink_to(real / "bags" / "laserscan_rosbag1_v2.0.bag")
     with rosbag1.Reader(real / "bags" / "laserscan_rosbag1_v2.0.bag") as bag:
-        start, end = bag.start_time, bag.end_time
+        start = bag.start_time
+        end = bag.end_time
     assert round((end - start) * 1e-9, 1) == 35.8
     with BagWriter(tmp_path / "day" / "poses", "mcap") as writer:
         for i, stamp in enumerate(range(start - 10**9, end + 10**9, 10**8)):
@@ -305,7 +364,10 @@ def test_a_real_laser_scan_is_read_with_poses_beside_it(real: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("laserscan_rosbag1_bad_index", "bad_index.bag: cannot be read as a bag: sizes and contents do not fit"),
+        (
+            "laserscan_rosbag1_bad_index",
+            "bad_index.bag: cannot be read as a bag: sizes and contents do not fit",
+        ),
         ("laserscan_rosbag_v1.2", "v1.2.bag: a ROS 1 bag of version 1.2; only 2.0 can be read"),
     ],
 )
@@ -317,12 +379,18 @@ def test_real_broken_bags_are_one_line(real: Path, name: str, says: str) -> None
 
 def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
     written(tmp_path / "without", lambda bag: cloud(bag, START_NS))
-    with one_line(LogError, r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"):
+    with one_line(
+        LogError, r"no fixed transforms lead from base_link to lidar; give reader\.body_T_lidar"
+    ):
         Bag(truth="/truth").open(tmp_path / "without", "drive")
     drive(bag_path(tmp_path, "mcap"), "mcap")
     told = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
     np.testing.assert_allclose(told.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12)
-    np.testing.assert_allclose(told.points(2), transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)), atol=1e-5)
+    np.testing.assert_allclose(
+        told.points(2),
+        transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)),
+        atol=1e-5,
+    )
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
@@ -332,7 +400,11 @@ def test_what_is_not_there_is_named(tmp_path: Path) -> None:
             Bag().open(tmp_path, name)
     assert Bag().sequences(tmp_path) == {}
     drive(bag_path(tmp_path, "ros1"), "ros1")
-    assert Bag(truth="/gps").sequences(tmp_path)["drive"][0].startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
+    assert (
+        Bag(truth="/gps")
+        .sequences(tmp_path)["drive"][0]
+        .startswith(f"{tmp_path}/drive.bag: reader.truth=/gps is not in it")
+    )
 
 
 def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> None:
@@ -341,7 +413,8 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
         for i in range(4):
             bag.transform(START_NS + i * STEP_NS, "map", "base_link", at(i))
     file = BagFile(path)
-    whole, messages = file.decode, count()
+    whole = file.decode
+    messages = count()
 
     def first_is_broken(data: bytes, kind: str) -> Any:
         return whole(data[:9] if next(messages) == 0 else data, kind)
@@ -359,7 +432,9 @@ def test_broken_transforms_are_counted_in_the_tracks_notes(tmp_path: Path) -> No
         ("lidar", "odom", "/truth gives poses in several frames: map, odom"),
     ],
 )
-def test_a_topic_in_several_frames_is_refused(tmp_path: Path, frame: str, world: str, says: str) -> None:
+def test_a_topic_in_several_frames_is_refused(
+    tmp_path: Path, frame: str, world: str, says: str
+) -> None:
     def write(bag: BagWriter) -> None:
         cloud(bag, START_NS)
         cloud(bag, START_NS + STEP_NS, frame=frame)
@@ -375,5 +450,8 @@ def test_an_mcap_of_another_profile_is_called_so(tmp_path: Path) -> None:
     data = path.read_bytes()
     other = tmp_path / "other.mcap"
     other.write_bytes(data.replace(b"\x04\x00\x00\x00ros2", b"\x04\x00\x00\x00ros1", 1))
-    with pytest.raises(LogError, match=r"an MCAP of profile 'ros1'; only those of ROS 2 can be read: give the ROS 1 \.bag"):
+    with pytest.raises(
+        LogError,
+        match=r"an MCAP of profile 'ros1'; only those of ROS 2 can be read: give the ROS 1 \.bag",
+    ):
         BagFile(other)

@@ -1,4 +1,5 @@
-"""Damaged bags: the reader returns a log that keeps its promises, or raises one line, and never needs a gigabyte."""
+"""Damaged bags: the reader returns a log that keeps its promises, or raises one line, and never
+needs a gigabyte."""
 
 import itertools
 import shutil
@@ -38,7 +39,9 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @given(data=st.data())
 @settings(max_examples=100, deadline=None, derandomize=True)
-def test_a_damaged_bag_is_a_log_or_a_line(tmp_path_factory: pytest.TempPathFactory, whole: Path, data: st.DataObject) -> None:
+def test_a_damaged_bag_is_a_log_or_a_line(
+    tmp_path_factory: pytest.TempPathFactory, whole: Path, data: st.DataObject
+) -> None:
     root = tmp_path_factory.getbasetemp() / f"bag{next(COUNT)}"
     root.mkdir()
     copy = root / whole.name
@@ -51,7 +54,8 @@ def test_a_damaged_bag_is_a_log_or_a_line(tmp_path_factory: pytest.TempPathFacto
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_sizes_of_gigabytes_take_no_memory(tmp_path: Path, kind: str) -> None:
-    """A huge number at fifty places of a bag, read in a process of its own, whose largest memory is checked."""
+    """A huge number at fifty places of a bag, read in a process of its own, whose largest memory is
+    checked."""
     drive(bag_path(tmp_path, kind), kind, clouds=1)
     code = f"""
 from pathlib import Path
@@ -64,8 +68,16 @@ for at in range(0, len(whole), max(len(whole) // 50, 1)):
     check(READER, root)
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2])
-    assert int(out.stdout) < 1024**2  # KiB, of which the libraries take some 200 MiB; getrusage would count the parent's too
+    out = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+    assert (
+        int(out.stdout) < 1024**2
+    )  # KiB, of which the libraries take some 200 MiB; getrusage would count the parent's too
 
 
 @given(kind=st.sampled_from(["ros1", "mcap"]), data=st.data())
@@ -75,10 +87,16 @@ def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
 ) -> None:
     root = tmp_path_factory.getbasetemp() / f"message{next(COUNT)}"
     with BagWriter(bag_path(root, kind), kind) as bag:
-        put, hit, number = bag._writer.write, data.draw(st.integers(0, 10)), itertools.count()
+        put = bag._writer.write
+        hit = data.draw(st.integers(0, 10))
+        number = itertools.count()
 
         def write(connection: Connection, stamp_ns: int, message: bytes) -> None:
-            put(connection, stamp_ns, data.draw(damaged(bytes(message))) if next(number) == hit else message)
+            put(
+                connection,
+                stamp_ns,
+                data.draw(damaged(bytes(message))) if next(number) == hit else message,
+            )
 
         bag._writer.write = write  # type: ignore[method-assign]
         fill(bag, clouds=3)
@@ -87,19 +105,35 @@ def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1.0, np.nan, np.inf])), min_size=1, max_size=8),
-    st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1.0, np.nan, 1e300])), min_size=1, max_size=12),
+    st.lists(
+        st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1.0, np.nan, np.inf])),
+        min_size=1,
+        max_size=8,
+    ),
+    st.lists(
+        st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1.0, np.nan, 1e300])),
+        min_size=1,
+        max_size=12,
+    ),
 )
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_stamps_in_any_order_give_the_first_cloud_of_each_between_poses(
-    tmp_path_factory: pytest.TempPathFactory, clouds: list[tuple[int, float]], poses: list[tuple[int, float]]
+    tmp_path_factory: pytest.TempPathFactory,
+    clouds: list[tuple[int, float]],
+    poses: list[tuple[int, float]],
 ) -> None:
     root = tmp_path_factory.getbasetemp() / f"stamps{next(COUNT)}"
     with BagWriter(root / "drive.bag", "ros1") as bag:
         for step, x in poses:
             bag.odometry(START_NS + step * STEP_NS, "map", "lidar", at(x), "/truth")
         for i, (step, x) in enumerate(clouds):
-            bag.points(START_NS + step * STEP_NS, "lidar", np.array([[i, 0, 0], [x, 0, 0]], np.float32), np.ones(2), np.ones(2))
+            bag.points(
+                START_NS + step * STEP_NS,
+                "lidar",
+                np.array([[i, 0, 0], [x, 0, 0]], np.float32),
+                np.ones(2),
+                np.ones(2),
+            )
     reader = Bag(truth="/truth", max_gap_s=10)
     check(reader, root)
     first = {step: i for i, (step, _) in reversed(list(enumerate(clouds)))}
@@ -109,6 +143,8 @@ def test_stamps_in_any_order_give_the_first_cloud_of_each_between_poses(
         assert_line(error, root)
     else:
         steps = ((log.stamps_ns - START_NS) // STEP_NS).tolist()
-        assert [log.points(row)[0, 0] for row in range(len(steps))] == [first[step] for step in steps]
+        assert [log.points(row)[0, 0] for row in range(len(steps))] == [
+            first[step] for step in steps
+        ]
         assert len(steps) + log.skipped.total() == len(clouds)
     shutil.rmtree(root)

@@ -13,26 +13,43 @@ from tests.readers.damage import one_line, opened
 from tests.readers.logs import carmen_log, flaser
 
 
-def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(tmp_path: Path) -> None:
+def test_a_corrected_log_has_its_truth_in_its_sweeps_and_drifts_between_them(
+    tmp_path: Path,
+) -> None:
     log = opened(Carmen(), carmen_log(tmp_path), "drive")
     assert log is not None
     assert log.stamps_ns.tolist() == [10**9 * i for i in range(10, 16)]
     assert log.world_T_scan[:, :3, 3].tolist() == [[i, 0, 0] for i in range(6)]
     assert np.isnan(log.odom_T_scan[0]).all()  # no reading came before the first sweep
-    # Each stretch of odometry is 1.5 m along x and a quarter along y; the step back to the truth is no motion.
-    assert np.diff(log.odom_T_scan[1:, :2, 3], axis=0) == pytest.approx(np.tile([1.5, 0.25], (4, 1)))
-    assert log.points(0) == pytest.approx(np.array([[0, -1, 7], [2, 0, 7]]))  # the third beam, of 50 m, hit nothing
+    # Each stretch of odometry is 1.5 m along x and a quarter along y; the step back to the truth is
+    # no motion.
+    assert np.diff(log.odom_T_scan[1:, :2, 3], axis=0) == pytest.approx(
+        np.tile([1.5, 0.25], (4, 1))
+    )
+    assert log.points(0) == pytest.approx(
+        np.array([[0, -1, 7], [2, 0, 7]])
+    )  # the third beam, of 50 m, hit nothing
     assert log.notes == ("6 of 18 ranges reached the laser's limit of 49.98 m: no hits",)
 
 
 def test_the_step_to_a_correction_is_no_motion_whichever_laser_it_follows(tmp_path: Path) -> None:
     readings = [f"ODOM {x} 0 0 1 0 0 1 host 1\n" for x in (0, 0, 1, 5, 6)]
     rear = flaser([1], "5 0 0", 2, kind="RLASER")
-    lines = [readings[0], flaser([1], "0 0 0", 1), *readings[1:3], rear, *readings[3:], flaser([1], "6 0 0", 3)]
+    lines = [
+        readings[0],
+        flaser([1], "0 0 0", 1),
+        *readings[1:3],
+        rear,
+        *readings[3:],
+        flaser([1], "6 0 0", 3),
+    ]
     (tmp_path / "a.log").write_text("".join(lines))
     log = opened(Carmen(), tmp_path, "a")
     assert log is not None
-    assert log.odom_T_scan[:, 0, 3].tolist() == [0, 2]  # a metre before the rear sweep's correction and one after
+    assert log.odom_T_scan[:, 0, 3].tolist() == [
+        0,
+        2,
+    ]  # a metre before the rear sweep's correction and one after
 
 
 def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
@@ -45,12 +62,15 @@ def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
 def test_newer_records_say_their_angles_and_their_limit(tmp_path: Path) -> None:
     new = "ROBOTLASER1 0 -1.5707963267948966 3.14 1.5707963267948966 20 0.01 0 4 1 2 20 nan 1 7 "
     poses = "1.5 2 1.5707963267948966 1 2 1.5707963267948966 "
-    (tmp_path / "new.log").write_text(f"{new}{poses}0 0 0.5 0.5 1e6 3.5 host 3.5\n{new}{poses}0 0\n")
+    (tmp_path / "new.log").write_text(
+        f"{new}{poses}0 0 0.5 0.5 1e6 3.5 host 3.5\n{new}{poses}0 0\n"
+    )
     log = opened(Carmen(lift_m=0), tmp_path, "new")
     assert log is not None
     assert log.skipped == {"broken record": 1}
     assert yaw(log.world_T_scan) == pytest.approx(np.pi / 2)
-    # The laser stands .5 m along the world's x, which is to the right of a robot that looks along y.
+    # The laser stands .5 m along the world's x, which is to the right of a robot that looks along
+    # y.
     assert log.points(0) == pytest.approx(np.array([[0, -1.5, 0], [2, -0.5, 0]]))
 
 
@@ -58,7 +78,9 @@ def test_another_file_may_hold_the_truth(tmp_path: Path) -> None:
     raw = [flaser([1, 2], f"{i} {0.1 * i} 0", 5 + i) for i in range(4)]
     rear = flaser([3], "9 9 9", 5.5, kind="RLASER")
     (tmp_path / "a.log").write_text("".join([raw[0], rear, *raw[1:]]))
-    (tmp_path / "a.gfs.log.gz").write_bytes(gzip.compress("".join(flaser([], f"{i} 0 0", 5 + i) for i in (0, 1, 3)).encode()))
+    (tmp_path / "a.gfs.log.gz").write_bytes(
+        gzip.compress("".join(flaser([], f"{i} 0 0", 5 + i) for i in (0, 1, 3)).encode())
+    )
     reader = Carmen(corrected="{sequence}.gfs.log.gz")
     assert reader.sequences(tmp_path) == {"a": []}
     log = opened(reader, tmp_path, "a")
@@ -71,7 +93,9 @@ def test_another_file_may_hold_the_truth(tmp_path: Path) -> None:
 
 
 def test_a_raw_log_is_suspected(tmp_path: Path) -> None:
-    lines = [f"ODOM {i} 0 0 1 0 0 {i} host {i}\n{flaser([1], f'{i + 0.5} 0 0', i)}" for i in range(1, 5)]
+    lines = [
+        f"ODOM {i} 0 0 1 0 0 {i} host {i}\n{flaser([1], f'{i + 0.5} 0 0', i)}" for i in range(1, 5)
+    ]
     (tmp_path / "raw.log").write_text("".join(lines))
     assert "is it a raw log?" in Carmen().open(tmp_path, "raw").notes[-1]
 
@@ -79,7 +103,11 @@ def test_a_raw_log_is_suspected(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "data", "says"),
     [
-        ("a.log", b"ODOM 1 2 3\n", "no readable FLASER, RLASER, ROBOTLASER1, ROBOTLASER2 record; is it a CARMEN log?"),
+        (
+            "a.log",
+            b"ODOM 1 2 3\n",
+            "no readable FLASER, RLASER, ROBOTLASER1, ROBOTLASER2 record; is it a CARMEN log?",
+        ),
         ("a.log", flaser([1], "0 0 0", 1, kind="RLASER").encode(), "no sweep of a front laser"),
         ("a.log", flaser([1], "0 0 0", 1e30).encode(), "stamped 1e"),
         ("a.log", flaser([1], "1e9 0 0", 1).encode(), "lies nowhere on Earth"),
@@ -88,7 +116,9 @@ def test_a_raw_log_is_suspected(tmp_path: Path) -> None:
         ("b.log", b"", "no such log"),
     ],
 )
-def test_a_log_that_cannot_be_read_is_one_line(tmp_path: Path, name: str, data: bytes, says: str) -> None:
+def test_a_log_that_cannot_be_read_is_one_line(
+    tmp_path: Path, name: str, data: bytes, says: str
+) -> None:
     (tmp_path / name).write_bytes(data)
     with one_line(LogError, says):
         Carmen().open(tmp_path, "a")
@@ -96,7 +126,8 @@ def test_a_log_that_cannot_be_read_is_one_line(tmp_path: Path, name: str, data: 
 
 def test_freiburgs_campus_is_as_measured(real: Path) -> None:
     log = Carmen().open(real / "carmen", "freiburg-campus-corrected")
-    xy_m, drifted_m = log.world_T_scan[:, :2, 3], log.odom_T_scan[:, :2, 3]
+    xy_m = log.world_T_scan[:, :2, 3]
+    drifted_m = log.odom_T_scan[:, :2, 3]
     assert len(xy_m) == 2008
     assert np.linalg.norm(np.diff(xy_m, axis=0), axis=1).sum() == pytest.approx(1754, abs=1)
     assert np.linalg.norm(drifted_m[-1] - xy_m[-1]) == pytest.approx(159, abs=1)

@@ -1,4 +1,5 @@
-"""A robot's own folder, made by hand: scans of three kinds, TUM and KITTI poses, and what must be refused."""
+"""A robot's own folder, made by hand: scans of three kinds, TUM and KITTI poses, and what must be
+refused."""
 
 from pathlib import Path
 
@@ -27,12 +28,15 @@ def test_a_bin_is_rows_of_floats_as_wide_as_declared(tmp_path: Path) -> None:
     path = tmp_path / "1.bin"
     path.write_bytes(np.arange(10, dtype="<f4").tobytes())
     np.testing.assert_array_equal(read_scan(path, np.eye(4), 20), [[0, 1, 2], [5, 6, 7]])
-    with pytest.raises(LogError, match=r"40 bytes are no whole number of 16-byte points \(reader.point_bytes\)"):
+    with pytest.raises(
+        LogError, match=r"40 bytes are no whole number of 16-byte points \(reader.point_bytes\)"
+    ):
         read_scan(path, np.eye(4), 16)
 
 
 def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
-    # Version 1.0, a header of 118 bytes so that the points start at byte 128; big-endian 16-bit integers, by columns.
+    # Version 1.0, a header of 118 bytes so that the points start at byte 128; big-endian 16-bit
+    # integers, by columns.
     head = "{'descr': '>i2', 'fortran_order': True, 'shape': (2, 4), }"
     data = b"\x93NUMPY\x01\x00" + bytes([118, 0]) + head.ljust(117).encode() + b"\n"
     path = tmp_path / "1.npy"
@@ -45,34 +49,47 @@ def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
 def test_arrays_come_back(tmp_path: Path, kind: str, order: str) -> None:
     points = np.arange(20).reshape(5, 4).astype(kind, order=order)  # type: ignore[call-overload]
     np.save(tmp_path / "1.npy", points)
-    np.testing.assert_array_equal(read_scan(tmp_path / "1.npy", np.eye(4), 16), points[:, :3].astype(float))
+    np.testing.assert_array_equal(
+        read_scan(tmp_path / "1.npy", np.eye(4), 16), points[:, :3].astype(float)
+    )
 
 
 @pytest.mark.parametrize(
     ("shape", "says"),
     [
-        ((4, 2000), r"found float32\(4, 2000\): its columns are its points; save `numpy.moveaxis\(array, 0, -1\)`"),
+        (
+            (4, 2000),
+            r"found float32\(4, 2000\): its columns are its points; save `numpy.moveaxis\(array, 0, -1\)`",
+        ),
         ((3, 16, 64), r"found float32\(3, 16, 64\): its columns are its points"),
         ((64, 1024), r"found float32\(64, 1024\); a range image has no x, y, z"),
         ((20, 2), r"found float32\(20, 2\); x, y and z are needed"),
     ],
 )
-def test_an_array_that_holds_no_points_along_its_last_axis_is_refused(tmp_path: Path, shape: tuple[int, ...], says: str) -> None:
+def test_an_array_that_holds_no_points_along_its_last_axis_is_refused(
+    tmp_path: Path, shape: tuple[int, ...], says: str
+) -> None:
     np.save(tmp_path / "1.npy", np.ones(shape, np.float32))
     with pytest.raises(LogError, match=f"1.npy: expected points .*{says}"):
         read_scan(tmp_path / "1.npy", np.eye(4))
 
 
 def test_a_guess_of_how_wide_points_are_is_said(tmp_path: Path) -> None:
-    """500 points of a cube filled evenly are as well 400 of 20 bytes; a number that is given is no guess."""
+    """500 points of a cube filled evenly are as well 400 of 20 bytes; a number that is given is no
+    guess."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
     root = folder_log(tmp_path, scans={f"scans/{START}.150.bin": cube})
     (note,) = Folder().open(root, "drive").notes
-    assert f"{START}.150.bin fits points of several sizes: 16 bytes are assumed; say reader.point_bytes" in note
+    assert (
+        f"{START}.150.bin fits points of several sizes: 16 bytes are assumed; say "
+        "reader.point_bytes" in note
+    )
     assert Folder(point_bytes=16).open(root, "drive").notes == ()
 
 
-def test_a_file_as_large_as_a_map_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_as_large_as_a_map_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(files, "LARGEST_BYTES", 31)
     (tmp_path / "1.bin").write_bytes(bytes(32))
     with pytest.raises(LogError, match="32 bytes are more than one scan has"):
@@ -80,16 +97,20 @@ def test_a_file_as_large_as_a_map_is_refused(tmp_path: Path, monkeypatch: pytest
 
 
 def test_points_that_no_lidar_sees_are_dropped(tmp_path: Path) -> None:
-    (tmp_path / "1.bin").write_bytes(cloud((1, 2, 3), (np.nan, 0, 0), (0, np.inf, 0), (0, 0, 3e38), (4, 5, 6)))
-    np.testing.assert_array_equal(read_scan(tmp_path / "1.bin", np.eye(4), 16), [[1, 2, 3], [4, 5, 6]])
+    (tmp_path / "1.bin").write_bytes(
+        cloud((1, 2, 3), (np.nan, 0, 0), (0, np.inf, 0), (0, 0, 3e38), (4, 5, 6))
+    )
+    np.testing.assert_array_equal(
+        read_scan(tmp_path / "1.bin", np.eye(4), 16), [[1, 2, 3], [4, 5, 6]]
+    )
 
 
 # Poses
 
 
 def test_a_tum_file_may_have_commas_comments_and_unknown_rows(tmp_path: Path) -> None:
-    # A quarter turn to the left is (0, 0, √½, √½). As a double, 1326030976.123456789 would be …123456717. The last quaternion is
-    # half a per mille too long, and normalised.
+    # A quarter turn to the left is (0, 0, √½, √½). As a double, 1326030976.123456789 would be
+    # …123456717. The last quaternion is half a per mille too long, and normalised.
     path = tmp_path / "poses.txt"
     path.write_text(
         f"# stamp x y z qx qy qz qw\n{START}.5 1 2 3 0 0 0.70710678 0.70710678\n\n"
@@ -97,7 +118,12 @@ def test_a_tum_file_may_have_commas_comments_and_unknown_rows(tmp_path: Path) ->
         f"{START + 2} nan nan nan nan nan nan nan\n{START + 3} 0 0 0 0 0 0 1.0005\n"
     )
     stamps_ns, poses = read_tum(path)
-    assert (stamps_ns - START * 10**9).tolist() == [500_000_000, 1_123_456_789, 2_000_000_000, 3_000_000_000]
+    assert (stamps_ns - START * 10**9).tolist() == [
+        500_000_000,
+        1_123_456_789,
+        2_000_000_000,
+        3_000_000_000,
+    ]
     np.testing.assert_allclose(poses[:2, :3, 3], [[1, 2, 3], [4, 5, 6]])
     np.testing.assert_allclose(np.rad2deg(yaw(poses[:2])), [90, 0], atol=1e-6)
     assert np.isnan(poses[2]).all()
@@ -115,7 +141,9 @@ def test_a_tum_file_may_have_commas_comments_and_unknown_rows(tmp_path: Path) ->
         ("1 2 3\n", "0\n", "expected 12 numbers a row"),
     ],
 )
-def test_kitti_poses_that_cannot_be_are_one_line(tmp_path: Path, poses: str, times: str, says: str) -> None:
+def test_kitti_poses_that_cannot_be_are_one_line(
+    tmp_path: Path, poses: str, times: str, says: str
+) -> None:
     (tmp_path / "poses.txt").write_text(poses)
     (tmp_path / "times.txt").write_text(times)
     with one_line(LogError, says):
@@ -132,7 +160,9 @@ def test_kitti_poses_that_cannot_be_are_one_line(tmp_path: Path, poses: str, tim
         (f"{START}123 1 0 0 0 0 0 1", "its stamp is in ms"),
     ],
 )
-def test_poses_of_another_layout_are_told_by_their_numbers(tmp_path: Path, row: str, says: str) -> None:
+def test_poses_of_another_layout_are_told_by_their_numbers(
+    tmp_path: Path, row: str, says: str
+) -> None:
     (tmp_path / "poses.txt").write_text(f"{row}\n")
     with one_line(LogError, f"expected stamp x y z qx qy qz qw, in s and m; {says}"):
         read_tum(tmp_path / "poses.txt")
@@ -148,7 +178,8 @@ def test_a_tum_trajectory_is_told_where_kitti_poses_are_wanted(tmp_path: Path) -
 
 
 def test_a_scan_between_two_poses_lies_halfway(tmp_path: Path) -> None:
-    # 10 m/s forward, poses every 0.1 s: at 0.15 s, 1.5 m. The lidar's point is 2 m ahead, 1 m left, 3 m up.
+    # 10 m/s forward, poses every 0.1 s: at 0.15 s, 1.5 m. The lidar's point is 2 m ahead, 1 m left,
+    # 3 m up.
     log = Folder().open(folder_log(tmp_path), "drive")
     assert log.stamps_ns.tolist() == [START * 10**9 + 150_000_000]
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1.5, 0, 0])
@@ -159,24 +190,39 @@ def test_a_scan_between_two_poses_lies_halfway(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("stamps", "stem"),
-    [("s", f"{START}.150"), ("us", f"{START}150000"), ("ns", f"{START}150000000"), ("ns", f"00{START}150000000")],
+    [
+        ("s", f"{START}.150"),
+        ("us", f"{START}150000"),
+        ("ns", f"{START}150000000"),
+        ("ns", f"00{START}150000000"),
+    ],
 )
 def test_names_are_stamps_in_the_declared_unit(tmp_path: Path, stamps: str, stem: str) -> None:
-    log = Folder(stamps=stamps).open(folder_log(tmp_path, scans={f"scans/{stem}.bin": cloud((1, 1, 1))}), "drive")
+    log = Folder(stamps=stamps).open(
+        folder_log(tmp_path, scans={f"scans/{stem}.bin": cloud((1, 1, 1))}), "drive"
+    )
     assert log.stamps_ns.tolist() == [START * 10**9 + 150_000_000]
 
 
 def test_names_in_another_unit_are_told_which(tmp_path: Path) -> None:
-    """Decimals of a second fit no double: by their digits these are nanoseconds, beyond any stamp in seconds."""
+    """Decimals of a second fit no double: by their digits these are nanoseconds, beyond any stamp
+    in seconds."""
     root = folder_log(tmp_path, scans={f"scans/{START}123456789.bin": cloud((1, 1, 1))})
-    with pytest.raises(LogError, match=f"{START}123456789.bin is none: is it in ns\\? Then say reader.stamps=ns"):
+    with pytest.raises(
+        LogError, match=f"{START}123456789.bin is none: is it in ns\\? Then say reader.stamps=ns"
+    ):
         Folder().open(root, "drive")
 
 
 @pytest.mark.parametrize("stamps", ["us", "ns"])
 def test_a_wrong_unit_is_told_with_both_spans(tmp_path: Path, stamps: str) -> None:
     root = folder_log(tmp_path, scans={f"scans/{START}.bin": cloud((1, 1, 1))})
-    with pytest.raises(LogError, match=f"none of its 1 scans has a pose: .*the poses 1326030975.000 .*reader.stamps={stamps}"):
+    with pytest.raises(
+        LogError,
+        match=(
+            f"none of its 1 scans has a pose: .*the poses 1326030975.000 .*reader.stamps={stamps}"
+        ),
+    ):
         Folder(stamps=stamps).open(root, "drive")
 
 
@@ -184,7 +230,10 @@ def key_frames(every_s: float, off_us: int) -> dict[str, str | dict[str, bytes]]
     """Five poses 5 m apart, and a scan so many microseconds after each."""
     times = [START + every_s * i for i in range(5)]
     poses = "".join(f"{time:.6f} {5 * i} 0 0 0 0 0 1\n" for i, time in enumerate(times))
-    return {"poses": poses, "scans": {f"scans/{time + 1e-6 * off_us:.6f}.bin": cloud((1, 1, 1)) for time in times}}
+    return {
+        "poses": poses,
+        "scans": {f"scans/{time + 1e-6 * off_us:.6f}.bin": cloud((1, 1, 1)) for time in times},
+    }
 
 
 def test_key_frames_have_their_own_poses_however_sparse_and_rounded(tmp_path: Path) -> None:
@@ -196,35 +245,48 @@ def test_of_scans_between_sparse_poses_the_gap_is_told_and_no_unit_blamed(tmp_pa
     with pytest.raises(LogError) as refused:
         Folder().open(folder_log(tmp_path, **key_frames(2.0, off_us=500_000)), "drive")
     line = str(refused.value)
-    assert "none of its 5 scans has a pose: 4 in a gap of the poses, 1 outside the poses' span; they span" in line
+    assert (
+        "none of its 5 scans has a pose: 4 in a gap of the poses, 1 outside the poses' span; they "
+        "span" in line
+    )
     assert "poses are usually 2 s apart, more than reader.max_gap_s=0.5" in line
     assert "unit" not in line
 
 
 def test_the_first_and_the_last_scan_have_the_poses_of_their_own_stamps(tmp_path: Path) -> None:
-    # Six decimals in both; read as doubles, or as doubles on one side only, an end could fall out of the poses' span.
+    # Six decimals in both; read as doubles, or as doubles on one side only, an end could fall out
+    # of the poses' span.
     names = [f"{START}.123457", f"{START}.999999"]
     poses = "".join(f"{name} {x} 0 0 0 0 0 1\n" for x, name in enumerate(names))
-    root = folder_log(tmp_path, poses=poses, scans={f"scans/{name}.bin": cloud((1, 1, 1)) for name in names})
+    root = folder_log(
+        tmp_path, poses=poses, scans={f"scans/{name}.bin": cloud((1, 1, 1)) for name in names}
+    )
     log = Folder().open(root, "drive")
     np.testing.assert_array_equal(log.world_T_scan[:, 0, 3], [0, 1])
 
 
 def test_the_lidars_place_and_the_bodys_height_move_the_points(tmp_path: Path) -> None:
-    # The lidar looks left (yaw 90°) from (1, 0, 0.5): its (2, 1, 3) is 1 left of −2… x = 1 − 1, y = 2, z = 3.5; the body's origin
-    # is 0.3 m over the ground.
+    # The lidar looks left (yaw 90°) from (1, 0, 0.5): its (2, 1, 3) is 1 left of −2… x = 1 − 1, y =
+    # 2, z = 3.5; the body's origin is 0.3 m over the ground.
     log = Folder(body_T_lidar=[1, 0, 0.5, 0, 0, 90], lift_m=0.3).open(folder_log(tmp_path), "drive")
     np.testing.assert_allclose(log.points(0), [[0, 2, 3.8]], atol=1e-12)
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1.5, 0, 0], atol=1e-12)
 
 
 def test_a_point_lies_in_the_world_where_the_raw_poses_put_it_plus_the_lift(tmp_path: Path) -> None:
-    # Rolled by 90° to the right: up becomes right… whatever the pose, world_T_scan · points is world_T_body · p, lifted.
+    # Rolled by 90° to the right: up becomes right… whatever the pose, world_T_scan · points is
+    # world_T_body · p, lifted.
     pose = "1 2 3 0.70710678 0 0 0.70710678"  # roll 90°: y → z, z → −y
-    root = folder_log(tmp_path, poses=f"{START} {pose}\n{START + 1} {pose}\n", scans={f"scans/{START}.bin": cloud((2, 1, 3))})
+    root = folder_log(
+        tmp_path,
+        poses=f"{START} {pose}\n{START + 1} {pose}\n",
+        scans={f"scans/{START}.bin": cloud((2, 1, 3))},
+    )
     log = Folder(lift_m=0.3).open(root, "drive")
     T = log.world_T_scan[0]
-    np.testing.assert_allclose(T[:3, :3] @ log.points(0)[0] + T[:3, 3], [1 + 2, 2 - 3, 3 + 1 + 0.3], atol=1e-6)
+    np.testing.assert_allclose(
+        T[:3, :3] @ log.points(0)[0] + T[:3, 3], [1 + 2, 2 - 3, 3 + 1 + 0.3], atol=1e-6
+    )
 
 
 def test_scans_of_all_kinds_stand_beside_each_other(tmp_path: Path) -> None:
@@ -237,7 +299,9 @@ def test_scans_of_all_kinds_stand_beside_each_other(tmp_path: Path) -> None:
         f"scans/{START}.40.txt": b"no scan",
     }
     log = Folder().open(folder_log(tmp_path, scans=scans), "drive")
-    np.testing.assert_array_equal(np.concatenate([log.points(row) for row in range(3)]), [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    np.testing.assert_array_equal(
+        np.concatenate([log.points(row) for row in range(3)]), [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
+    )
     log = Folder(scans="scans/*.pcd").open(tmp_path, "drive")
     np.testing.assert_array_equal(log.points(0), [[7, 8, 9]])
     assert len(log.stamps_ns) == 1
@@ -285,8 +349,15 @@ def test_odometry_is_given_at_the_scans(tmp_path: Path) -> None:
 
 def test_kitti_poses_belong_to_scans_by_number(tmp_path: Path) -> None:
     poses = "".join(f"1 0 0 {2 * i} 0 1 0 0 0 0 1 0\n" for i in range(4))
-    scans = {f"scans/{name}.bin": cloud((int(name), 0, 0)) for name in ("000000", "3", "000004", "12")}
-    root = folder_log(tmp_path, poses=poses, scans={**scans, "scans/1.5.bin": cloud((0, 0, 0))}, times="0.0\n0.1\n0.2\n0.3\n")
+    scans = {
+        f"scans/{name}.bin": cloud((int(name), 0, 0)) for name in ("000000", "3", "000004", "12")
+    }
+    root = folder_log(
+        tmp_path,
+        poses=poses,
+        scans={**scans, "scans/1.5.bin": cloud((0, 0, 0))},
+        times="0.0\n0.1\n0.2\n0.3\n",
+    )
     log = Folder(poses_format="kitti").open(root, "drive")
     assert log.stamps_ns.tolist() == [0, 300_000_000]
     np.testing.assert_array_equal(log.world_T_scan[:, 0, 3], [0, 6])
@@ -295,9 +366,13 @@ def test_kitti_poses_belong_to_scans_by_number(tmp_path: Path) -> None:
 
 
 def test_poses_of_a_camera_are_turned_upright(tmp_path: Path) -> None:
-    # 5 m along the camera's z (forward), 3 m along its x (right), −4 m along its y (up); turned to the right: z becomes x.
+    # 5 m along the camera's z (forward), 3 m along its x (right), −4 m along its y (up); turned to
+    # the right: z becomes x.
     root = folder_log(
-        tmp_path, poses=f"{POSE}0\n0 0 1 3 0 1 0 -4 -1 0 0 5\n", scans={"scans/1.bin": cloud((1, 0, 0))}, times="0\n1\n"
+        tmp_path,
+        poses=f"{POSE}0\n0 0 1 3 0 1 0 -4 -1 0 0 5\n",
+        scans={"scans/1.bin": cloud((1, 0, 0))},
+        times="0\n1\n",
     )
     log = Folder(poses_format="kitti", poses_frame="camera").open(root, "drive")
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [5, -3, 4], atol=1e-12)
@@ -308,11 +383,16 @@ def test_poses_of_a_camera_are_turned_upright(tmp_path: Path) -> None:
     ("change", "says"),
     [
         ({"poses": None}, "poses.txt: no such file"),
-        ({"scans": {}}, r"holds no readable scan in scans \(named by stamps in s; .bin, .npy or .pcd\)"),
+        (
+            {"scans": {}},
+            r"holds no readable scan in scans \(named by stamps in s; .bin, .npy or .pcd\)",
+        ),
         ({"scans": {"scans/one.bin": bytes(16)}}, "holds no readable scan"),
     ],
 )
-def test_a_folder_that_lacks_something_is_refused(tmp_path: Path, change: dict[str, object], says: str) -> None:
+def test_a_folder_that_lacks_something_is_refused(
+    tmp_path: Path, change: dict[str, object], says: str
+) -> None:
     with one_line(LogError, says):
         Folder().open(folder_log(tmp_path, **change), "drive")
     with one_line(LogError, "other: no such folder of a sequence"):
@@ -340,4 +420,6 @@ def test_settings_may_come_from_hydra(tmp_path: Path) -> None:
     from omegaconf import OmegaConf
 
     numbers = OmegaConf.create({"at": [0, 0, 1, 0, 0, 0]}).at
-    np.testing.assert_allclose(Folder(body_T_lidar=numbers).open(folder_log(tmp_path), "drive").points(0), [[2, 1, 4]])
+    np.testing.assert_allclose(
+        Folder(body_T_lidar=numbers).open(folder_log(tmp_path), "drive").points(0), [[2, 1, 4]]
+    )

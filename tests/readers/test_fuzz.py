@@ -1,4 +1,5 @@
-"""Damaged files: a reader returns a log that keeps its promises, or raises one line; it never needs more than a gigabyte."""
+"""Damaged files: a reader returns a log that keeps its promises, or raises one line; it never needs
+more than a gigabyte."""
 
 import gzip
 import io
@@ -24,14 +25,25 @@ from pipeline.readers.nclt import Nclt, read_packets, read_poses, read_velodyne_
 from pipeline.readers.robotcar import RobotCar, read_sweep
 from tests.readers import robotcar_drive
 from tests.readers.damage import damaged, one_line, opened
-from tests.readers.logs import DATE, START, carmen_log, folder_log, key_frames, kitti_log, nclt_log, nclt_row, packet
+from tests.readers.logs import (
+    DATE,
+    START,
+    carmen_log,
+    folder_log,
+    key_frames,
+    kitti_log,
+    nclt_log,
+    nclt_row,
+    packet,
+)
 
 COUNT = itertools.count()
 
 
 @pytest.fixture(autouse=True, scope="module")
 def one_gigabyte() -> Iterator[None]:
-    """An allocation of more than that beyond the memory of the tests is a MemoryError, even if it is never touched."""
+    """An allocation of more than that beyond the memory of the tests is a MemoryError, even if it
+    is never touched."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + 2**30, before[1]))
     yield
@@ -39,7 +51,9 @@ def one_gigabyte() -> Iterator[None]:
 
 
 def nclt(root: Path) -> Path:
-    return nclt_log(root, odometry="".join(f"{START + 10_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(20)))
+    return nclt_log(
+        root, odometry="".join(f"{START + 10_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(20))
+    )
 
 
 def own_folder(root: Path, form: str) -> Path:
@@ -70,7 +84,8 @@ def carmen_packed(root: Path) -> Path:
 
 
 TUM, KITTI = (Folder(poses_format=form, odometry="odometry.txt") for form in ("tum", "kitti"))
-DRIVE, BOTH = robotcar_drive.DATE, RobotCar(("lms_front", "lms_rear"))
+DRIVE = robotcar_drive.DATE
+BOTH = RobotCar(("lms_front", "lms_rear"))
 SCAN = f"lms_front/{robotcar_drive.START + 350_000}.bin"
 LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
     (
@@ -78,24 +93,40 @@ LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
         Nclt(),
         DATE,
         f"{DATE}/",
-        (f"groundtruth_{DATE}.csv", "odometry_mu_100hz.csv", f"velodyne_sync/{START + 150_000}.bin"),
+        (
+            f"groundtruth_{DATE}.csv",
+            "odometry_mu_100hz.csv",
+            f"velodyne_sync/{START + 150_000}.bin",
+        ),
     ),
     (kitti_log, Kitti(), "07", "sequences/07/", ("calib.txt", "times.txt", "velodyne/000002.bin")),
     (kitti_log, Kitti(), "07", "poses/", ("07.txt",)),
     (lambda root: own_folder(root, "tum"), TUM, "drive", "drive/", ("poses.txt", "odometry.txt")),
     (lambda root: own_folder(root, "kitti"), KITTI, "drive", "drive/", ("poses.txt", "times.txt")),
-    (robotcar, BOTH, DRIVE, f"{DRIVE}/", ("vo/vo.csv", "gps/ins.csv", "lms_front.timestamps", SCAN)),
+    (
+        robotcar,
+        BOTH,
+        DRIVE,
+        f"{DRIVE}/",
+        ("vo/vo.csv", "gps/ins.csv", "lms_front.timestamps", SCAN),
+    ),
     (robotcar, BOTH, DRIVE, "extrinsics/", ("lms_front.txt", "ins.txt")),
     (carmen_log, Carmen(), "drive", "", ("drive.log",)),
     (carmen_pair, Carmen(corrected="{sequence}.gfs.log"), "drive", "", ("drive.gfs.log",)),
     (carmen_packed, Carmen(), "drive", "", ("drive.log.gz",)),
     (key_frames, KeyFrames(), "run", "run/", ("keyframes.txt", "2.pcd")),
 ]
-FILES = [(make, reader, sequence, folder + file) for make, reader, sequence, folder, files in LOGS for file in files]
+FILES = [
+    (make, reader, sequence, folder + file)
+    for make, reader, sequence, folder, files in LOGS
+    for file in files
+]
 
 
 @pytest.mark.parametrize(
-    ("make", "reader", "sequence", "file"), FILES, ids=[f"{type(row[1]).__name__} {row[3]}" for row in FILES]
+    ("make", "reader", "sequence", "file"),
+    FILES,
+    ids=[f"{type(row[1]).__name__} {row[3]}" for row in FILES],
 )
 @given(data=st.data())
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -113,7 +144,10 @@ def test_a_log_with_a_damaged_file_keeps_its_promises_or_is_one_line(
 
 
 def pcd(data: str, body: bytes) -> bytes:
-    head = "VERSION 0.7\nFIELDS x y z ring\nSIZE 4 4 8 2\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+    head = (
+        "VERSION 0.7\nFIELDS x y z ring\nSIZE 4 4 8 2\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH "
+        "2\nHEIGHT 1\nPOINTS 2\n"
+    )
     return f"{head}DATA {data}\n".encode() + body
 
 
@@ -124,7 +158,9 @@ def npy(array: np.ndarray) -> bytes:
 
 
 RECORDS = struct.pack("<ffdHffdH", 1, 2, 3, 4, 5, 6, 7, 8)
-BLOCK = bytes([31]) + RECORDS[:32] + bytes([0]) + RECORDS[32:33] + bytes([1 << 5, 7])  # 32 literals, 1, and a copy of 3
+BLOCK = (
+    bytes([31]) + RECORDS[:32] + bytes([0]) + RECORDS[32:33] + bytes([1 << 5, 7])
+)  # 32 literals, 1, and a copy of 3
 PACKETS = [np.full(4, 44_444), [2, 0], np.arange(6), np.arange(8), np.full(4, 44_444), np.zeros(8)]
 HITS = np.concatenate(PACKETS).astype("<u2").tobytes()
 
@@ -144,9 +180,24 @@ def own_scan(path: Path) -> np.ndarray:
         (read_velodyne_sync, "bin", HITS[: 8 * 7], 7),
         (read_velodyne, "bin", HITS[:48], 3),
         (lambda path: read_packets(path).hits(0), "bin", HITS, 2),
-        (lambda path: read_poses(path).world_T_body[:, :3, 3], "csv", b"1, 2, 0, 0, 0, 0, 0\n5, 3, 0, 0, 0, 0, 0\n", 2),
+        (
+            lambda path: read_poses(path).world_T_body[:, :3, 3],
+            "csv",
+            b"1, 2, 0, 0, 0, 0, 0\n5, 3, 0, 0, 0, 0, 0\n",
+            2,
+        ),
     ],
-    ids=["bin", "npy", "ascii pcd", "binary pcd", "compressed pcd", "velodyne_sync", "velodyne", "packets", "NCLT poses"],
+    ids=[
+        "bin",
+        "npy",
+        "ascii pcd",
+        "binary pcd",
+        "compressed pcd",
+        "velodyne_sync",
+        "velodyne",
+        "packets",
+        "NCLT poses",
+    ],
 )
 @given(data=st.data())
 @settings(max_examples=120, deadline=None, derandomize=True)
@@ -180,7 +231,13 @@ def test_a_range_image_is_points(tmp_path: Path) -> None:
 
 def npy_header(shape: str, kind: str = "<f4", body: bytes = bytes(24), version: int = 1) -> bytes:
     head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
-    return b"\x93NUMPY" + bytes([version, 0]) + len(head).to_bytes(2 if version == 1 else 4, "little") + head + body
+    return (
+        b"\x93NUMPY"
+        + bytes([version, 0])
+        + len(head).to_bytes(2 if version == 1 else 4, "little")
+        + head
+        + body
+    )
 
 
 def tum(*rows: str) -> str:
@@ -188,7 +245,9 @@ def tum(*rows: str) -> str:
 
 
 SECOND = START + 100_000
-TWO = packet(START, (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)) + packet(START + 5, (0, 0, 65_535, 1, 2))
+TWO = packet(START, (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)) + packet(
+    START + 5, (0, 0, 65_535, 1, 2)
+)
 READS: dict[str, Callable[[Path], object]] = {
     "1.npy": own_scan,
     "poses.txt": read_tum,
@@ -207,18 +266,34 @@ READS: dict[str, Callable[[Path], object]] = {
         ("1.npy", npy_header("(2, 3)")[:20], "no whole .npy file"),
         ("1.npy", npy_header("(" * 3000), "no whole .npy file"),
         ("1.npy", npy_header("(2, 3)", version=9), "no whole .npy file"),
-        ("1.npy", npy_header("(6,)"), r"expected points \(n, 3 or more\) as numbers, found float32\(6,\)"),
+        (
+            "1.npy",
+            npy_header("(6,)"),
+            r"expected points \(n, 3 or more\) as numbers, found float32\(6,\)",
+        ),
         ("1.npy", npy_header("(3, 2)"), "3 or more"),
         ("1.npy", npy_header("(2, 3)", "|O"), "as numbers, found object"),
         ("1.npy", npy_header("(2, 3)", body=bytes(23)), "23 bytes of points, 24 for its shape"),
         ("1.npy", npy_header("(2, 3)", body=bytes(25)), "25 bytes of points, 24 for its shape"),
-        ("1.npy", npy_header("(1000000000000, 3)"), "24 bytes of points, 12000000000000 for its shape"),
+        (
+            "1.npy",
+            npy_header("(1000000000000, 3)"),
+            "24 bytes of points, 12000000000000 for its shape",
+        ),
         ("1.npy", npy_header("(99999999999999999999, 4)"), "24 bytes of points"),
         ("poses.txt", "", "holds no rows"),
-        ("poses.txt", tum("0 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1.1"), "row 2 has a quaternion qx qy qz qw whose length is not 1"),
+        (
+            "poses.txt",
+            tum("0 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1.1"),
+            "row 2 has a quaternion qx qy qz qw whose length is not 1",
+        ),
         ("poses.txt", tum("0 0 0 0 0 0 0 0"), "row 1 has a quaternion"),
         ("poses.txt", tum("0 0 0 0 1e200 0 0 1"), "row 1 has a quaternion"),
-        ("poses.txt", tum("0 0 0 0 0 0 0"), "row 1 is '1326030975.0 0 0 0 0 0 0'; expected stamp x y z qx qy qz qw"),
+        (
+            "poses.txt",
+            tum("0 0 0 0 0 0 0"),
+            "row 1 is '1326030975.0 0 0 0 0 0 0'; expected stamp x y z qx qy qz qw",
+        ),
         ("poses.txt", tum("0 0 0 zero 0 0 0 1"), "row 1 is .* expected eight numbers"),
         ("poses.txt", tum("5 0 0 0 0 0 0 1", "4 0 0 0 0 0 0 1"), "row 2 is stamped"),
         ("poses.txt", "nan 0 0 0 0 0 0 1\n", "row 1 is"),
@@ -226,7 +301,11 @@ READS: dict[str, Callable[[Path], object]] = {
         ("poses.txt", tum("0 0 0 1e300 0 0 0 1"), "row 1 is not finite, or lies nowhere on Earth"),
         ("poses.txt", "\x00\xff", "row 1 is"),
         ("velodyne_hits.bin", b"", "empty"),
-        ("velodyne_hits.bin", packet(1, magic=(44_444, 44_444, 44_443, 44_444)), "no whole packet at byte 0;"),
+        (
+            "velodyne_hits.bin",
+            packet(1, magic=(44_444, 44_444, 44_443, 44_444)),
+            "no whole packet at byte 0;",
+        ),
         (
             "velodyne_hits.bin",
             TWO[:40] + b"\0" + TWO[41:],
@@ -243,7 +322,11 @@ READS: dict[str, Callable[[Path], object]] = {
         ("velodyne_hits.bin", packet(2**63 + 1), "which is no time in µs"),
         ("groundtruth.csv", None, "no such file"),
         ("groundtruth.csv", nclt_row(0) + nclt_row(2) + nclt_row(1), "row 3 is stamped"),
-        ("groundtruth.csv", nclt_row(0) + nclt_row(1).replace(str(SECOND), "nan"), "row 2 is stamped nan, which is no time"),
+        (
+            "groundtruth.csv",
+            nclt_row(0) + nclt_row(1).replace(str(SECOND), "nan"),
+            "row 2 is stamped nan, which is no time",
+        ),
         ("groundtruth.csv", nclt_row(0, 1, 2, 3), "7 numbers"),
         ("groundtruth.csv", nclt_row(0) + nclt_row(1).replace("1, 0", "one, 0"), "7 numbers"),
         ("groundtruth.csv", nclt_row(0, 1, 2, 3, 4, 5, 6, 7), "7 numbers"),
@@ -254,14 +337,22 @@ READS: dict[str, Callable[[Path], object]] = {
             np.array([[3.25, -1.125, 40], [17.3, 2.7, 40]], ">f8").tobytes(),
             "where no laser reaches",
         ),  # the wrong byte order
-        *(("1.sweep", bytes(n), f"{n} bytes are no whole number of 24-byte returns") for n in (1, 8, 23, 25)),
+        *(
+            ("1.sweep", bytes(n), f"{n} bytes are no whole number of 24-byte returns")
+            for n in (1, 8, 23, 25)
+        ),
         ("1.sync", None, "no such file"),
-        *(("1.sync", bytes(n), f"{n} bytes are no whole number of 8-byte hits") for n in (1, 7, 9, 15)),
+        *(
+            ("1.sync", bytes(n), f"{n} bytes are no whole number of 8-byte hits")
+            for n in (1, 7, 9, 15)
+        ),
         ("000009.bin", None, "no such file"),
         *(("000009.bin", bytes(n), f"{n} bytes") for n in (1, 15, 17)),
     ],
 )
-def test_a_file_that_cannot_be_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes | str | None, says: str) -> None:
+def test_a_file_that_cannot_be_is_one_line_that_names_it(
+    tmp_path: Path, name: str, data: bytes | str | None, says: str
+) -> None:
     if data is not None:
         (tmp_path / name).write_bytes(data.encode() if isinstance(data, str) else data)
     with one_line(LogError, f"{name}: .*({says})"):

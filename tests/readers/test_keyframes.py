@@ -21,7 +21,9 @@ def test_the_body_looks_where_it_drives(tmp_path: Path) -> None:
     assert log is not None
     assert log.stamps_ns.tolist() == [100 * 10**9, 102 * 10**9, 103 * 10**9]
     assert log.skipped == {"no such file": 1}
-    assert log.world_T_scan[:, :3, 3] == pytest.approx(np.array([[3, 0, 0], [3, -2, 0], [3, -3, 0]]))
+    assert log.world_T_scan[:, :3, 3] == pytest.approx(
+        np.array([[3, 0, 0], [3, -2, 0], [3, -3, 0]])
+    )
     assert log.odom_T_scan[:, 0, 3] == pytest.approx(0)  # x tells the four sources apart
     assert yaw(log.world_T_scan) == pytest.approx(-np.pi / 2)
     assert log.points(1) == pytest.approx(np.array([[2, 0, 2.5]]))
@@ -54,7 +56,8 @@ def test_clouds_are_needed(tmp_path: Path) -> None:
 
 def test_nclts_key_frames_drive_forward(real: Path) -> None:
     log = KeyFrames(body_T_lidar=(0, 0, 0, 0, 0, 90), lift_m=0.78).open(real, "nclt_keyframes")
-    steps_m, ahead = np.diff(log.world_T_scan[:400, :3, 3], axis=0), log.world_T_scan[:399, :3, 0]
+    steps_m = np.diff(log.world_T_scan[:400, :3, 3], axis=0)
+    ahead = log.world_T_scan[:399, :3, 0]
     along = np.einsum("nx,nx->n", steps_m, ahead) / np.linalg.norm(steps_m, axis=1).clip(0.1)
     assert len(log.stamps_ns) == 1141
     assert np.median(along) > 0.95

@@ -23,9 +23,12 @@ def test_poses_may_lie_beside_the_scans_as_semantickittis_do(tmp_path: Path) -> 
 
 
 def test_a_scan_stands_on_the_road(tmp_path: Path) -> None:
-    # The camera moves 2 m along its z a frame, which is forward; the lidar's point 1.73 m below it lies on the ground.
+    # The camera moves 2 m along its z a frame, which is forward; the lidar's point 1.73 m below it
+    # lies on the ground.
     log = Kitti().open(kitti_log(tmp_path), "07")
-    np.testing.assert_allclose(log.world_T_scan[:, :3, 3], [[2 * i, 0, 0] for i in range(6)], atol=1e-12)
+    np.testing.assert_allclose(
+        log.world_T_scan[:, :3, 3], [[2 * i, 0, 0] for i in range(6)], atol=1e-12
+    )
     np.testing.assert_allclose(log.points(3), [[3, 1, 0]], atol=1e-6)
     assert log.stamps_ns.tolist() == [i * 100_000_000 for i in range(6)]
     assert np.isnan(log.odom_T_scan).all()
@@ -35,10 +38,12 @@ def test_a_scan_stands_on_the_road(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("calib", "turned", "place"),
     [
-        # The camera's forward axis z becomes its old right, x; 3 m right of the start is y = −3, 4 m up (camera y −4) is z = 4.
+        # The camera's forward axis z becomes its old right, x; 3 m right of the start is y = −3, 4
+        # m up (camera y −4) is z = 4.
         (TR, "0 0 1 3 0 1 0 -4 -1 0 0 5", [5, -3, 4]),
-        # The lidar sits 1 m ahead of the camera (camera z = lidar x + 1). After a right turn on the spot the lidar, first at
-        # forward 1, is at right 1: from its first place 1 m back and 1 m right.
+        # The lidar sits 1 m ahead of the camera (camera z = lidar x + 1). After a right turn on the
+        # spot the lidar, first at forward 1, is at right 1: from its first place 1 m back and 1 m
+        # right.
         ("Tr: 0 -1 0 0 0 0 -1 0 1 0 0 1", "0 0 1 0 0 1 0 0 -1 0 0 0", [-1, -1, 0]),
     ],
     ids=["the camera's axes", "the lever arm"],
@@ -54,34 +59,59 @@ def test_turning_the_camera_to_the_right_turns_the_vehicle_clockwise(
 
 def test_points_that_are_no_numbers_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / "000000.bin"
-    path.write_bytes(np.array([[1, 2, 3, np.nan], [np.nan, 0, 0, 0], [0, np.inf, 0, 0], [4, 5, 6, 0]], "<f4").tobytes())
+    path.write_bytes(
+        np.array(
+            [[1, 2, 3, np.nan], [np.nan, 0, 0, 0], [0, np.inf, 0, 0], [4, 5, 6, 0]], "<f4"
+        ).tobytes()
+    )
     np.testing.assert_array_equal(read_velodyne(path), [[1, 2, 3], [4, 5, 6]])
 
 
 def test_only_the_scans_on_disk_are_read(tmp_path: Path) -> None:
     point = np.zeros(4, "<f4").tobytes()
-    scans = {"000001": point, "000004": point, "000006": point, "000002": b"", "000003": point[:9], "12": point, "scan01": point}
+    scans = {
+        "000001": point,
+        "000004": point,
+        "000006": point,
+        "000002": b"",
+        "000003": point[:9],
+        "12": point,
+        "scan01": point,
+    }
     log = Kitti().open(kitti_log(tmp_path, scans=scans), "07")
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [2, 8])
-    assert log.skipped == {"empty file": 1, "truncated record": 1, "file name is no scan number": 2, "outside the poses' span": 1}
+    assert log.skipped == {
+        "empty file": 1,
+        "truncated record": 1,
+        "file name is no scan number": 2,
+        "outside the poses' span": 1,
+    }
     assert log.notes == ("4 of 6 scans are not on disk",)
 
 
 @pytest.mark.parametrize("split", [0.0, 0.3, 0.5, 0.9])
-def test_the_two_parts_of_a_log_share_nothing_and_lack_nothing(tmp_path: Path, split: float) -> None:
-    root, reader = kitti_log(tmp_path), Kitti(split=split)
+def test_the_two_parts_of_a_log_share_nothing_and_lack_nothing(
+    tmp_path: Path, split: float
+) -> None:
+    root = kitti_log(tmp_path)
+    reader = Kitti(split=split)
     first, rest, whole = (reader.open(root, name) for name in ("07-a", "07-b", "07"))
     assert first.stamps_ns.tolist() + rest.stamps_ns.tolist() == whole.stamps_ns.tolist()
-    np.testing.assert_array_equal(np.concatenate([first.world_T_scan, rest.world_T_scan]), whole.world_T_scan)
+    np.testing.assert_array_equal(
+        np.concatenate([first.world_T_scan, rest.world_T_scan]), whole.world_T_scan
+    )
     np.testing.assert_array_equal(rest.points(0), whole.points(len(first.stamps_ns)))
     # 10 m of path: part a ends at `split` of it, scans lie every 2 m from 0.
     assert len(first.stamps_ns) == int(10 * split / 2) + 1
 
 
 @pytest.mark.parametrize(
-    ("sequence", "kind"), [("07-c", ConfigError), ("07-a-b", ConfigError), ("07-A", ConfigError), ("08", LogError)]
+    ("sequence", "kind"),
+    [("07-c", ConfigError), ("07-a-b", ConfigError), ("07-A", ConfigError), ("08", LogError)],
 )
-def test_a_part_or_a_log_that_does_not_exist_is_refused(tmp_path: Path, sequence: str, kind: type) -> None:
+def test_a_part_or_a_log_that_does_not_exist_is_refused(
+    tmp_path: Path, sequence: str, kind: type
+) -> None:
     with one_line(kind, sequence):
         Kitti().open(kitti_log(tmp_path), sequence)
 
@@ -93,21 +123,29 @@ def test_a_part_or_a_log_that_does_not_exist_is_refused(tmp_path: Path, sequence
         ({"calib": "P0: 1 0 0 0 0 1 0 0 0 0 1 0\n"}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "x " * 12}, "'Tr:' with 12 numbers"),
         ({"calib": "Tr: " + "nan " * 12}, "'Tr:' with 12 numbers"),
-        ({"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"}, "calib.txt"),  # no rotation: the poses would be NaN
+        (
+            {"calib": "Tr: 1e308 -1 0 0 0 0 -1 0 1 0 0 0\n"},
+            "calib.txt",
+        ),  # no rotation: the poses would be NaN
         ({"poses": None}, "07.txt"),
         ({"poses": "1 0 0 0\n" * 6}, "12 numbers"),
         ({"poses": f"{POSE}0\n" * 3 + f"{POSE}nan\n" + f"{POSE}0\n" * 2}, "row 4 is not finite"),
         ({"poses": f"{POSE}0\n" * 5}, "6 times for 5 poses"),
         ({"times": None}, "times.txt"),
         ({"times": "0\n1\n2\n1.5\n3\n4\n"}, "row 4 is stamped"),
-        ({"times": "0\n1e-11\n2\n3\n4\n5\n"}, "row 2 is stamped 1e-11 s, after 0; stamps must increase"),  # 0 ns both
+        (
+            {"times": "0\n1e-11\n2\n3\n4\n5\n"},
+            "row 2 is stamped 1e-11 s, after 0; stamps must increase",
+        ),  # 0 ns both
         ({"times": "0\n1\nnan\n3\n4\n5\n"}, "row 3 is stamped"),
         ({"times": "0 1\n" * 6}, "1 numbers"),
         ({"scans": {}}, "no readable scan"),
         ({"scans": {"000009": bytes(16)}}, "no readable scan"),
     ],
 )
-def test_a_log_that_cannot_be_is_one_clear_line(tmp_path: Path, change: dict[str, object], says: str) -> None:
+def test_a_log_that_cannot_be_is_one_clear_line(
+    tmp_path: Path, change: dict[str, object], says: str
+) -> None:
     with one_line(LogError, says):
         Kitti().open(kitti_log(tmp_path, **change), "07")
 
@@ -115,7 +153,10 @@ def test_a_log_that_cannot_be_is_one_clear_line(tmp_path: Path, change: dict[str
 def test_sequences_are_listed_with_what_they_lack(tmp_path: Path) -> None:
     kitti_log(tmp_path, calib=None)
     (tmp_path / "sequences" / "09" / "velodyne").mkdir(parents=True)
-    lacks = {"07": ["sequences/07/calib.txt"], "09": ["poses/09.txt", "sequences/09/calib.txt", "sequences/09/times.txt"]}
+    lacks = {
+        "07": ["sequences/07/calib.txt"],
+        "09": ["poses/09.txt", "sequences/09/calib.txt", "sequences/09/times.txt"],
+    }
     assert Kitti().sequences(tmp_path) == lacks
 
 
@@ -126,12 +167,15 @@ def test_a_sequence_may_have_a_root_of_its_own(tmp_path: Path) -> None:
     assert reader.sequences(tmp_path) == {"07-a": [], "07-b": []}
     first, rest = (reader.open(tmp_path, name) for name in ("07-a", "07-b"))
     assert len(first.stamps_ns) + len(rest.stamps_ns) == 6
-    np.testing.assert_array_equal(rest.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns)))
+    np.testing.assert_array_equal(
+        rest.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns))
+    )
 
 
 def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
-    # Median distance of the points of scan j, more than 0.73 m above the road (z > −1 m for the lidar), to scan 0's:
-    # about 0.07, 0.17, 0.27, 0.34 m with the pose; two to three times that without.
+    # Median distance of the points of scan j, more than 0.73 m above the road (z > −1 m for the
+    # lidar), to scan 0's: about 0.07, 0.17, 0.27, 0.34 m with the pose; two to three times that
+    # without.
     log = Kitti().open(real / "kitti", "00")
     assert len(log.stamps_ns) == 16
     assert log.notes == ("4525 of 4541 scans are not on disk",)
@@ -150,7 +194,8 @@ def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
 
 
 def test_a_real_vehicle_moves_forward_on_the_ground_in_two_parts(real: Path) -> None:
-    # The sixteen scans span about 13 m, all ahead of the first; the road falls and rises by less than a tenth of that.
+    # The sixteen scans span about 13 m, all ahead of the first; the road falls and rises by less
+    # than a tenth of that.
     first, rest, whole = (Kitti().open(real / "kitti", name) for name in ("00-a", "00-b", "00"))
     xyz = whole.world_T_scan[:, :3, 3]
     assert (np.diff(xyz[:, 0]) > 0.5).all()

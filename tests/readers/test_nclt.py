@@ -16,10 +16,12 @@ from tests.readers.logs import nclt_row as row
 
 
 def test_raw_words_are_unsigned_half_centimetres_from_minus_100_m(tmp_path: Path) -> None:
-    # 20000 is 0 m, 23111 is 15.555 m, 32767 is 63.835 m and 32768, negative if read as signed, 63.84 m; 65535 is 227.675 m and
-    # 0 is −100 m. The file's y points right and its z down.
+    # 20000 is 0 m, 23111 is 15.555 m, 32767 is 63.835 m and 32768, negative if read as signed,
+    # 63.84 m; 65535 is 227.675 m and 0 is −100 m. The file's y points right and its z down.
     path = tmp_path / "1.bin"
-    path.write_bytes(sync_bytes((20_000, 20_000, 20_000), (23_111, 32_767, 32_768), (65_535, 0, 65_535)))
+    path.write_bytes(
+        sync_bytes((20_000, 20_000, 20_000), (23_111, 32_767, 32_768), (65_535, 0, 65_535))
+    )
     found = [[0, 0, 0], [15.555, -63.835, -63.84], [227.675, 100, -227.675]]
     np.testing.assert_allclose(read_velodyne_sync(path), found, atol=1e-9)
 
@@ -28,7 +30,9 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
     points = read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin")
     assert points.shape == (23_546, 3)
     near = np.linalg.norm(points[:, :2], axis=1) < 6
-    assert -0.3 < np.percentile(points[near, 2], 5) < 0.15  # the body's origin is about on the ground
+    assert (
+        -0.3 < np.percentile(points[near, 2], 5) < 0.15
+    )  # the body's origin is about on the ground
 
 
 # Raw packets
@@ -37,11 +41,16 @@ def test_a_real_scan_has_its_ground_below_and_its_beams_above(real: Path) -> Non
 def test_packets_are_found_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "velodyne_hits.bin"
     hits = (20_000, 20_200, 19_800, 9, 31), (20_001, 20_000, 20_000, 255, 0)
-    path.write_bytes(packet(START - 1) + packet(START, *hits) + packet(START + 5, (0, 0, 65_535, 1, 2)))
+    path.write_bytes(
+        packet(START - 1) + packet(START, *hits) + packet(START + 5, (0, 0, 65_535, 1, 2))
+    )
     found = read_packets(path)
     assert found.utimes.tolist() == [START - 1, START, START + 5]
     assert found.offsets.tolist() == [0, 0, 2, 3]  # the first packet is empty
-    assert found.hits(1).tolist() == [[20_000, 20_200, 19_800, 9 + 256 * 31], [20_001, 20_000, 20_000, 255]]
+    assert found.hits(1).tolist() == [
+        [20_000, 20_200, 19_800, 9 + 256 * 31],
+        [20_001, 20_000, 20_000, 255],
+    ]
     assert found.hits(2).tolist() == [[0, 0, 65_535, 1 + 256 * 2]]
     assert found.hits(0).shape == (0, 4)
 
@@ -50,7 +59,8 @@ def test_packets_are_found_one_after_the_other(tmp_path: Path) -> None:
 
 
 def test_north_east_down_poses_become_z_up(tmp_path: Path) -> None:
-    # 1 m north, 2 m east, 3 m down, roll 0.1, pitch 0.2, heading 0.3 clockwise: left and up change sign, so do pitch and yaw.
+    # 1 m north, 2 m east, 3 m down, roll 0.1, pitch 0.2, heading 0.3 clockwise: left and up change
+    # sign, so do pitch and yaw.
     path = tmp_path / "groundtruth.csv"
     path.write_text(row(0, 1, 2, 3, 0.1, 0.2, 0.3))
     truth = read_poses(path)
@@ -91,18 +101,24 @@ def test_scans_come_in_order_of_time_not_of_name(tmp_path: Path) -> None:
 
 
 def test_scans_without_a_pose_are_counted(tmp_path: Path) -> None:
-    # Rows at 0, 0.1 s, then NaN at 0.2, 0.3, then 2 s later at 2.3 s (a gap: more than half a second) and at 2.4 s.
+    # Rows at 0, 0.1 s, then NaN at 0.2, 0.3, then 2 s later at 2.3 s (a gap: more than half a
+    # second) and at 2.4 s.
     truth = row(0) + row(1) + row(2, *["nan"] * 6) + row(3) + row(23) + row(24)
-    # Scans before the rows, between known ones, next to and on the NaN row, on the last one, in the gap, in the new rows, after.
+    # Scans before the rows, between known ones, next to and on the NaN row, on the last one, in the
+    # gap, in the new rows, after.
     at = (-10, 5, 15, 20, 30, 100, 235, 241)
-    log = Nclt().open(nclt_log(tmp_path, truth, {str(START + 10_000 * c): sync_bytes((20_000,) * 3) for c in at}), DATE)
+    log = Nclt().open(
+        nclt_log(tmp_path, truth, {str(START + 10_000 * c): sync_bytes((20_000,) * 3) for c in at}),
+        DATE,
+    )
     assert [(s // 1000 - START) // 10_000 for s in log.stamps_ns.tolist()] == [5, 30, 235]
     assert log.skipped == {"outside the poses' span": 2, "in a gap of the poses": 3}
 
 
 def test_files_that_are_no_scans_are_counted(tmp_path: Path) -> None:
     good = sync_bytes((20_000,) * 3)
-    # 18446744073709552 µs is 2⁶⁴ + 384 ns: wrapped around it would lie within a trajectory that starts at 0. 05 is 5 again.
+    # 18446744073709552 µs is 2⁶⁴ + 384 ns: wrapped around it would lie within a trajectory that
+    # starts at 0. 05 is 5 again.
     names = ("5", "velodyne", "1" * 18, "-7", "18446744073709552", "05")
     scans = dict.fromkeys(names, good) | {"6": b"", "7": good[:-1]}
     log = Nclt().open(nclt_log(tmp_path, "0,0,0,0,0,0,0\n10,1,0,0,0,0,0\n", scans), DATE)
@@ -111,7 +127,8 @@ def test_files_that_are_no_scans_are_counted(tmp_path: Path) -> None:
 
 
 def test_odometry_is_given_at_the_scans(tmp_path: Path) -> None:
-    # The wheels say 1.2 m a tenth, and 30° (clockwise in the file) from the second row to the third.
+    # The wheels say 1.2 m a tenth, and 30° (clockwise in the file) from the second row to the
+    # third.
     odometry = row(0) + row(1, 1.2, 0, 0, 0, 0, 0) + row(2, 2.4, 0, 0, 0, 0, np.pi / 6)
     log = Nclt().open(nclt_log(tmp_path, odometry=odometry), DATE)
     np.testing.assert_allclose(log.odom_T_scan[0, :3, 3], [1.8, 0, 0])
@@ -127,7 +144,9 @@ def test_odometry_is_given_at_the_scans(tmp_path: Path) -> None:
         ({"scans": {"1": b""}}, "no readable scan"),
     ],
 )
-def test_a_log_that_lacks_something_is_refused(tmp_path: Path, change: dict[str, object], says: str) -> None:
+def test_a_log_that_lacks_something_is_refused(
+    tmp_path: Path, change: dict[str, object], says: str
+) -> None:
     with one_line(LogError, says):
         Nclt().open(nclt_log(tmp_path, **change), DATE)
     (tmp_path / "groundtruth_2012-02-02.csv").write_text(row(0))
@@ -145,5 +164,7 @@ def test_sequences_are_listed_with_what_they_lack(tmp_path: Path) -> None:
 def test_ground_truth_is_found_in_its_other_places(tmp_path: Path) -> None:
     nclt_log(tmp_path)
     (tmp_path / "ground_truth").mkdir()
-    (tmp_path / DATE / f"groundtruth_{DATE}.csv").rename(tmp_path / "ground_truth" / f"groundtruth_{DATE}.csv")
+    (tmp_path / DATE / f"groundtruth_{DATE}.csv").rename(
+        tmp_path / "ground_truth" / f"groundtruth_{DATE}.csv"
+    )
     assert len(Nclt().open(tmp_path, DATE).stamps_ns) == 1

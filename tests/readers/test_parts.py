@@ -12,7 +12,9 @@ from pipeline.readers.parts import Part, names, open_part
 from tests.readers.damage import one_line
 
 LAP = 100
-XYZ_M = np.column_stack([20 * np.cos(t := np.arange(250) * 2 * np.pi / LAP), 20 * np.sin(t), np.zeros(250)])
+XYZ_M = np.column_stack(
+    [20 * np.cos(t := np.arange(250) * 2 * np.pi / LAP), 20 * np.sin(t), np.zeros(250)]
+)
 """Two and a half laps of a circle of 20 m, 100 scans a lap, one a second."""
 
 
@@ -22,7 +24,13 @@ class Laps:
     def open(self, root: Path, sequence: str) -> Log:
         poses = np.tile(np.eye(4), (250, 1, 1))
         poses[:, :3, 3] = XYZ_M
-        return Log(np.arange(250) * 10**9, poses, poses.copy(), lambda row: np.full((1, 3), float(row)), Counter())
+        return Log(
+            np.arange(250) * 10**9,
+            poses,
+            poses.copy(),
+            lambda row: np.full((1, 3), float(row)),
+            Counter(),
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         return {"laps": []}
@@ -40,15 +48,21 @@ def seconds(name: str) -> list[int]:
     ("rule", "rows"),
     [
         ("path:2:0", [range(125), range(125, 250)]),
-        ("time:5:10", [range(50), range(59, 100), range(109, 150), range(159, 200), range(209, 250)]),
+        (
+            "time:5:10",
+            [range(50), range(59, 100), range(109, 150), range(159, 200), range(209, 250)],
+        ),
         ("cut:100s", [range(100), range(129, 250)]),
         ("cut:100m:0", [range(80), range(80, 250)]),  # 1.2564 m a second
-        # Within 5 m of the start from 96 s on; what is left out is less than 10 s after a place never seen.
+        # Within 5 m of the start from 96 s on; what is left out is less than 10 s after a place
+        # never seen.
         ("visits:10", [range(97), range(106, 250)]),
     ],
 )
 def test_a_rule_makes_sequences_and_they_are_parts(rule: str, rows: list[range]) -> None:
-    assert [seconds(name.removeprefix("laps+")) for name in names("laps", rule)] == [list(part) for part in rows]
+    assert [seconds(name.removeprefix("laps+")) for name in names("laps", rule)] == [
+        list(part) for part in rows
+    ]
 
 
 def test_the_whole_log_is_a_sequence_too() -> None:
@@ -59,7 +73,9 @@ def test_points_and_breaks_are_of_the_part() -> None:
     found = part("later+10s")
     assert found.points(0).tolist() == [[106.0] * 3]
     assert "144 of the 250 scans of laps" in found.notes
-    again = Part("later", apart_s=10).rows(np.arange(250) * 10**9, np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M))
+    again = Part("later", apart_s=10).rows(
+        np.arange(250) * 10**9, np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M)
+    )
     assert 200 not in again
 
 

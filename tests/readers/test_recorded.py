@@ -18,10 +18,16 @@ from tests.readers.logs import kitti_log
 def test_what_is_on_disk_is_listed(tmp_path: Path) -> None:
     # Scan 1 holds one point, scan 4 two; scan 2 is cut short.
     point = np.zeros(4, "<f4").tobytes()
-    root = kitti_log(tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]})
+    root = kitti_log(
+        tmp_path / "data", scans={"000001": point, "000004": 2 * point, "000002": point[:-1]}
+    )
     says = Recorded(Kitti(), str(root)).record("07", tmp_path / "out" / "07", Compute(), Progress())
     header, one, other = (tmp_path / "out" / "07" / "inventory.csv").read_text().splitlines()
-    assert (header, one[:12], other[:12]) == ("stamp_ns,points,digest", "100000000,1,", "400000000,2,")
+    assert (header, one[:12], other[:12]) == (
+        "stamp_ns,points,digest",
+        "100000000,1,",
+        "400000000,2,",
+    )
     assert says.startswith(f"2 scans found below {root}")
     assert "1 skipped (truncated record)" in says
     assert "4 of 6 scans are not on disk" in says
@@ -31,9 +37,15 @@ def test_another_pose_or_point_makes_another_inventory(tmp_path: Path) -> None:
     point = np.zeros(4, "<f4").tobytes()
     usual = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {2 * i}\n" for i in range(6))
     texts = set()
-    logs = (("a", usual, point), ("b", usual.replace("1 10", "1 11"), point), ("c", usual, point[::-1] + point))
+    logs = (
+        ("a", usual, point),
+        ("b", usual.replace("1 10", "1 11"), point),
+        ("c", usual, point[::-1] + point),
+    )
     for name, poses, scan in logs:
-        root = kitti_log(tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan})
+        root = kitti_log(
+            tmp_path / name / "data", poses=poses, scans={"000001": point, "000005": scan}
+        )
         Recorded(Kitti(), str(root)).record("07", tmp_path / name / "out", Compute(), Progress())
         texts.add((tmp_path / name / "out" / "inventory.csv").read_text())
     assert len(texts) == 3
@@ -56,9 +68,17 @@ class Days:
 
 def test_what_the_user_noted_shows_from_its_day(tmp_path: Path) -> None:
     noted = tmp_path / "noted.csv"
-    noted.write_text("x_m, y_m, what, day, from_day\n1.5,-2,demolition,40,40\n3,4,scaffold,90,8\n0,0,fence,-3,-3\n")
+    noted.write_text(
+        "x_m, y_m, what, day, "
+        "from_day\n1.5,-2,demolition,40,40\n3,4,scaffold,90,8\n0,0,fence,-3,-3\n"
+    )
     site = Recorded(Days(), str(tmp_path), str(noted))
-    scaffold, demolition = Change("scaffold", 8, 90, 3.0, 4.0), Change("demolition", 40, 40, 1.5, -2.0)
+    scaffold = Change("scaffold", 8, 90, 3.0, 4.0)
+    demolition = Change("demolition", 40, 40, 1.5, -2.0)
     # Day 107 is 7 days after day 100; what was there before training is no change.
-    assert [site.changes("100", sequence) for sequence in ("107", "108", "140")] == [[], [scaffold], [scaffold, demolition]]
+    assert [site.changes("100", sequence) for sequence in ("107", "108", "140")] == [
+        [],
+        [scaffold],
+        [scaffold, demolition],
+    ]
     assert Recorded(Days(), str(tmp_path)).changes("100", "140") == []

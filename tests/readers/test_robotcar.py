@@ -60,16 +60,28 @@ def x(poses: np.ndarray) -> list[float | None]:
         ("lms_rear", (0, 1), (-2.645800, -0.712782, 1.070185)),
     ],
 )
-def test_a_return_lies_where_the_extrinsics_say(tmp_path: Path, laser: str, beam: tuple, vehicle: tuple) -> None:
+def test_a_return_lies_where_the_extrinsics_say(
+    tmp_path: Path, laser: str, beam: tuple, vehicle: tuple
+) -> None:
     # METHODS 7.2, in the z-down vehicle; handed out are y left and z up.
     root = drive(tmp_path, {50: sweep((*beam, 9))}, rear={50: sweep((*beam, 9))})
     log = RobotCar([laser], lift_m=1.5).open(root, DATE)
-    np.testing.assert_allclose(log.points(0), [np.add(np.multiply(vehicle, (1, -1, -1)), (0, 0, 1.5))], atol=1e-6)
+    np.testing.assert_allclose(
+        log.points(0), [np.add(np.multiply(vehicle, (1, -1, -1)), (0, 0, 1.5))], atol=1e-6
+    )
 
 
 def test_beams_without_a_return_are_dropped_and_sweeps_may_be_short(tmp_path: Path) -> None:
     # Kept are (2, 0) and (0, −3); a reflectance that is no number does not matter.
-    beams = [(0, 0, 5), (2, 0, np.nan), (np.nan, 1, 5), (1, np.inf, 5), (0, -3, 0), (-0.0, 0, 5), (0.004, 1e-320, 5)]
+    beams = [
+        (0, 0, 5),
+        (2, 0, np.nan),
+        (np.nan, 1, 5),
+        (1, np.inf, 5),
+        (0, -3, 0),
+        (-0.0, 0, 5),
+        (0.004, 1e-320, 5),
+    ]
     path = tmp_path / "1.bin"
     path.write_bytes(sweep(*beams))
     np.testing.assert_array_equal(read_sweep(path, np.eye(4)), [[2, 0, 0], [0, -3, 0]])
@@ -78,19 +90,26 @@ def test_beams_without_a_return_are_dropped_and_sweeps_may_be_short(tmp_path: Pa
 
 
 def test_both_lasers_are_merged_in_order_of_time(tmp_path: Path) -> None:
-    # The front sweeps at 20 and 60 ms, the rear at 40 and 60 ms: one row holds both sweeps of one stamp.
+    # The front sweeps at 20 and 60 ms, the rear at 40 and 60 ms: one row holds both sweeps of one
+    # stamp.
     log = BOTH.open(drive(tmp_path, {20: ONE, 60: ONE}, rear={40: ONE, 60: ONE}), DATE)
-    front, rear = (1.872180, -0.230834, -2.034655), (-2.527232, -0.263364, -2.086591)
+    front = (1.872180, -0.230834, -2.034655)
+    rear = (-2.527232, -0.263364, -2.086591)
     assert ms(log) == [20, 40, 60]
     for row, points in enumerate(([front], [rear], [front, rear])):
         np.testing.assert_allclose(log.points(row), points, atol=1e-6)
 
 
 def test_a_sweep_is_paired_with_its_stamp_by_name_not_by_position(tmp_path: Path) -> None:
-    # Stamps of 10, 20, 30, 40 ms; the file of 20 is lost and one of 35 has no stamp. By position (the SDK's bug, issue 33)
-    # the file of 30 would be taken for 20's.
+    # Stamps of 10, 20, 30, 40 ms; the file of 20 is lost and one of 35 has no stamp. By position
+    # (the SDK's bug, issue 33) the file of 30 would be taken for 20's.
     stamps = "".join(f"{START + 10_000 * i} 1\n" for i in (1, 2, 3, 4))
-    log = opened(tmp_path, sweeps={t: sweep((t, 0, 0)) for t in (10, 30, 35, 40)}, stamps=stamps, extrinsics={"lms_front": ZERO})
+    log = opened(
+        tmp_path,
+        sweeps={t: sweep((t, 0, 0)) for t in (10, 30, 35, 40)},
+        stamps=stamps,
+        extrinsics={"lms_front": ZERO},
+    )
     assert ms(log) == [10, 30, 40]
     assert [log.points(row)[0, 0] for row in range(3)] == [10, 30, 40]
     np.testing.assert_allclose(log.odom_T_scan[:, 0, 3], [0.1, 0.3, 0.4])
@@ -100,7 +119,9 @@ def test_a_sweep_is_paired_with_its_stamp_by_name_not_by_position(tmp_path: Path
 def test_without_a_list_of_stamps_the_files_names_tell(tmp_path: Path) -> None:
     log = opened(tmp_path, stamps=None)
     assert ms(log) == [50 + 100 * i for i in range(10)]
-    assert log.notes == ("no lms_front.timestamps: the sweeps of lms_front are those whose files are there",)
+    assert log.notes == (
+        "no lms_front.timestamps: the sweeps of lms_front are those whose files are there",
+    )
 
 
 def test_files_that_are_no_sweeps_are_counted(tmp_path: Path) -> None:
@@ -115,7 +136,8 @@ def test_files_that_are_no_sweeps_are_counted(tmp_path: Path) -> None:
 
 
 def test_opening_reads_no_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root, read = drive(tmp_path), []
+    root = drive(tmp_path)
+    read = []
     whole = Path.read_bytes
     monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(path.name), whole(path))[1])
     log = RobotCar().open(root, DATE)
@@ -128,14 +150,20 @@ def test_opening_reads_no_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_odometry_is_chained_and_interpolated(tmp_path: Path) -> None:
-    # METHODS 7.2: +1 m at 100 and 200 ms: 1.5 m at 150 ms (integer division, the SDK's bug, gives 1 m), −0.5 m from 200 ms.
-    log = opened(tmp_path, sweeps={150: ONE, 200: ONE}, vo=vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0)))
+    # METHODS 7.2: +1 m at 100 and 200 ms: 1.5 m at 150 ms (integer division, the SDK's bug, gives 1
+    # m), −0.5 m from 200 ms.
+    log = opened(
+        tmp_path,
+        sweeps={150: ONE, 200: ONE},
+        vo=vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0)),
+    )
     assert x(log.odom_T_scan) == [1.5, 2]
     assert (np.linalg.inv(log.odom_T_scan[1]) @ log.odom_T_scan[0])[0, 3] == pytest.approx(-0.5)
 
 
 def test_the_first_knot_is_the_first_rows_destination_at_its_own_time(tmp_path: Path) -> None:
-    # The SDK gives it time 0 where the window starts at the first row: every pose before 100 ms would then be about 1 m.
+    # The SDK gives it time 0 where the window starts at the first row: every pose before 100 ms
+    # would then be about 1 m.
     path = tmp_path / "vo.csv"
     path.write_text(vo_text(vo_row(100, 0, 1.0)))
     knots = read_vo(path, 0.5).trajectory
@@ -156,12 +184,14 @@ def test_no_sweep_gets_odometry_beyond_either_end(tmp_path: Path) -> None:
 
 
 def test_a_row_is_motion_in_the_frame_of_the_vehicle_before(tmp_path: Path) -> None:
-    # 1 m ahead and a quarter turn to the right (clockwise, seen from above: positive about z down), then 2 m ahead: from the
-    # start 1 m ahead and 2 m right, y = −2, heading −90°.
+    # 1 m ahead and a quarter turn to the right (clockwise, seen from above: positive about z down),
+    # then 2 m ahead: from the start 1 m ahead and 2 m right, y = −2, heading −90°.
     vo = vo_text(vo_row(100, 0, 1, 0, 0, 0, 0, np.pi / 2), vo_row(200, 100, 2.0))
     log = opened(tmp_path, sweeps={50: ONE, 200: ONE}, vo=vo)
     np.testing.assert_allclose(log.odom_T_scan[1, :3, 3], [1, -2, 0], atol=1e-12)
-    np.testing.assert_allclose(np.rad2deg(yaw(log.odom_T_scan)), [-45, -90])  # halfway through the turn by slerp
+    np.testing.assert_allclose(
+        np.rad2deg(yaw(log.odom_T_scan)), [-45, -90]
+    )  # halfway through the turn by slerp
 
 
 def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
@@ -173,7 +203,9 @@ def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
 
 def test_a_break_with_sweeps_in_it_is_told_by_them(tmp_path: Path) -> None:
     # The chain ends at 200 ms, the next row starts at 400: anew, from the identity.
-    vo = vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(500, 400, 1.0), vo_row(600, 500, 1.0))
+    vo = vo_text(
+        vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(500, 400, 1.0), vo_row(600, 500, 1.0)
+    )
     log = opened(tmp_path, sweeps=dict.fromkeys((150, 200, 250, 350, 400, 550), ONE), vo=vo)
     assert x(log.odom_T_scan) == [1.5, 2, None, None, 0, 1.5]
     assert x(log.world_T_scan) == [1.5, 2, 2.5, 3.5, 4, 5.5]
@@ -181,9 +213,14 @@ def test_a_break_with_sweeps_in_it_is_told_by_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("before", [201, 100])
-def test_a_break_between_two_sweeps_takes_the_odometry_of_the_first_after_it(tmp_path: Path, before: int) -> None:
-    # The third row starts 1 ms after the second ended, or back at 100 ms: then the new chain has its first knot at 300 ms.
-    vo = vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(300, before, 1.0), vo_row(400, 300, 1.0))
+def test_a_break_between_two_sweeps_takes_the_odometry_of_the_first_after_it(
+    tmp_path: Path, before: int
+) -> None:
+    # The third row starts 1 ms after the second ended, or back at 100 ms: then the new chain has
+    # its first knot at 300 ms.
+    vo = vo_text(
+        vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(300, before, 1.0), vo_row(400, 300, 1.0)
+    )
     log = opened(tmp_path, sweeps=dict.fromkeys((150, 350, 400), ONE), vo=vo)
     assert x(log.odom_T_scan)[:2] == [1.5, None]
     np.testing.assert_allclose(log.odom_T_scan[2, 0, 3], 2 if before == 201 else 1)
@@ -191,11 +228,17 @@ def test_a_break_between_two_sweeps_takes_the_odometry_of_the_first_after_it(tmp
 
 
 def test_a_break_in_an_outage_is_still_told(tmp_path: Path) -> None:
-    # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the first with a true pose,
-    # which tells of the break. Without it, a submap would join two chains.
-    vo = vo_text(vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), *(vo_row(t + 100, t, 1.0) for t in range(250, 750, 100)))
+    # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the
+    # first with a true pose, which tells of the break. Without it, a submap would join two chains.
+    vo = vo_text(
+        vo_row(100, 0, 1.0),
+        vo_row(200, 100, 1.0),
+        *(vo_row(t + 100, t, 1.0) for t in range(250, 750, 100)),
+    )
     bad = {"status": "INS_BAD_GPS_AGREEMENT"}
-    ins = ins_text(*(ins_row(t, t / 100, **(bad if 150 <= t <= 450 else {})) for t in range(0, 1000, 50)))
+    ins = ins_text(
+        *(ins_row(t, t / 100, **(bad if 150 <= t <= 450 else {})) for t in range(0, 1000, 50))
+    )
     log = opened(tmp_path, sweeps=dict.fromkeys((50, 175, 275, 375, 525, 575), ONE), vo=vo, ins=ins)
     assert ms(log) == [50, 175, 525, 575]
     assert x(log.odom_T_scan) == [0.5, 1.75, None, 3.25]
@@ -207,8 +250,11 @@ def test_a_break_in_an_outage_is_still_told(tmp_path: Path) -> None:
 
 
 def test_the_true_pose_is_the_vehicles_not_the_ins_units(tmp_path: Path) -> None:
-    # METHODS 7.2: inv(ins) · front translates by (3.475969, 0.091515, −0.013567): where the front laser is, seen from the INS.
-    log = opened(tmp_path, sweeps={50: ONE}, ins=ins_text(ins_row(0), ins_row(100)), extrinsics={"ins": INS})
+    # METHODS 7.2: inv(ins) · front translates by (3.475969, 0.091515, −0.013567): where the front
+    # laser is, seen from the INS.
+    log = opened(
+        tmp_path, sweeps={50: ONE}, ins=ins_text(ins_row(0), ins_row(100)), extrinsics={"ins": INS}
+    )
     laser = log.world_T_scan[0] @ (1.7589, -0.2268, -1.0411, 1)
     np.testing.assert_allclose(laser[:3], [3.475969, -0.091515, 0.013567], atol=1e-6)
 
@@ -222,7 +268,8 @@ def test_northing_easting_down_become_north_west_up(tmp_path: Path) -> None:
 
 
 def test_a_sweep_in_an_outage_keeps_its_odometry_but_has_no_place(tmp_path: Path) -> None:
-    # Bad rows at 200 and 300 ms: nothing is known between 100 and 400 ms. A hole of 600 ms from 500 to 1100 ms is one too.
+    # Bad rows at 200 and 300 ms: nothing is known between 100 and 400 ms. A hole of 600 ms from 500
+    # to 1100 ms is one too.
     times = (0, 100, 200, 300, 400, 500, 1100, 1200)
     bad = {"status": "INS_SOLUTION_NOT_GOOD"}
     ins = ins_text(*(ins_row(t, t / 100, **(bad if t in (200, 300) else {})) for t in times))
@@ -233,7 +280,9 @@ def test_a_sweep_in_an_outage_keeps_its_odometry_but_has_no_place(tmp_path: Path
     assert not log.skipped
 
 
-def test_a_good_row_that_is_no_number_is_an_outage_and_a_sweep_of_neither_pose_is_dropped(tmp_path: Path) -> None:
+def test_a_good_row_that_is_no_number_is_an_outage_and_a_sweep_of_neither_pose_is_dropped(
+    tmp_path: Path,
+) -> None:
     ins = ins_text(ins_row(0), ins_row(100), ins_row(200, np.nan))
     log = opened(tmp_path, sweeps=dict.fromkeys((-10, 50, 150, 1001), ONE), ins=ins)
     assert ms(log) == [50, 150]
@@ -252,8 +301,12 @@ def test_two_utm_zones_share_no_frame(tmp_path: Path) -> None:
 
 
 def test_columns_are_found_by_name(tmp_path: Path) -> None:
-    header, row = INS_HEADER.strip().split(","), ins_row(0, 1, 2, 3, 0.1, 0.2, 0.3).strip().split(",")
-    turned = "".join(",".join(reversed(cells)) + "\r\n" for cells in (header, row, ins_row(100, 1).strip().split(",")))
+    header = INS_HEADER.strip().split(",")
+    row = ins_row(0, 1, 2, 3, 0.1, 0.2, 0.3).strip().split(",")
+    turned = "".join(
+        ",".join(reversed(cells)) + "\r\n"
+        for cells in (header, row, ins_row(100, 1).strip().split(","))
+    )
     log = opened(tmp_path, sweeps={0: ONE}, ins="\ufeff" + turned + "\r\n")
     np.testing.assert_allclose(log.world_T_scan[0, :3, 3], [1, -2, -3])
 
@@ -268,27 +321,50 @@ def twice(row: str) -> str:
         ({"vo": None}, r"vo\.csv: no such file"),
         ({"vo": ""}, r"vo\.csv: its first line names no column source_timestamp, dest"),
         ({"vo": VO_HEADER}, r"vo\.csv: holds no rows"),
-        ({"vo": VO_HEADER.replace(",yaw", ",heading") + vo_row(100, 0)}, r"vo\.csv: its first line names no column yaw;"),
+        (
+            {"vo": VO_HEADER.replace(",yaw", ",heading") + vo_row(100, 0)},
+            r"vo\.csv: its first line names no column yaw;",
+        ),
         ({"vo": twice("1,2,3\n")}, "row 2 has 3 columns of 8"),
-        ({"vo": twice(vo_row(200, 100).replace("0.0\n", "ahead\n"))}, "row 2 has yaw 'ahead'; expected a number"),
+        (
+            {"vo": twice(vo_row(200, 100).replace("0.0\n", "ahead\n"))},
+            "row 2 has yaw 'ahead'; expected a number",
+        ),
         ({"vo": twice(vo_row(200, 100, np.nan))}, "row 2 holds no pose"),
-        ({"vo": twice(vo_row(100, 200))}, "row 2 goes from destination_timestamp 1405349390200000 to source_timestamp"),
+        (
+            {"vo": twice(vo_row(100, 200))},
+            "row 2 goes from destination_timestamp 1405349390200000 to source_timestamp",
+        ),
         ({"vo": twice(vo_row(50, 0))}, "row 2 is stamped"),  # backwards
         ({"vo": b"\xff\xfe\x00" * 9}, r"vo\.csv: expected a csv file"),
-        ({"ins": SEEN.replace("utm_zone", "zone")}, r"ins\.csv: its first line names no column utm_zone;"),
+        (
+            {"ins": SEEN.replace("utm_zone", "zone")},
+            r"ins\.csv: its first line names no column utm_zone;",
+        ),
         ({"ins": ins_text(ins_row(0), ins_row(100), ins_row(50))}, "row 3 is stamped"),
-        ({"ins": ins_text(ins_row(0)) + "1405349390000000.5" + ins_row(0)[16:]}, "row 2 is stamped .*expected whole µs"),
+        (
+            {"ins": ins_text(ins_row(0)) + "1405349390000000.5" + ins_row(0)[16:]},
+            "row 2 is stamped .*expected whole µs",
+        ),
         ({"ins": SEEN[:-30]}, "row 51 has"),
-        ({"stamps": f"{START + 50_000} 1\n{START} 1\n"}, r"lms_front\.timestamps: row 2 is stamped"),
+        (
+            {"stamps": f"{START + 50_000} 1\n{START} 1\n"},
+            r"lms_front\.timestamps: row 2 is stamped",
+        ),
         ({"stamps": f"{START + 50_000}\n"}, r"lms_front\.timestamps: expected 2 numbers"),
         ({"stamps": "1 1\n"}, "lms_front: holds no readable sweep"),
         ({"sweeps": {}}, r"lms_front\.timestamps"),
         ({"extrinsics": {"ins": "0 0 0\n"}}, r"ins\.txt: expected 6 numbers"),
         ({"extrinsics": {"lms_front": ZERO * 2}}, r"lms_front\.txt: expected one row of six"),
-        ({"extrinsics": {"lms_front": "nan 0 0 0 0 0"}}, r"lms_front\.txt: expected one row of six"),
+        (
+            {"extrinsics": {"lms_front": "nan 0 0 0 0 0"}},
+            r"lms_front\.txt: expected one row of six",
+        ),
     ],
 )
-def test_a_drive_that_cannot_be_is_one_clear_line(tmp_path: Path, files: dict[str, Any], says: str) -> None:
+def test_a_drive_that_cannot_be_is_one_clear_line(
+    tmp_path: Path, files: dict[str, Any], says: str
+) -> None:
     with one_line(LogError, says):
         opened(tmp_path, **files)
 
@@ -296,7 +372,10 @@ def test_a_drive_that_cannot_be_is_one_clear_line(tmp_path: Path, files: dict[st
 def test_missing_extrinsics_say_where_to_take_them_from(tmp_path: Path) -> None:
     root = drive(tmp_path)
     (root / "extrinsics" / "ins.txt").unlink()
-    with pytest.raises(LogError, match=r"extrinsics/ins\.txt: no such file; copy the folder `extrinsics` of the .*SDK"):
+    with pytest.raises(
+        LogError,
+        match=r"extrinsics/ins\.txt: no such file; copy the folder `extrinsics` of the .*SDK",
+    ):
         RobotCar().open(root, DATE)
     (root / "extrinsics").rename(root / "sdk")
     with pytest.raises(LogError, match="lms_front"):
@@ -311,14 +390,22 @@ def test_missing_extrinsics_say_where_to_take_them_from(tmp_path: Path) -> None:
 def test_the_real_extrinsics_are_the_published_ones(real: Path) -> None:
     folder = real / "robotcar" / "extrinsics"
     for sensor, text in (("lms_front", FRONT), ("lms_rear", REAR), ("ins", INS)):
-        assert [float(number) for number in (folder / f"{sensor}.txt").read_text().split()] == [*map(float, text.split())]
+        assert [float(number) for number in (folder / f"{sensor}.txt").read_text().split()] == [
+            *map(float, text.split())
+        ]
     np.testing.assert_array_equal(read_extrinsics(folder, "stereo"), np.eye(4))
-    front, rear = read_extrinsics(folder, "lms_front"), read_extrinsics(folder, "lms_rear")
-    np.testing.assert_allclose((front @ (1, 0, 0, 1))[:3], [1.872180, 0.230834, 2.034655], atol=1e-6)
-    np.testing.assert_allclose((rear @ (0, 1, 0, 1))[:3], [-2.645800, -0.712782, 1.070185], atol=1e-6)
+    front = read_extrinsics(folder, "lms_front")
+    rear = read_extrinsics(folder, "lms_rear")
+    np.testing.assert_allclose(
+        (front @ (1, 0, 0, 1))[:3], [1.872180, 0.230834, 2.034655], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        (rear @ (0, 1, 0, 1))[:3], [-2.645800, -0.712782, 1.070185], atol=1e-6
+    )
     ins_T_front = np.linalg.inv(read_extrinsics(folder, "ins")) @ front
     np.testing.assert_allclose(ins_T_front[:3, 3], [3.475969, 0.091515, -0.013567], atol=1e-6)
-    # The lasers scan across the road, not along it: the front one's plane has its normal within 15° of forward.
+    # The lasers scan across the road, not along it: the front one's plane has its normal within 15°
+    # of forward.
     assert abs((NED_FLIP @ front)[0, 2]) > np.cos(np.radians(15))
 
 

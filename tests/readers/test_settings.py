@@ -22,7 +22,9 @@ CONF = Path(__file__).parents[2] / "conf" / "dataset"
 def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type) -> None:
     settings = yaml.safe_load((CONF / f"{reader.__name__.lower()}.yaml").read_text())["reader"]
     assert settings.pop("_target_") == f"{reader.__module__}.{reader.__name__}"
-    assert {key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()} == asdict(reader())
+    assert {
+        key: tuple(value) if isinstance(value, list) else value for key, value in settings.items()
+    } == asdict(reader())
 
 
 @pytest.mark.parametrize(
@@ -34,19 +36,35 @@ def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type
         (Bag, {"truth": "tf:map"}, "reader.truth=tf:map: expected tf:PARENT>CHILD"),
         (Bag, {"body_T_lidar": [1, 2, 3]}, "reader.body_T_lidar"),
         (Carmen, {"lasers": ["left"]}, r"lasers=\['left'\]: expected front or rear"),
-        (Carmen, {"corrected": "{sequence}.relations"}, "expected the name of a corrected log; .relations hold no poses"),
+        (
+            Carmen,
+            {"corrected": "{sequence}.relations"},
+            "expected the name of a corrected log; .relations hold no poses",
+        ),
         (Carmen, {"corrected": "../{sequence}.log"}, "expected the name"),
         (Carmen, {"sweep_s": 0}, "sweep_s=0"),
-        (KeyFrames, {"truth": "odometry"}, "truth=odometry: expected rtk, optimised_1 or optimised_2"),
+        (
+            KeyFrames,
+            {"truth": "odometry"},
+            "truth=odometry: expected rtk, optimised_1 or optimised_2",
+        ),
         (Folder, {"point_bytes": 8}, "point_bytes=8: expected 12 or more"),
         (Folder, {"point_bytes": 16.5}, "point_bytes=16.5: expected a whole number"),
         (Folder, {"stamps": "ms"}, "stamps=ms: expected s, us or ns"),
         (Folder, {"max_gap_s": 0}, "max_gap_s=0: expected a number above 0"),
-        (Folder, {"body_T_lidar": [0, 0, 0]}, r"body_T_lidar=\[0, 0, 0\]: expected \[x, y, z, roll, pitch, yaw\]"),
+        (
+            Folder,
+            {"body_T_lidar": [0, 0, 0]},
+            r"body_T_lidar=\[0, 0, 0\]: expected \[x, y, z, roll, pitch, yaw\]",
+        ),
         (Folder, {"body_T_lidar": [0, 0, 0, 0, 0, float("nan")]}, "body_T_lidar"),
         (Folder, {"body_T_lidar": None}, "body_T_lidar=None"),
         (Folder, {"body_T_lidar": "000000"}, "body_T_lidar=000000"),
-        (Folder, {"scans": "../other"}, "scans=../other: expected a path below the sequence's folder"),
+        (
+            Folder,
+            {"scans": "../other"},
+            "scans=../other: expected a path below the sequence's folder",
+        ),
         (Folder, {"scans": "/data/*.pcd"}, "expected a path below"),
         (Folder, {"scans": "**/*.pcd"}, "expected a path below"),
         (Folder, {"poses": ""}, "poses=: expected a path below"),
@@ -61,6 +79,8 @@ def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type
         (RobotCar, {"extrinsics": 3}, "reader.extrinsics"),
     ],
 )
-def test_a_setting_that_cannot_be_is_named(reader: type, settings: dict[str, Any], says: str) -> None:
+def test_a_setting_that_cannot_be_is_named(
+    reader: type, settings: dict[str, Any], says: str
+) -> None:
     with one_line(ConfigError, says):
         reader(**settings)

@@ -16,7 +16,9 @@ from tests.readers.logs import START, folder_log
 TENTH_NS = 100_000_000
 
 
-def drive(xyz_m: np.ndarray, rpy_deg: tuple[float, float, float] = (0, 0, 0), step_ns: int = TENTH_NS) -> Trajectory:
+def drive(
+    xyz_m: np.ndarray, rpy_deg: tuple[float, float, float] = (0, 0, 0), step_ns: int = TENTH_NS
+) -> Trajectory:
     """Positions (n, 3) of a body of one attitude, ten a second."""
     poses = pose(np.asarray(xyz_m, np.float64), np.radians(np.tile(rpy_deg, (len(xyz_m), 1))))
     return Trajectory(step_ns * np.arange(len(xyz_m), dtype=np.int64), poses, 0.5)
@@ -33,14 +35,21 @@ def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) ->
 @pytest.mark.parametrize(
     ("way", "rpy_deg", "says"),
     [
-        ((1, 0, 0), (180, 0, 0), "tilted by up to 180°, where a vehicle stands upright: is the quaternion written w first"),
+        (
+            (1, 0, 0),
+            (180, 0, 0),
+            "tilted by up to 180°, where a vehicle stands upright: is the quaternion written w "
+            "first",
+        ),
         ((1, 0, 0), (90, 0, 0), "tilted by up to 90°"),
         ((0, 0, 1), (0, 0, 0), "drives along its own z axis: are its axes a camera's"),
         ((0, 1, 0), (0, 0, 0), "drives sideways, along its own y axis"),
         ((0.6, 0, 0.8), (0, -40, 0), "climbs or falls by 53° most of the way"),
     ],
 )
-def test_what_no_vehicle_does_is_doubted(way: tuple[float, float, float], rpy_deg: tuple[float, float, float], says: str) -> None:
+def test_what_no_vehicle_does_is_doubted(
+    way: tuple[float, float, float], rpy_deg: tuple[float, float, float], says: str
+) -> None:
     (line,) = doubts("/odom", drive(straight(along=way), rpy_deg))
     assert line.startswith("/odom: ")
     assert says in line
@@ -52,17 +61,24 @@ def test_a_heading_that_does_not_follow_the_way_is_doubted() -> None:
     circle = drive(100 * np.column_stack([np.cos(turn_rad), np.sin(turn_rad), 0 * turn_rad]))
     (line,) = doubts("x", circle)
     assert "heading does not follow its way" in line
-    ahead = pose(circle.world_T_body[:, :3, 3], np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2]))
+    ahead = pose(
+        circle.world_T_body[:, :3, 3],
+        np.column_stack([0 * turn_rad, 0 * turn_rad, turn_rad + np.pi / 2]),
+    )
     assert doubts("x", Trajectory(circle.stamps_ns, ahead, 0.5)) == ()
 
 
 def test_positions_in_millimetres_are_doubted() -> None:
     (line,) = doubts("x", drive(1000 * straight()))
-    assert line == "x: the body drives at 10,000 m/s most of the way: are its positions in metres, its stamps in order?"
+    assert (
+        line
+        == "x: the body drives at 10,000 m/s most of the way: are its positions in metres, its stamps in order?"
+    )
 
 
 def test_a_vehicle_is_not_doubted() -> None:
-    """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing is known."""
+    """On a slope of 20 %, pitched and rolled by 10°, driving backwards, standing; and where nothing
+    is known."""
     assert doubts("x", drive(straight(along=(0.98, 0, 0.2)), (10, -10, 0))) == ()
     assert doubts("x", drive(-straight())) == ()
     assert doubts("x", drive(np.zeros((50, 3)))) == ()
@@ -83,13 +99,15 @@ def test_a_step_far_longer_than_those_around_it_is_a_jump() -> None:
 def test_a_turn_far_wider_than_those_around_it_is_a_jump() -> None:
     poses = drive(straight(20))
     poses.world_T_body[11:, :3, :3] = (
-        poses.world_T_body[11:, :3, :3] @ pose(np.zeros((1, 3)), np.radians([[0, 0, 120]]))[0, :3, :3]
+        poses.world_T_body[11:, :3, :3]
+        @ pose(np.zeros((1, 3)), np.radians([[0, 0, 120]]))[0, :3, :3]
     )
     assert jumps(poses).tolist() == [11]
 
 
 def test_driving_off_braking_and_gaps_are_no_jumps() -> None:
-    """From 0 to 3 m/s in a tenth of a second; a step over a second without poses; a first step of a metre after a gap of one."""
+    """From 0 to 3 m/s in a tenth of a second; a step over a second without poses; a first step of a
+    metre after a gap of one."""
     fast = np.concatenate([np.zeros(10), 0.3 * np.arange(1, 11), np.full(10, 3.0)])
     assert not len(jumps(drive(np.column_stack([fast, 0 * fast, 0 * fast]))))
     gap = drive(straight(20))
@@ -103,7 +121,8 @@ def test_driving_off_braking_and_gaps_are_no_jumps() -> None:
 
 
 def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
-    """A hundred poses a second of a robot that is posed ten times a second: nine steps of nothing, and one of a metre."""
+    """A hundred poses a second of a robot that is posed ten times a second: nine steps of nothing,
+    and one of a metre."""
     assert not len(jumps(drive(np.repeat(straight(20), 10, axis=0), step_ns=10**7)))
 
 
@@ -111,7 +130,10 @@ def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11
     mended, notes = parted("/odom", drive(xyz_m))
-    assert notes == ("/odom: jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: the odometry starts anew there",)
+    assert notes == (
+        "/odom: jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: the odometry starts anew "
+        "there",
+    )
     known = mended.at(np.array([100, 105, 110]) * 10**7)[1]
     assert known.tolist() == [True, False, True]
     assert breaks_ns(mended).tolist() == [11 * TENTH_NS]
@@ -122,20 +144,28 @@ def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
 
 
 def test_the_first_scan_after_odometry_was_set_back_has_none(tmp_path: Path) -> None:
-    """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the truth goes on to 11 m."""
-    scans = {f"scans/{START // 10**6}.{i:02d}5.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes() for i in range(10, 90, 10)}
+    """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the truth goes on to 11
+    m."""
+    scans = {
+        f"scans/{START // 10**6}.{i:02d}5.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()
+        for i in range(10, 90, 10)
+    }
     rows = [f"{START / 1e6 + 0.1 * i:.1f} {i if i < 6 else i - 6} 0 0 0 0 0 1\n" for i in range(11)]
     root = folder_log(tmp_path, scans=scans)
     (root / "drive/odometry.txt").write_text("".join(rows))
     log = Folder(odometry="odometry.txt").open(root, "drive")
-    # The scans lie 5 ms behind the poses 1 … 8: that behind pose 5 is on the jump, and the one after it is the first of the new.
+    # The scans lie 5 ms behind the poses 1 … 8: that behind pose 5 is on the jump, and the one
+    # after it is the first of the new.
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [4, 5]
     assert any("jumps once" in note for note in log.notes)
 
 
 def test_a_row_of_nan_is_a_break_though_no_scan_lies_in_it(tmp_path: Path) -> None:
     """As conf/dataset/folder.yaml says: rows of NaN are breaks in the odometry."""
-    scans = {f"scans/{START // 10**6}.{i:02d}.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes() for i in (10, 20, 60, 70)}
+    scans = {
+        f"scans/{START // 10**6}.{i:02d}.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()
+        for i in (10, 20, 60, 70)
+    }
     known = [f"{START / 1e6 + 0.1 * i:.1f} {i} 0 0 0 0 0 1\n" for i in range(11)]
     known[4] = f"{START / 1e6 + 0.4:.1f} nan nan nan nan nan nan nan\n"
     root = folder_log(tmp_path, scans=scans)
@@ -150,7 +180,9 @@ def test_odometry_of_a_bag_starts_anew_where_it_was_set_back(tmp_path: Path) -> 
         for i in range(21):
             stamp_ns = START_NS + i * STEP_NS
             bag.odometry(stamp_ns, "map", "base_link", at(0.1 * i), "/truth")
-            bag.odometry(stamp_ns, "odom", "base_link", at(0.1 * (i if i <= 10 else i - 11)), "/odom")
+            bag.odometry(
+                stamp_ns, "odom", "base_link", at(0.1 * (i if i <= 10 else i - 11)), "/odom"
+            )
             bag.points(stamp_ns, "lidar", np.ones((5, 3), np.float32), np.ones(5), np.arange(5))
     log = Bag(truth="/truth", odometry="/odom").open(tmp_path, "drive")
     assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [11]

@@ -1,4 +1,5 @@
-"""The artifacts of a small study of learning further days: two methods, two seeds of the first, four queries, numbers by hand."""
+"""The artifacts of a small study of learning further days: two methods, two seeds of the first,
+four queries, numbers by hand."""
 
 import json
 from pathlib import Path
@@ -18,7 +19,10 @@ from tests.report.figures.made import TRAIN_XY_M
 from tests.report.studied import put
 from tests.views.made import SUITED
 
-TRAIN, LEARNED, UPDATE, ASKED = "2012-01-15", "2012-03-17", "2013-03-16", ["2012-02-04", "2013-03-23"]
+TRAIN = "2012-01-15"
+LEARNED = "2012-03-17"
+UPDATE = "2013-03-16"
+ASKED = ["2012-02-04", "2013-03-23"]
 WORDS: dict[str, Any] = {
     "question": "lifelong",
     "source": "world",
@@ -41,33 +45,62 @@ WORDS: dict[str, Any] = {
                 "updates": ["updated", "trusting"],
             },
         },
-        {"name": "sad", "view": "birdview", "stage": "birdviews", "courses": {"days": ["frozen", "grown"], "streets": ["grown"]}},
+        {
+            "name": "sad",
+            "view": "birdview",
+            "stage": "birdviews",
+            "courses": {"days": ["frozen", "grown"], "streets": ["grown"]},
+        },
     ],
 }
 DAY_NS = 86_400 * 10**9
-DAY, KNOWN_FROM = np.array([0, 0, 1, 1, 1]), np.array([0, 0, 0, 1, -1])
+DAY = np.array([0, 0, 1, 1, 1])
+KNOWN_FROM = np.array([0, 0, 0, 1, -1])
 """Of five queries; the place of the last one is never known."""
-RIGHT = {"frozen": [1, 0, 1, 0, 0], "grown": [1, 1, 1, 1, 0], "tuned": [0, 0, 1, 1, 0], "joint": [1, 1, 1, 1, 0]}
+RIGHT = {
+    "frozen": [1, 0, 1, 0, 0],
+    "grown": [1, 1, 1, 1, 0],
+    "tuned": [0, 0, 1, 1, 0],
+    "joint": [1, 1, 1, 1, 0],
+}
 RIGHT |= {"updated": [1, 1, 1, 0, 0], "trusting": [1, 0, 0, 0, 0]}
-"""After the last step; after the first all are like `frozen`. The second seed of `tuned` gets the first query right too."""
+"""After the last step; after the first all are like `frozen`.
+
+The second seed of `tuned` gets the first query right too.
+"""
 
 
 def build(artifacts: Path) -> Study:
     """Everything that a report of the study reads."""
     n = len(TRAIN_XY_M)
-    rows = {"first": np.arange(n), "scans": np.arange(n), "ground_m": np.zeros(n), "used": np.ones(n, bool)}
+    rows = {
+        "first": np.arange(n),
+        "scans": np.arange(n),
+        "ground_m": np.zeros(n),
+        "used": np.ones(n, bool),
+    }
     rows |= {"stamps_ns": np.arange(n), "world_T_anchor": standing(TRAIN_XY_M)}
     about: dict[str, Any] = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED}
     put(artifacts / f"submaps/campus/{TRAIN}.zarr", schemas.SUBMAPS, rows, **about)
     for method in WORDS["methods"]:
         for model in models_of(method):
-            place = {"study": "campus", "dataset": "campus", "simulated": True, "grid": "10m", **model.columns}
+            place = {
+                "study": "campus",
+                "dataset": "campus",
+                "simulated": True,
+                "grid": "10m",
+                **model.columns,
+            }
             for order, strategies in method["courses"].items():
                 for strategy in strategies:
                     path = artifacts / f"lifelong/campus/10m/{model.name}/{order}-{strategy}.zarr"
                     attrs = course(path, order, strategy, model.seed)
-                    path.with_suffix(".json").write_text(json.dumps({"place": place, **attrs, "cpu_s": [100.0, 2.0]}))
-    table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), Bands((25.0,)), 0.2).table()
+                    path.with_suffix(".json").write_text(
+                        json.dumps({"place": place, **attrs, "cpu_s": [100.0, 2.0]})
+                    )
+    table = results.Gathering(
+        artifacts, "campus", WORDS, True, Ageing(), Bands((25.0,)), 0.2
+    ).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
     return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
@@ -77,9 +110,15 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
     """Write an artifact; returns its attributes."""
     right = np.array([RIGHT["frozen"], RIGHT[strategy]], bool)
     right[1, 0] |= strategy == "tuned" and seed == 1
-    names = {"days": [TRAIN, LEARNED], "streets": [f"{TRAIN} 1/2", f"{TRAIN} 2/2"], "updates": [TRAIN, UPDATE]}[order]
+    names = {
+        "days": [TRAIN, LEARNED],
+        "streets": [f"{TRAIN} 1/2", f"{TRAIN} 2/2"],
+        "updates": [TRAIN, UPDATE],
+    }[order]
     wrong = {"updated": 0, "trusting": 3 + seed}.get(strategy)
-    counts = {} if wrong is None else {"asked": 50, "adopted": 40 + wrong, "wrong": wrong, "changed": 7}
+    counts = (
+        {} if wrong is None else {"asked": 50, "adopted": 40 + wrong, "wrong": wrong, "changed": 7}
+    )
     attrs = {
         "correct_m": 15.0,
         "order": order,
@@ -91,7 +130,12 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
     }
     attrs["counts"] = [{}, counts]
     attrs |= {"newest_ns": [20 * DAY_NS, 40 * DAY_NS], "asked_ns": [10 * DAY_NS, 50 * DAY_NS]}
-    arrays = {"right": right, "error_m": np.where(right, 1.0, 20.0), "known_from": KNOWN_FROM, "day": DAY}
+    arrays = {
+        "right": right,
+        "error_m": np.where(right, 1.0, 20.0),
+        "known_from": KNOWN_FROM,
+        "day": DAY,
+    }
     arrays["xy_m"] = np.stack([10.0 * np.arange(5), np.zeros(5)], axis=1)
     arrays |= {
         "place_xy_m": np.stack([10.0 * np.arange(4), np.zeros(4)], axis=1),

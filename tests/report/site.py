@@ -1,4 +1,5 @@
-"""A small study and its sections, for the tests of the page: seven queries on two days, two models, some figures and tables."""
+"""A small study and its sections, for the tests of the page: seven queries on two days, two models,
+some figures and tables."""
 
 from itertools import product
 from pathlib import Path
@@ -19,7 +20,8 @@ from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import Front
 from pipeline.report.web.page import Entry
 
-TRAIN, TESTS = ("2012-01-15", "2012-01-22"), {"2012-02-04": 20, "2012-03-17": 62}
+TRAIN = ("2012-01-15", "2012-01-22")
+TESTS = {"2012-02-04": 20, "2012-03-17": 62}
 LOOKS = {"m2dp": schemas.SIGNATURES, "sci": schemas.VIEWS}
 XY_M = np.array([(0, 0), (10, 0), (10, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 """Queries 2 and 3 of 7 lie on each other: one is placed right, the other 200 m off."""
@@ -37,14 +39,34 @@ WORDS: dict[str, Any] = {
 
 
 def evaluation() -> SimpleNamespace:
-    """By distance within 12 m; by cells the fourth answer is wrong as well, as it lies in the next cell."""
-    seen, novelty = np.arange(7) < 5, np.array([[0.1, 0.3, 0.2, 0.3, 0.05, 0.4, 0.9]]).T
-    distance = SimpleNamespace(outcome=np.array([0, 0, 2, 0, 0, 2, 3]), true_rank=np.array([0, 0, -1, 0, 0, -1, -1]), seen=seen)
-    cells = SimpleNamespace(outcome=np.array([0, 1, 2, 2, 0, 2, 3]), true_rank=np.array([0, 0, -1, 1, 0, -1, -1]), seen=seen)
+    """By distance within 12 m; by cells the fourth answer is wrong as well, as it lies in the next
+    cell."""
+    seen = np.arange(7) < 5
+    novelty = np.array([[0.1, 0.3, 0.2, 0.3, 0.05, 0.4, 0.9]]).T
+    distance = SimpleNamespace(
+        outcome=np.array([0, 0, 2, 0, 0, 2, 3]),
+        true_rank=np.array([0, 0, -1, 0, 0, -1, -1]),
+        seen=seen,
+    )
+    cells = SimpleNamespace(
+        outcome=np.array([0, 1, 2, 2, 0, 2, 3]),
+        true_rank=np.array([0, 0, -1, 1, 0, -1, -1]),
+        seen=seen,
+    )
     distance.recall_at = np.array([0.6, 0.8])
-    shown = {"xy_m": XY_M, "answer_xy_m": ANSWERS_XY_M.copy(), "nearest_m": np.where(seen, 1.0, 100.0)}
+    shown = {
+        "xy_m": XY_M,
+        "answer_xy_m": ANSWERS_XY_M.copy(),
+        "nearest_m": np.where(seen, 1.0, 100.0),
+    }
     return SimpleNamespace(
-        distance=distance, cells=cells, novelty=novelty, kinds=("entropy",), reject_from=(0.5,), kept=(0.731,), **shown
+        distance=distance,
+        cells=cells,
+        novelty=novelty,
+        kinds=("entropy",),
+        reject_from=(0.5,),
+        kept=(0.731,),
+        **shown,
     )
 
 
@@ -52,22 +74,52 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     """The views alone lie on the disk, under `root`."""
 
     def find(kind: str, sequence: str = "", model: str = "") -> Path:
-        return root / kind / "campus" / (f"{model}/{sequence}.zarr" if sequence else f"{model}.safetensors")
+        return (
+            root
+            / kind
+            / "campus"
+            / (f"{model}/{sequence}.zarr" if sequence else f"{model}.safetensors")
+        )
 
-    tests, given = [{"sequence": day, "days": days} for day, days in TESTS.items()], evaluation()
-    results = [Result(model, **test, evaluation=given, wanted_precision=0.9, numbers={}) for model in LOOKS for test in tests]
+    tests = [{"sequence": day, "days": days} for day, days in TESTS.items()]
+    given = evaluation()
+    results = [
+        Result(model, **test, evaluation=given, wanted_precision=0.9, numbers={})
+        for model in LOOKS
+        for test in tests
+    ]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
-        with store.write(find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attrs}) as draft:
-            draft.put("images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32))
+        with store.write(
+            find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attrs}
+        ) as draft:
+            draft.put(
+                "images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32)
+            )
             draft.put("stamps_ns", np.arange(rows))
             draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
-    one = SimpleNamespace(name="campus", grid="10m", cell_m=10.0, simulated=True, train=" ".join(TRAIN), best="sci", find=find)
-    one.distance, one.bootstrap, one.train_xy_m, one.results = Distance(correct_m=12.0), Bootstrap(), path_xy_m, results
+    one = SimpleNamespace(
+        name="campus",
+        grid="10m",
+        cell_m=10.0,
+        simulated=True,
+        train=" ".join(TRAIN),
+        best="sci",
+        find=find,
+    )
+    one.distance = Distance(correct_m=12.0)
+    one.bootstrap = Bootstrap()
+    one.train_xy_m = path_xy_m
+    one.results = results
     one.rows = one.driven = told()
-    one.words, one.families = {"tests": list(TESTS)}, list(LOOKS)
-    learned = {"m2dp": SimpleNamespace(rounds=0, recipe={}), "sci": SimpleNamespace(rounds=4, recipe={"budget": "0.1"})}
-    one.models, one.trained = learned, {"sci": find("train", model="sci"), "not_there": find("train")}
+    one.words = {"tests": list(TESTS)}
+    one.families = list(LOOKS)
+    learned = {
+        "m2dp": SimpleNamespace(rounds=0, recipe={}),
+        "sci": SimpleNamespace(rounds=4, recipe={"budget": "0.1"}),
+    }
+    one.models = learned
+    one.trained = {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
     one.source = lambda *names, **model: find(*names, **model).as_posix()
     one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
@@ -76,13 +128,25 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
 
 
 def told() -> pd.DataFrame:
-    """The results of both days, as driven, and of the first turned: `sci` is right twice as often."""
+    """The results of both days, as driven, and of the first turned: `sci` is right twice as
+    often."""
     rows = []
     for (model, share), (day, days) in product((("m2dp", 0.4), ("sci", 0.8)), TESTS.items()):
-        numbers = {"recall_at_1": share - days / 1000, "answered": 0.25, "precision_at_threshold": 0.875}
+        numbers = {
+            "recall_at_1": share - days / 1000,
+            "answered": 0.25,
+            "precision_at_threshold": 0.875,
+        }
         place = {"grid": "10m", "method": model, "sequence": day, "days": days}
-        rows += [place | row(name, "distance", value, value - 0.05, value + 0.05) for name, value in numbers.items()]
-        rows += [place | {"change": "turned"} | row("recall_at_1", "distance", share / 4)] if days == 20 else []
+        rows += [
+            place | row(name, "distance", value, value - 0.05, value + 0.05)
+            for name, value in numbers.items()
+        ]
+        rows += (
+            [place | {"change": "turned"} | row("recall_at_1", "distance", share / 4)]
+            if days == 20
+            else []
+        )
     rows.append({"grid": "10m"} | row("correct_m", "distance", 12.0))
     return table(rows, study="campus", dataset="campus")
 
@@ -107,14 +171,31 @@ def sections(root: Path) -> list[Section]:
         number(10.9, 2),
         number(1, 1),
     )
-    rows = tuple((Cell(name), cell) for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True))
+    rows = tuple(
+        (Cell(name), cell)
+        for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True)
+    )
     tables = tuple(Table(kind, ("method", "AUC"), rows, foot=True) for kind in ("auc", "auroc"))
     says = Finding("plain", text=EVIL)
-    figures = (Illustration("how", root / "turned.svg", findings=(says,)), Illustration("how", root / "lost.svg"))
-    own = {"sources": ("artifacts/turned.zarr",), "parameters": {"seed": 0, "trained with": {"sci": [1, 2]}}}
+    figures = (
+        Illustration("how", root / "turned.svg", findings=(says,)),
+        Illustration("how", root / "lost.svg"),
+    )
+    own = {
+        "sources": ("artifacts/turned.zarr",),
+        "parameters": {"seed": 0, "trained with": {"sci": [1, 2]}},
+    }
     return [
         Section("campus-10m-setup", "setup", "setup", {"study": EVIL}),
-        Section("campus-10m-turned", "turned", "studies", findings=(says, says), illustrations=figures, tables=tables, **own),
+        Section(
+            "campus-10m-turned",
+            "turned",
+            "studies",
+            findings=(says, says),
+            illustrations=figures,
+            tables=tables,
+            **own,
+        ),
     ]
 
 

@@ -1,4 +1,5 @@
-"""The artifacts of a small study of robustness: four test days, two methods, a variant, turned queries, walls, stress, cells."""
+"""The artifacts of a small study of robustness: four test days, two methods, a variant, turned
+queries, walls, stress, cells."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +21,8 @@ from pipeline.studies.expansion import models_of
 from tests.report.figures.made import BOOTSTRAP, PLACES, TRAIN_PLACES, TRAIN_XY_M, evaluation
 from tests.views.made import SUITED
 
-TRAIN, TESTS = "2012-01-15", {"2012-02-04": 20, "2012-03-17": 62, "2012-06-15": 152, "2012-10-28": 287}
+TRAIN = "2012-01-15"
+TESTS = {"2012-02-04": 20, "2012-03-17": 62, "2012-06-15": 152, "2012-10-28": 287}
 REVERSED = "2012-07-01"
 TURNED = [Case(), *(Case("turned", repeat=repeat) for repeat in range(2))]
 WALLS = [Case("construction", level, shadow) for level in (1.0, 2.0) for shadow in (False, True)]
@@ -45,7 +47,8 @@ WORDS: dict[str, Any] = {
 KNOWN = {"entropy": np.array([0.1, 0.2]), "energy": np.array([1.0, 2.0])}
 EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
 WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1)}
-"""Which answers are misplaced besides those of SCI; turned, the last seen query's too, but for the 4-way model."""
+"""Which answers are misplaced besides those of SCI; turned, the last seen query's too, but for the
+4-way model."""
 
 
 def build(artifacts: Path) -> Study:
@@ -53,10 +56,16 @@ def build(artifacts: Path) -> Study:
     rng = np.random.default_rng(0)
     for sequence, days in {TRAIN: 0, **TESTS, REVERSED: 168}.items():
         xy_m = TRAIN_XY_M if sequence == TRAIN else evaluation().xy_m
-        world_T_anchor, n = np.tile(np.eye(4), (len(xy_m), 1, 1)), len(xy_m)
+        world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
+        n = len(xy_m)
         world_T_anchor[:, :2, 3] = xy_m
         anchor = {"stamps_ns": np.arange(n), "world_T_anchor": world_T_anchor}
-        rows = {"first": np.arange(n), "scans": np.arange(n), "ground_m": np.zeros(n), "used": np.ones(n, bool)}
+        rows = {
+            "first": np.arange(n),
+            "scans": np.arange(n),
+            "ground_m": np.zeros(n),
+            "used": np.ones(n, bool),
+        }
         put(
             artifacts / f"submaps/campus/{sequence}.zarr",
             schemas.SUBMAPS,
@@ -68,39 +77,67 @@ def build(artifacts: Path) -> Study:
         images = rng.uniform(0, 16, (n, 40, 120)).astype(np.float32)
         views = artifacts / f"views/campus/scan_context/{sequence}.zarr"
         put(views, schemas.VIEWS, {"images": images, **anchor}, cases=[asdict(Case())])
-        truth = {"places": TRAIN_PLACES if sequence == TRAIN else PLACES, "cells": np.arange(10), "oracle": np.zeros(n, int)}
+        truth = {
+            "places": TRAIN_PLACES if sequence == TRAIN else PLACES,
+            "cells": np.arange(10),
+            "oracle": np.zeros(n, int),
+        }
         truth |= {"nearest_m": np.zeros(n), "nearest_turn_deg": np.zeros(n)}
         for cell_m in (10, 5):
             own = {"days": days, "cell_m": cell_m, "x_m": [0, 100], "y_m": [0, 100]}
-            put(artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", schemas.LABELS, truth, **own)
+            put(
+                artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", schemas.LABELS, truth, **own
+            )
         for model in WRONG if sequence != TRAIN else ():
-            judged(artifacts / f"evaluate/campus/10m/{model}/{sequence}.zarr", model, sequence, days)
+            judged(
+                artifacts / f"evaluate/campus/10m/{model}/{sequence}.zarr", model, sequence, days
+            )
             if sequence in TESTS and "-" not in model:
-                judged(artifacts / f"evaluate/campus/5m/{model}/{sequence}.zarr", model, sequence, days)
-    losses = {"curves/loss": np.array([2.0, 1.0]), "curves/held_out_loss": np.array([3.0, 2.0]), "best_epoch": np.array(1)}
+                judged(
+                    artifacts / f"evaluate/campus/5m/{model}/{sequence}.zarr", model, sequence, days
+                )
+    losses = {
+        "curves/loss": np.array([2.0, 1.0]),
+        "curves/held_out_loss": np.array([3.0, 2.0]),
+        "best_epoch": np.array(1),
+    }
     for method in WORDS["methods"]:
         for model in models_of(method):
-            recipe = {"_target_": f"pipeline.methods.{method['name']}.A", "view": "scan_context", "budget": "0.03", "n_way": "1"}
+            recipe = {
+                "_target_": f"pipeline.methods.{method['name']}.A",
+                "view": "scan_context",
+                "budget": "0.03",
+                "n_way": "1",
+            }
             recipe |= {"n_way": "4"} if model.variant else {}
             for grid in ("10m", *(["5m"] if not model.variant else [])):
                 learned = EVIDENCE.arrays() | (losses if method["name"] == "sci" else {})
-                store.write_model(artifacts / f"train/campus/{grid}/{model.name}.safetensors", learned, recipe)
+                store.write_model(
+                    artifacts / f"train/campus/{grid}/{model.name}.safetensors", learned, recipe
+                )
     (artifacts / "events/campus").mkdir(parents=True)
     for sequence in TESTS:
-        write_changes(artifacts / f"events/campus/{sequence}.csv", [Change("construction", 5, 10, 0.0, 5.0)])
-    table = results.Gathering(artifacts, "campus", WORDS, True, Ageing(), Bands((25.0, 50.0)), 0.2).table()
+        write_changes(
+            artifacts / f"events/campus/{sequence}.csv", [Change("construction", 5, 10, 0.0, 5.0)]
+        )
+    table = results.Gathering(
+        artifacts, "campus", WORDS, True, Ageing(), Bands((25.0, 50.0)), 0.2
+    ).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
     return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
 
 
 def judged(path: Path, model: str, sequence: str, days: int) -> None:
-    """The evaluation of one model on one sequence in each of its cases; it finds one place less from the third day on."""
+    """The evaluation of one model on one sequence in each of its cases; it finds one place less
+    from the third day on."""
     found = {}
     some = WALLS if sequence in WORDS["altered"]["construction"] and "-" not in model else []
     for case in [*TURNED, *some] if sequence in WORDS["altered"]["turned"] else TURNED[:1]:
         wrong = (*WRONG[model], *((4,) if (case.change and "-" not in model) or days > 100 else ()))
-        found[case] = evaluation(days, wrong=wrong, heading_deg=5.0 if model == "scan_context" else np.nan)
+        found[case] = evaluation(
+            days, wrong=wrong, heading_deg=5.0 if model == "scan_context" else np.nan
+        )
     rules = {"distance": asdict(Distance()), "bootstrap": asdict(BOOTSTRAP)}
     own = {**rules, "sequence": sequence, "train": TRAIN, "wanted_precision": 0.9}
     put(path, schemas.EVALUATIONS, columns([*found.values()]), **attrs(found), **own)

@@ -8,10 +8,17 @@ from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.brief import LINES, brief
 
-STUDY = {"source": "world", "train": "2012-01-15", "tests": ["2012-02-04", "2013-04-05"], "grids": ["10m"]}
+STUDY = {
+    "source": "world",
+    "train": "2012-01-15",
+    "tests": ["2012-02-04", "2013-04-05"],
+    "grids": ["10m"],
+}
 
 
-def results(name: str, methods: int = 1, void: bool = False, within_m: float = 15.0) -> pd.DataFrame:
+def results(
+    name: str, methods: int = 1, void: bool = False, within_m: float = 15.0
+) -> pd.DataFrame:
     """Method number i is right .5 + i / 100 on the first day and a tenth less often on the last."""
     rows = []
     for i in range(methods):
@@ -36,7 +43,16 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
     title, above, heads, first, second, _ = text.split("\n")
     assert title == "campus, simulated: learned 2012-01-15, 2 test days, cells of 10 m"
     assert above.split() == ["within", "15", "m", "answers", "right", "keeps", "of", "ms", "a"]
-    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "wanted", "query"]
+    assert heads.split() == [
+        "2012-02-04",
+        "2013-04-05",
+        "of",
+        "all",
+        "of",
+        "those",
+        "wanted",
+        "query",
+    ]
     assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "0.731", "of", "0.9", "12"]
     assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "0.950", "12"]
     assert max(map(len, text.split("\n"))) <= 78
@@ -59,7 +75,9 @@ def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
 
 
 def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
-    text = brief(results("yard", void=True, within_m=2.5), {"yard": STUDY | {"tolerance": "near"}}, 80)
+    text = brief(
+        results("yard", void=True, within_m=2.5), {"yard": STUDY | {"tolerance": "near"}}, 80
+    )
     assert text.split("\n")[3].split()[:3] == ["m0", "void", "void"]
     assert "within 2.5 m" in text
 

@@ -13,7 +13,9 @@ NAN = np.nan
 
 
 def test_what_was_found_is_averaged_over_repeats_seeds_and_sequences() -> None:
-    found = Found(np.array([[[0.9, 0.7], [0.5, NAN]], [[0.6, 0.6], [NAN, NAN]]]))  # (seed, sequence, repeat)
+    found = Found(
+        np.array([[[0.9, 0.7], [0.5, NAN]], [[0.6, 0.6], [NAN, NAN]]])
+    )  # (seed, sequence, repeat)
     assert found.by_sequence == pytest.approx([0.7, 0.5])  # .8 and .6; .5 of one seed alone
     assert found.mean == pytest.approx(0.6)
     assert found.by_seed == pytest.approx([0.65, 0.6])
@@ -23,30 +25,60 @@ def test_what_was_found_is_averaged_over_repeats_seeds_and_sequences() -> None:
     assert (found.over_sequences, found.over_seeds) == pytest.approx((0.2 * half, 0.05 * half))
     assert found.over_repeats == pytest.approx((0.2 * half + 0.0) / 2)  # where there are two
     nothing = Found(np.full((1, 2, 1), NAN))
-    assert np.isnan([nothing.mean, nothing.over_sequences, nothing.over_seeds, nothing.over_repeats]).all()
+    assert np.isnan(
+        [nothing.mean, nothing.over_sequences, nothing.over_seeds, nothing.over_repeats]
+    ).all()
 
 
 def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> None:
     assert COMPARED.models == ["sci", "sci-4way", "sci_ring"]
-    assert (COMPARED.kinds, COMPARED.changes, COMPARED.sequences) == ([Kind(), TURNED], [TURNED], list(DAYS[:2]))
+    assert (COMPARED.kinds, COMPARED.changes, COMPARED.sequences) == (
+        [Kind(), TURNED],
+        [TURNED],
+        list(DAYS[:2]),
+    )
     assert (COMPARED.seeds, COMPARED.repeats) == ({"sci": 1, "sci-4way": 1, "sci_ring": 2}, 2)
     assert COMPARED.ordered(TURNED, AUC) == ["sci_ring", "sci-4way", "sci"]
     assert COMPARED.ways() == {2: "sci", 4: "sci-4way"}
     assert compared({("sci", Kind()): [[[0.5]]]}, {}).ways() == {}
-    kinds = (Kind(), TURNED, Kind("demolition", 60.0), Kind("construction", 1.0), Kind("construction", 2.0, True))
-    assert [one.label for one in kinds] == ["as driven", "turned", "60° removed", "1 new wall", "2 new walls and shadow"]
+    kinds = (
+        Kind(),
+        TURNED,
+        Kind("demolition", 60.0),
+        Kind("construction", 1.0),
+        Kind("construction", 2.0, True),
+    )
+    assert [one.label for one in kinds] == [
+        "as driven",
+        "turned",
+        "60° removed",
+        "1 new wall",
+        "2 new walls and shadow",
+    ]
 
 
 def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_as_driven() -> None:
-    assert COMPARED.found("sci", TURNED, KEPT).values.tolist() == [[pytest.approx([0.25, 0.25]), pytest.approx([0.5, 0.5])]]
-    assert COMPARED.found("sci_ring", TURNED, KEPT).values[1, 1] == pytest.approx([0.7 / 0.8, 0.74 / 0.8])
-    assert BUILT.found("sci", Kind("construction", 2.0, True), KEPT).mean == pytest.approx(0.3 / 0.8)
+    assert COMPARED.found("sci", TURNED, KEPT).values.tolist() == [
+        [pytest.approx([0.25, 0.25]), pytest.approx([0.5, 0.5])]
+    ]
+    assert COMPARED.found("sci_ring", TURNED, KEPT).values[1, 1] == pytest.approx(
+        [0.7 / 0.8, 0.74 / 0.8]
+    )
+    assert BUILT.found("sci", Kind("construction", 2.0, True), KEPT).mean == pytest.approx(
+        0.3 / 0.8
+    )
     none = compared({("sci", Kind()): [[[0.0]]], ("sci", TURNED): [[[0.5]]]}, {})
     assert np.isnan(none.found("sci", TURNED, KEPT).mean)  # of nothing, no share is kept
 
 
 def pair(one: Sequence[float], other: Sequence[float], seeds: int = 1) -> Comparison:
-    return compared({("sci", Kind()): [[[v] for v in one]] * seeds, ("m2dp", Kind()): [[[v] for v in other]] * seeds}, {})
+    return compared(
+        {
+            ("sci", Kind()): [[[v] for v in one]] * seeds,
+            ("m2dp", Kind()): [[[v] for v in other]] * seeds,
+        },
+        {},
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,7 +99,11 @@ def test_a_margin_is_clear_on_every_sequence_and_beyond_what_days_and_seeds_do(
 ) -> None:
     margin = pair(one, other, seeds).ahead("sci", "m2dp", Kind(), AUC)
     apart = np.subtract(one, other)[np.isfinite(np.subtract(one, other))]
-    assert (margin.value, margin.number, margin.clear) == (pytest.approx(apart.mean()), len(apart), clear)
+    assert (margin.value, margin.number, margin.clear) == (
+        pytest.approx(apart.mean()),
+        len(apart),
+        clear,
+    )
     assert ONE_SEED == 0.02
 
 
@@ -75,4 +111,6 @@ def test_without_a_common_sequence_there_is_no_margin() -> None:
     margin = pair((0.9, NAN), (NAN, 0.1)).ahead("sci", "m2dp", Kind(), FAR)
     assert np.isnan(margin.value)
     assert (margin.number, margin.clear) == (0, False)
-    assert COMPARED.found("sci", TURNED, OFF).mean == pytest.approx(0.3)  # every number has its own rows
+    assert COMPARED.found("sci", TURNED, OFF).mean == pytest.approx(
+        0.3
+    )  # every number has its own rows

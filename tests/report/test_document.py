@@ -1,4 +1,5 @@
-"""The page of results says what each study is, and has a table a number, methods as rows and days as columns."""
+"""The page of results says what each study is, and has a table a number, methods as rows and days
+as columns."""
 
 import pandas as pd
 
@@ -15,20 +16,32 @@ def posed() -> pd.DataFrame:
     rows = [
         place | {"sequence": day, "days": days} | row(name, "distance", value)
         for day, days, right in (("2012-02-04", 20, 0.25), ("2013-04-05", 446, 1.0))
-        for name, value in (("recall_at_1", right), ("answered", 0.5), ("within_2m_5deg", right), ("error_m", 0.2))
+        for name, value in (
+            ("recall_at_1", right),
+            ("answered", 0.5),
+            ("within_2m_5deg", right),
+            ("error_m", 0.2),
+        )
     ]
     return table(rows, study="robot", dataset="robot")
 
 
 def test_recorded_studies_come_first_and_simulated_ones_are_called_so() -> None:
     tables = pd.concat([results("campus", methods=2), results("robot"), posed()])
-    text = document(tables, {"campus": WORDS, "robot": WORDS | {"source": "readers"}, "suburb": WORDS | {"grids": []}})
+    text = document(
+        tables,
+        {"campus": WORDS, "robot": WORDS | {"source": "readers"}, "suburb": WORDS | {"grids": []}},
+    )
     recorded, _, simulated = text.partition("## campus, simulated")
     assert "## robot, recorded" in recorded
     assert "Simulated" not in recorded
     assert "**Simulated, not recorded data** (world `campus_demo`)" in simulated
     assert "suburb" not in text
-    heads = [line.split(" | ")[0].strip("| ") for line in simulated.splitlines() if line.startswith("| m")]
+    heads = [
+        line.split(" | ")[0].strip("| ")
+        for line in simulated.splitlines()
+        if line.startswith("| m")
+    ]
     assert heads[:3] == ["method", "m1", "m0"]
     assert "\n\n\n" not in text
     assert "{" not in text
@@ -38,5 +51,12 @@ def test_poses_have_a_row_a_day_only_where_there_are_some() -> None:
     studies = {"robot": WORDS | {"source": "readers"}}
     assert "2 m, 5°" not in document(results("robot"), studies)
     found = document(pd.concat([results("robot"), posed()]), studies).partition("Poses by day")[2]
-    cells = [[cell.strip() for cell in line.split("|")[1:5]] for line in found.splitlines() if line.startswith("| m0")]
-    assert cells == [["m0-pose", "2012-02-04", "0.250", "–"], ["m0-pose", "2013-04-05", "1.000", "–"]]
+    cells = [
+        [cell.strip() for cell in line.split("|")[1:5]]
+        for line in found.splitlines()
+        if line.startswith("| m0")
+    ]
+    assert cells == [
+        ["m0-pose", "2012-02-04", "0.250", "–"],
+        ["m0-pose", "2013-04-05", "1.000", "–"],
+    ]

@@ -1,4 +1,5 @@
-"""The report of a study of learning further days: its sections, tables, findings and short table."""
+"""The report of a study of learning further days: its sections, tables, findings and short
+table."""
 
 import json
 import re
@@ -37,7 +38,10 @@ def test_numbers_are_by_seed_and_step(every: list[StrategyNumbers]) -> None:
     one = of(every, "sci", "days", "tuned")
     assert one.steps == [learned.TRAIN, learned.LEARNED]
     assert one.groups == learned.ASKED
-    assert one.over("recall_of_all", "cells").tolist() == [[0.5, 0.5], [0.5, 0.75]]  # of four known: 1 and 3; then 3, 4; 1, 3, 4
+    assert one.over("recall_of_all", "cells").tolist() == [
+        [0.5, 0.5],
+        [0.5, 0.75],
+    ]  # of four known: 1 and 3; then 3, 4; 1, 3, 4
     assert one.matrix("cells").tolist() == [[0.5, 1.0], [0.25, 1.0]]  # the mean of 0 and .5
     assert one.over("cpu_s").tolist() == [[100.0, 2.0]] * 2
     assert np.isnan(one.over("wrong")).tolist() == [[True, True]] * 2
@@ -47,7 +51,9 @@ def test_numbers_are_by_seed_and_step(every: list[StrategyNumbers]) -> None:
     assert np.isnan(first[1])
 
 
-def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(every: list[StrategyNumbers]) -> None:
+def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
+    every: list[StrategyNumbers],
+) -> None:
     only, *others = of_order("days", [one for one in every if one.order == "days"])
     assert not others
     assert [(row[0].text, row[1].text) for row in only.rows] == [
@@ -55,11 +61,19 @@ def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(ev
         *(("sad", strategy) for strategy in ("frozen", "grown")),
     ]
     tuned = [str(cell) for cell in only.rows[2][2:]]
-    # forgetting: (.5 - 0) and (1 - 1) of one seed, none of the other; transfer: the third query stays right
-    assert tuned == [*["0.625 ± .177", "0.625 ± .177", "0.125 ± .177", "0.000 ± .000"] * 2, "3 → 4", "3.0 ± 0.0", "2.0 ± 0.0"]
+    # forgetting: (.5 - 0) and (1 - 1) of one seed, none of the other; transfer: the third query
+    # stays right
+    assert tuned == [
+        *["0.625 ± .177", "0.625 ± .177", "0.125 ± .177", "0.000 ± .000"] * 2,
+        "3 → 4",
+        "3.0 ± 0.0",
+        "2.0 ± 0.0",
+    ]
 
 
-def test_days_that_nobody_surveyed_have_counts_and_each_asked_day_before_and_after(every: list[StrategyNumbers]) -> None:
+def test_days_that_nobody_surveyed_have_counts_and_each_asked_day_before_and_after(
+    every: list[StrategyNumbers],
+) -> None:
     updates = [one for one in every if one.order == "updates"]
     assert [[str(cell) for cell in row[1:]] for row in counts(updates).rows] == [
         ["updated", "50 ± 0", "40 ± 0", "0 ± 0", "7 ± 0"],
@@ -79,23 +93,40 @@ def test_findings_say_by_how_much_and_over_how_many_seeds(every: list[StrategyNu
     forgets, below, regained = findings(every)
     listed = [(one["order"], one["apart"], one["seeds"]) for one in forgets.values["listed"]]
     assert listed == [("days", pytest.approx(-0.375), 2)]  # −.25 of growth, against .25 and 0
-    assert [(one["own"], one["reference"], one["apart"]) for one in below.values["listed"]] == [(1.0, 1.0, 0.0)]
+    assert [(one["own"], one["reference"], one["apart"]) for one in below.values["listed"]] == [
+        (1.0, 1.0, 0.0)
+    ]
     said = [sentence(one) for one in (forgets, below, regained)]
-    assert ": *days* −0.250 against 0.125, a difference of −0.375 (from −0.500 to −0.250 over 2 seeds)." in said[0]
+    assert (
+        ": *days* −0.250 against 0.125, a difference of −0.375 (from −0.500 to −0.250 over 2 "
+        "seeds)." in said[0]
+    )
     assert "1.000 against 1.000, a difference of +0.000" in said[1]
     assert "on 2013-03-23, which is asked last" in said[2]
-    assert "`updated` 1.000 → 0.500 (mean of all asked days 0.750 → 0.750), 40 of 50 scans adopted, 0 of them at a" in said[2]
+    assert (
+        "`updated` 1.000 → 0.500 (mean of all asked days 0.750 → 0.750), 40 of 50 scans adopted, "
+        "0 of them at a" in said[2]
+    )
     assert "44 of 50 scans adopted, 3.5 of them at a wrong pose. Means over 2 seeds." in said[2]
     assert all(one.startswith("`sci`") for one in said)
     assert findings([one for one in every if one.model == "sad"]) == []
 
 
 def test_the_report_and_the_page_are_whole(study: Study, tmp_path: Path) -> None:
-    line = report.write(tmp_path / "report", study.artifacts, {"campus": learned.WORDS}, study.table, FEW, pytest.fail)
+    line = report.write(
+        tmp_path / "report",
+        study.artifacts,
+        {"campus": learned.WORDS},
+        study.table,
+        FEW,
+        pytest.fail,
+    )
     assert line.startswith("1 sections and 8 figures of 1 study")
     folder = tmp_path / "report/campus/10m"
     text = (folder / "report.md").read_text()
-    assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["Learning further days: simulated campus"]
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == [
+        "Learning further days: simulated campus"
+    ]
     prose = re.sub(r"^(\||!\[|- `|Sources).*", "", text, flags=re.MULTILINE)
     assert not re.findall(r"\bnan\b|None|\{|\}|\[|\S  +\S| [,;.:] |\.\.|\(\)|``|−0\.000", prose)
     assert "asked about 2 other days after each" in " ".join(text.split())
@@ -117,12 +148,27 @@ def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
     assert len(lines) <= 12
     assert max(map(len, lines)) <= 78
     assert lines[0] == "campus, simulated: learned further days, cells of 10 m, right within 15 m"
-    assert next(line for line in lines if "tuned" in line).split() == ["sci", "tuned", "0.625", "0.125", *["–"] * 4]
+    assert next(line for line in lines if "tuned" in line).split() == [
+        "sci",
+        "tuned",
+        "0.625",
+        "0.125",
+        *["–"] * 4,
+    ]
     assert "… and 1 more" in text
     narrow = brief(study.table, {"campus": learned.WORDS}, 60).splitlines()
     assert max(map(len, narrow)) <= 60
-    assert next(line for line in narrow if "tuned" in line).split() == ["sci", "tuned", "0.625", "–", "–"]
+    assert next(line for line in narrow if "tuned" in line).split() == [
+        "sci",
+        "tuned",
+        "0.625",
+        "–",
+        "–",
+    ]
 
 
 def test_without_rows_nothing_is_printed_but_the_title(study: Study) -> None:
-    assert len(brief(where(study.table, {"grid": "5m"}), {"campus": learned.WORDS}, 78).splitlines()) <= 3
+    assert (
+        len(brief(where(study.table, {"grid": "5m"}), {"campus": learned.WORDS}, 78).splitlines())
+        <= 3
+    )

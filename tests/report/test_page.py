@@ -1,4 +1,5 @@
-"""The page of a small study: what it shows, what it says is missing, and that it works in a browser without a network."""
+"""The page of a small study: what it shows, what it says is missing, and that it works in a browser
+without a network."""
 
 import io
 import json
@@ -26,7 +27,10 @@ from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
 from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
+    None,
+)
 LISTEN = """<script>
 window.faults = [];
 const listen = (kind, say) => addEventListener(kind, (event) => faults.push(say(event)));
@@ -96,8 +100,13 @@ def page(root: Path) -> str:
 def test_the_page_asks_nothing_of_the_network(page: str) -> None:
     assert "default-src 'none'" in page
     assert re.findall(r'(?:src|srcset|data-src)="(?!data:)[^"]*"', page) == []
-    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|<link(?! rel=\"icon\" href=\"data:,\")", page)
-    papers = {"https://doi.org/10.1109/LRA.2019.2897340", "https://doi.org/10.1109/IROS.2018.8593562"}
+    assert not re.search(
+        r"@import|url\(|fetch\(|XMLHttpRequest|<link(?! rel=\"icon\" href=\"data:,\")", page
+    )
+    papers = {
+        "https://doi.org/10.1109/LRA.2019.2897340",
+        "https://doi.org/10.1109/IROS.2018.8593562",
+    }
     assert set(re.findall(r'href="(\w+:[^"]*)"', page)) == {"data:,", *papers}
 
 
@@ -105,22 +114,37 @@ def test_every_link_within_the_page_leads_somewhere_once(page: str) -> None:
     names = re.findall(r'\sid="([^"]+)"', page)
     assert len(names) == len(set(names))
     assert set(re.findall(r'href="#([^"]*)"', page)) <= set(names)
-    assert '<a href="#campus-10m">campus <small>simulated</small></a>' in page.partition("</nav>")[0]
+    assert (
+        '<a href="#campus-10m">campus <small>simulated</small></a>' in page.partition("</nav>")[0]
+    )
 
 
 def test_captions_lead_to_sources_and_models_to_their_recipe(page: str) -> None:
     cell = '<span class="number"><span>0.810</span><b class="mark">+</b><small>[.70, .90]</small></span>'
     assert f'data-key="0.81">{cell}' in page
-    assert '<p class="caption">AUC by <code>case</code> <a href="#campus-10m-turned-source">Source</a></p>' in page
+    assert (
+        '<p class="caption">AUC by <code>case</code> <a href="#campus-10m-turned-source">Source</a></p>'
+        in page
+    )
     assert page.count('href="#campus-10m-turned-source"') == 2  # one link a table, none a number
-    assert re.search(r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">', page)
-    shown = ("<dt>epochs</dt><dd>2</dd>", "seed: 7", "1,000 resamples", "<dt>trained with</dt><dd>sci 1, 2</dd>")
+    assert re.search(
+        r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">',
+        page,
+    )
+    shown = (
+        "<dt>epochs</dt><dd>2</dd>",
+        "seed: 7",
+        "1,000 resamples",
+        "<dt>trained with</dt><dd>sci 1, 2</dd>",
+    )
     assert all(part in page for part in shown)
     assert not any(part in page for part in ("_target_", "conf/lists.yaml"))
 
 
 def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
-    assert page.count('<p class="banner">Simulated, not recorded data</p>') == 3  # the first screen, the set-up and the study
+    assert (
+        page.count('<p class="banner">Simulated, not recorded data</p>') == 3
+    )  # the first screen, the set-up and the study
     assert EVIL not in page
     assert page.count("a &lt;/script&gt;&lt;script&gt;") >= 4
     assert "late &lt;b&gt;" in page
@@ -130,28 +154,43 @@ def test_the_first_screen_answers_before_all_else(page: str) -> None:
     first, _, below = page.partition("Every method, every day")
     assert "<h1>Learned in one day. Still right after 62\N{NO-BREAK SPACE}days?</h1>" in first
     assert [re.sub("<.*?>", "", one) for one in re.findall(r'<p class="big">(.*?)</p>', first)] == [
-        one.replace(" %", "\N{NO-BREAK SPACE}%") for one in ("78 % → 73.8 %", "38 % → 33.8 %", "25 %")
+        one.replace(" %", "\N{NO-BREAK SPACE}%")
+        for one in ("78 % → 73.8 %", "38 % → 33.8 %", "25 %")
     ]
     assert "<code>sci</code>" in first.partition("Right most often")[2][:60]
-    assert below.index('data-model="sci" data-day="2012-03-17"') < below.index('data-model="m2dp" data-day="2012-02-04"')
+    assert below.index('data-model="sci" data-day="2012-03-17"') < below.index(
+        'data-model="m2dp" data-day="2012-02-04"'
+    )
     shown = below.partition("All tables and figures")
     assert "<details" not in shown[0].partition("</article>")[0]
     assert shown[2].count('<details class="chapter"') == 4  # the set-up, the study, words, sources
-    assert "Training was cut short: <code>sci</code> had 10\N{NO-BREAK SPACE}% of its own full training." in below
+    assert (
+        "Training was cut short: <code>sci</code> had 10\N{NO-BREAK SPACE}% of its own full "
+        "training." in below
+    )
     turned = re.search(r"Turned, rebuilt, older.*?<tbody>(.*?)</tbody>", below, re.DOTALL)
     assert turned
     assert re.findall(r'data-key="([\d.]+)"', turned[1]) == ["0.78", "0.2", "0.38", "0.1"]
 
 
 def test_coverage_counts_what_can_be_answered_at_a_precision() -> None:
-    novelty, right = np.array([0.1, 0.2, 0.2, 0.9]), np.array([True, True, False, False])
+    novelty = np.array([0.1, 0.2, 0.2, 0.9])
+    right = np.array([True, True, False, False])
     shares = dict(zip(PRECISIONS, coverage(novelty, right), strict=True))
-    assert (shares[0.5], shares[0.66], shares[0.67], shares[1.0]) == (1.0, 0.75, 0.25, 0.25)  # equal novelties go together
+    assert (shares[0.5], shares[0.66], shares[0.67], shares[1.0]) == (
+        1.0,
+        0.75,
+        0.25,
+        0.25,
+    )  # equal novelties go together
     assert set(coverage(novelty, np.zeros(4, bool))) == {0.0}
 
 
 def test_names_at_the_ends_of_lines_stand_apart_and_only_the_best_has_a_band() -> None:
-    lines = [Series(f"m{i}", [0, 10], [0.5, 0.01 * i], [(0.4, 0.6), (0.0, 0.1)] if i == 0 else ()) for i in range(9)]
+    lines = [
+        Series(f"m{i}", [0, 10], [0.5, 0.01 * i], [(0.4, 0.6), (0.0, 0.1)] if i == 0 else ())
+        for i in range(9)
+    ]
     found = drawn(lines, {"m0": BEST}, (0, 10), {}, 300.0)
     heights = sorted(line.name_y for line in found.lines)
     assert min(after - before for before, after in pairwise(heights)) >= APART
@@ -163,7 +202,9 @@ def test_names_at_the_ends_of_lines_stand_apart_and_only_the_best_has_a_band() -
 def test_the_page_shows_what_it_is_given_and_says_what_is_missing(root: Path, page: str) -> None:
     missing = page.partition("About this page")[2]
     assert "lost.svg: no such figure; <code>dvc repro</code> draws it" in missing
-    fewer = html([Entry(study(root), sections(root)[:1])], LOCK)  # the figures of the other still lie in the folder
+    fewer = html(
+        [Entry(study(root), sections(root)[:1])], LOCK
+    )  # the figures of the other still lie in the folder
     assert "Turned" not in fewer
     assert "no such figure" not in fewer
     assert "There is no study to show." in html([], LOCK)
@@ -175,7 +216,10 @@ def test_a_section_as_markdown(root: Path) -> None:
     text = render.template("section.md.j2", section=section, simulated=True, folder=root)
     head = "# Turned <headings>\n\n**Simulated, not recorded data.**\n\nDoes it *matter*?"
     assert text.startswith(f"{head}\n\n{EVIL}\n\n- {EVIL}\n\n## How")
-    assert f"## How turned\n\n![How turned](turned.svg)\n\nRead it so. {EVIL}\n\n## How turned\n" in text
+    assert (
+        f"## How turned\n\n![How turned](turned.svg)\n\nRead it so. {EVIL}\n\n## How turned\n"
+        in text
+    )
     assert f"## AUC by `case`\n\n{section.tables[0].markdown()}\n## AUROC by" in text
     assert text.endswith("\n\nSources: `artifacts/turned.zarr`\n")
 
@@ -194,25 +238,37 @@ def test_a_picture_holds_every_view_as_quantized() -> None:
     assert image.getpalette()[:3] == [0, 0, 131]  # an empty bin (METHODS 2.1)
     for n in (0, COLUMNS - 1, COLUMNS, COLUMNS + 2):
         row, column = divmod(n, COLUMNS)
-        assert (np.asarray(image)[40 * row : 40 * row + 40, 120 * column : 120 * column + 120] == quantize(images[n])).all()
+        assert (
+            np.asarray(image)[40 * row : 40 * row + 40, 120 * column : 120 * column + 120]
+            == quantize(images[n])
+        ).all()
 
 
 def test_views_are_rolled_to_where_they_look_most_alike() -> None:
-    images, by = heights(4), [0, 7, 60, 119]
-    turned = np.stack([np.roll(image, columns, axis=1) for image, columns in zip(images, by, strict=True)])
+    images = heights(4)
+    by = [0, 7, 60, 119]
+    turned = np.stack(
+        [np.roll(image, columns, axis=1) for image, columns in zip(images, by, strict=True)]
+    )
     assert best_shifts(spectra(turned), spectra(images), 120).tolist() == by
     assert [best_shift(one, other) for one, other in zip(turned, images, strict=True)] == by
 
 
 def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
-    path_xy_m = np.stack([np.arange(70_000.0) - 69_990, np.zeros(70_000)], axis=1)  # the query at x = 0 is nearest to row 69,990
+    path_xy_m = np.stack(
+        [np.arange(70_000.0) - 69_990, np.zeros(70_000)], axis=1
+    )  # the query at x = 0 is nearest to row 69,990
     one = study(tmp_path, path_xy_m)
     shutil.rmtree(one.find("views", TRAIN[0], "sci"))
     one.results[0].evaluation.answer_xy_m[6] = np.nan
     shown = chart(one)
-    true, answered = shown["sequences"][0]["row"], shown["answers"]["sci"]["2012-02-04"]["row"]
+    true = shown["sequences"][0]["row"]
+    answered = shown["answers"]["sci"]["2012-02-04"]["row"]
     positions = shown["sequences"][0]["xy"]
-    first, last, xy = (np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}") for one in (true, answered, positions))
+    first, last, xy = (
+        np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}")
+        for one in (true, answered, positions)
+    )
     assert (first[0], last[-1], (xy.reshape(-1, 2) - (34_990, 0)).tolist()) == (
         69_990,
         NONE,
@@ -221,7 +277,8 @@ def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
 
 
 def test_the_map_tells_apart_what_lies_as_far_out_as_utm(tmp_path: Path) -> None:
-    """float32 holds 4,000,000 m to a quarter of a metre; the answer lies a tenth east of the first pose of a path 2 m long."""
+    """float32 holds 4,000,000 m to a quarter of a metre; the answer lies a tenth east of the first
+    pose of a path 2 m long."""
     path_xy_m = np.array([500_000.0, 4_000_000.0]) + np.array([[0.0, 0.0], [2.0, 0.0]])
     one = study(tmp_path, path_xy_m)
     one.results[0].evaluation.answer_xy_m[0] = path_xy_m[0] + (0.1, 0.0)
@@ -232,11 +289,25 @@ def test_the_map_tells_apart_what_lies_as_far_out_as_utm(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
-def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tmp_path: Path) -> None:
-    copy, words = tmp_path / "page.html", page.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{WORK}</body>")
+def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(
+    page: str, tmp_path: Path
+) -> None:
+    copy = tmp_path / "page.html"
+    words = page.replace("<head>", f"<head>{LISTEN}", 1).replace("</body>", f"{WORK}</body>")
     copy.write_text(words, encoding="utf-8")
-    flags = ("--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
-    own = (f"--user-data-dir={tmp_path / 'profile'}", "--disable-sync", "--window-size=390,844", "--virtual-time-budget=5000")
+    flags = (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+    )
+    own = (
+        f"--user-data-dir={tmp_path / 'profile'}",
+        "--disable-sync",
+        "--window-size=390,844",
+        "--virtual-time-budget=5000",
+    )
     asked = [str(BROWSER), *flags, *own, "--dump-dom", copy.as_uri()]
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
     seen = json.loads(unescape(shown.partition("<title>")[2].partition("</title>")[0]))
@@ -249,9 +320,21 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(page: str, tm
         "null": ["sci", "m2dp", "late <b>", "mean"],
         "by distance": ["right 4", "wrong 1", "unseen 2", "faint: rejected", "training path"],
         "by cells": ["right 3", "wrong 2", "unseen 2", "faint: rejected", "training path"],
-        "opened": ["Query 3 of 7", "wrong: seen, but placed elsewhere", "200 m from query to answer"],
-        "first": ["right: within 12 m", "6.0 m from query to answer", "0.300 (entropy); accepted: threshold 0.500"],
-        "wrong": ["Query 3 of 7", "wrong: seen, but placed elsewhere", "200 m from query to answer"],
+        "opened": [
+            "Query 3 of 7",
+            "wrong: seen, but placed elsewhere",
+            "200 m from query to answer",
+        ],
+        "first": [
+            "right: within 12 m",
+            "6.0 m from query to answer",
+            "0.300 (entropy); accepted: threshold 0.500",
+        ],
+        "wrong": [
+            "Query 3 of 7",
+            "wrong: seen, but placed elsewhere",
+            "200 m from query to answer",
+        ],
         "picked": "Query 2 of 7",
         "zoomed": [False, True, True],  # the wheel scrolls the page until the map has the focus
         "back": "Query 1 of 7",

@@ -1,4 +1,5 @@
-"""Published numbers: blocks are filled from tables of results, and the published pages agree with each other."""
+"""Published numbers: blocks are filled from tables of results, and the published pages agree with
+each other."""
 
 import re
 from pathlib import Path
@@ -18,7 +19,8 @@ between
 <!-- results: town demo tables -->
 <!-- end of results -->
 """
-CAMPUS, TOWN = Block("campus", "minutes", "brief"), Block("town", "demo", "tables")
+CAMPUS = Block("campus", "minutes", "brief")
+TOWN = Block("town", "demo", "tables")
 WORDS = STUDY | {"world": "campus_demo", "submap": "single", "budget": "minutes"}
 
 
@@ -30,22 +32,33 @@ def test_a_block_is_filled_between_its_marks_and_others_are_left() -> None:
 
 
 def test_a_mark_of_another_kind_is_named() -> None:
-    with pytest.raises(ConfigError, match="results: campus minutes pictures -->: expected STUDY BUDGET and brief, tables"):
+    with pytest.raises(
+        ConfigError,
+        match="results: campus minutes pictures -->: expected STUDY BUDGET and brief, tables",
+    ):
         blocks(PAGE.replace("brief", "pictures"))
 
 
 def test_a_picture_names_its_model_and_no_other_kind_does() -> None:
     mark = "picture sci_ring-pose"
-    assert blocks(PAGE.replace("brief", mark)) == [Block("campus", "minutes", "picture", "sci_ring-pose"), TOWN]
+    assert blocks(PAGE.replace("brief", mark)) == [
+        Block("campus", "minutes", "picture", "sci_ring-pose"),
+        TOWN,
+    ]
     for wrong in ("picture", "brief sci", "picture sci ring"):
-        with pytest.raises(ConfigError, match=f"results: campus minutes {wrong} -->: expected STUDY BUDGET .* or picture MODEL"):
+        with pytest.raises(
+            ConfigError,
+            match=f"results: campus minutes {wrong} -->: expected STUDY BUDGET .* or picture MODEL",
+        ):
             blocks(PAGE.replace("brief", wrong))
 
 
 def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_alone() -> None:
     texts = table_texts(results("campus", methods=2), {"campus": WORDS}, "float32")
     assert set(texts) == {CAMPUS, CAMPUS._replace(kind="tables"), CAMPUS._replace(kind="float32")}
-    assert texts[CAMPUS].startswith("```\ncampus, simulated: learned 2012-01-15, 2 test days, cells of 10 m\n")
+    assert texts[CAMPUS].startswith(
+        "```\ncampus, simulated: learned 2012-01-15, 2 test days, cells of 10 m\n"
+    )
     assert "## campus, simulated" in texts[CAMPUS._replace(kind="tables")]
     table = texts[CAMPUS._replace(kind="float32")]
     assert "| m1 " in table
@@ -54,7 +67,11 @@ def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_
 
 def published(kind: str, page: str = "docs/RESULTS.md") -> str:
     """The text of the demo's block of this kind."""
-    found = re.search(rf"<!-- results: campus minutes {kind} -->\n(.*?)<!-- end", (ROOT / page).read_text(), re.DOTALL)
+    found = re.search(
+        rf"<!-- results: campus minutes {kind} -->\n(.*?)<!-- end",
+        (ROOT / page).read_text(),
+        re.DOTALL,
+    )
     assert found, f"{page} has no {kind}"
     return found[1]
 
@@ -62,11 +79,16 @@ def published(kind: str, page: str = "docs/RESULTS.md") -> str:
 def rows(text: str) -> dict[str, list[str]]:
     """Method to the numbers behind it, of a table of either form, intervals left out."""
     lines = (re.sub(r"\[[^]]*\]|\|", " ", line).split() for line in text.splitlines())
-    return {words[0]: words[1:] for words in lines if len(words) > 2 and re.fullmatch(r"[a-z_]+(-[a-z]+)*", words[0])}
+    return {
+        words[0]: words[1:]
+        for words in lines
+        if len(words) > 2 and re.fullmatch(r"[a-z_]+(-[a-z]+)*", words[0])
+    }
 
 
 def test_readme_index_and_results_say_the_same_of_the_demo() -> None:
-    brief, whole = published("brief", "README.md"), published("tables")
+    brief = published("brief", "README.md")
+    whole = published("tables")
     assert published("brief", "docs/index.md") == brief
     scorecard = rows(whole.partition("**Right cell first")[0])
     shown = {name: numbers for name, numbers in rows(brief).items() if "sc" in name}

@@ -1,4 +1,5 @@
-"""The whole report of a small study: every section, sentence and figure, and no word that a reader would stumble over."""
+"""The whole report of a small study: every section, sentence and figure, and no word that a reader
+would stumble over."""
 
 import json
 import re
@@ -12,19 +13,29 @@ from pipeline.report.study import Study
 from tests.report.studied import FEW, WORDS
 
 SECTIONS = [
-    "simulated campus", "Set-up: simulated campus, cells of 10 m", "Results by distance: simulated campus",
-    "Results by cells: simulated campus", "Compared, headings, novelty: simulated campus", "Figures: simulated campus",
-    "Ageing: simulated campus, 287 days after training", "Headings: simulated campus", "Construction: simulated campus",
-    "Stress: simulated campus", "Real changes, buildings that went up or came down: simulated campus",
-    "Cell sizes: simulated campus (Fig. 11)", "What the words mean",
-]  # fmt: skip
+    "simulated campus",
+    "Set-up: simulated campus, cells of 10 m",
+    "Results by distance: simulated campus",
+    "Results by cells: simulated campus",
+    "Compared, headings, novelty: simulated campus",
+    "Figures: simulated campus",
+    "Ageing: simulated campus, 287 days after training",
+    "Headings: simulated campus",
+    "Construction: simulated campus",
+    "Stress: simulated campus",
+    "Real changes, buildings that went up or came down: simulated campus",
+    "Cell sizes: simulated campus (Fig. 11)",
+    "What the words mean",
+]
 
 
 @pytest.fixture(scope="module")
 def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the report, beside the other artifacts."""
     folder = tmp_path_factory.mktemp("written") / "report"
-    line = report.write(folder, study.artifacts, {"campus": WORDS}, study.table, FEW, lambda name: pytest.fail(name))
+    line = report.write(
+        folder, study.artifacts, {"campus": WORDS}, study.table, FEW, lambda name: pytest.fail(name)
+    )
     assert re.fullmatch(r"12 sections and 30 figures of 1 study; page\.html has \d\.\d MB", line)
     return folder
 
@@ -32,12 +43,20 @@ def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_report_reads_from_top_to_bottom(written: Path) -> None:
     text = (written / "campus/10m/report.md").read_text()
     assert re.findall(r"^## (.*)", text, re.MULTILINE) == SECTIONS
-    assert text.count("**Simulated, not recorded data.**") == 13  # once above all, and in each section
+    assert (
+        text.count("**Simulated, not recorded data.**") == 13
+    )  # once above all, and in each section
     prose = re.sub(r"^(\||!\[|- `|Sources).*", "", text, flags=re.MULTILINE)
     assert not re.findall(r"\bnan\b|None|\{|\}|\S  +\S| [,;.:] |\.\.|\(\)|``|−0\.000", prose)
     assert "\n\n\n\n" not in text
-    assert "Turned, `sci-4way` has the highest AUC top-1 by cells (0.703 ± 0.000); next `sci` 0.279 (−0.424, clear)" in text
-    assert "has the highest AUC top-1 by cells (0.279); next `scan_context` 0.000 (−0.279, not clear)." in text  # on one sequence
+    assert (
+        "Turned, `sci-4way` has the highest AUC top-1 by cells (0.703 ± 0.000); next `sci` 0.279 "
+        "(−0.424, clear)" in text
+    )
+    assert (
+        "has the highest AUC top-1 by cells (0.279); next `scan_context` 0.000 (−0.279, not clear)."
+        in text
+    )  # on one sequence
     assert "|                                 4 other days" not in text
 
 
@@ -59,23 +78,35 @@ def test_the_page_shows_the_best_models_figures_alone_and_every_chapter(written:
     page = (written / "page.html").read_text()
     assert "sci: entropy of seen and unseen" in page
     assert "scan_context: entropy of seen and unseen" not in page
-    assert all(f"<h3>{name}</h3>" in page for name in ("Headings: simulated campus", "Stress: simulated campus"))
+    assert all(
+        f"<h3>{name}</h3>" in page
+        for name in ("Headings: simulated campus", "Stress: simulated campus")
+    )
 
 
 def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="nothing to report yet"):
-        report.write(tmp_path, study.artifacts, {}, study.table, FEW, lambda name: pytest.fail(name))
+        report.write(
+            tmp_path, study.artifacts, {}, study.table, FEW, lambda name: pytest.fail(name)
+        )
 
 
-def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(study: Study, written: Path) -> None:
+def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(
+    study: Study, written: Path
+) -> None:
     text = terminal.text(study, 30)
     assert (written / "campus/10m/results.txt").read_text() == text + "\n"
     assert text.startswith("simulated campus, trained on 2012-01-15 alone, cells of 10 m\n\nmodel ")
-    by_distance, _, by_cells = text.partition("first answer is right, rejection ignored, by cells, with 95 % intervals\n")
+    by_distance, _, by_cells = text.partition(
+        "first answer is right, rejection ignored, by cells, with 95 % intervals\n"
+    )
     assert "rejection ignored, by distance" in by_distance
     assert re.match(r"recall@1 +2012-02-04 +.* mean\n", by_cells)
     assert re.search(r"\nsci +0\.600 \[\.00, 1\.0\].* 0\.500 ± \.115\n", by_cells)
-    assert re.search(r"\nscan_context +0\.200 \[\.00, \.50\].* 0\.100 ± \.115\noracle +0\.800 .* 0\.800 ± \.000\n", by_cells)
+    assert re.search(
+        r"\nscan_context +0\.200 \[\.00, \.50\].* 0\.100 ± \.115\noracle +0\.800 .* 0\.800 ± \.000\n",
+        by_cells,
+    )
     assert "campus/10m/report.md, with 30 figures beside it\n" in text
     assert not re.search("[`*]|nan", text)
     assert max(map(len, text.splitlines())) <= 160

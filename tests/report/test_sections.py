@@ -1,4 +1,5 @@
-"""The words of the report: each that is used is there, none is left over, and none names a method."""
+"""The words of the report: each that is used is there, none is left over, and none names a
+method."""
 
 import ast
 import re
@@ -32,7 +33,11 @@ MADE = {
 def strings() -> Iterator[str]:
     """In the code, docstrings aside."""
     told = {id(node.value) for node in NODES if isinstance(node, ast.Expr)}
-    yield from (n.value for n in NODES if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in told)
+    yield from (
+        n.value
+        for n in NODES
+        if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in told
+    )
 
 
 def kinds(group: str) -> set[str]:
@@ -43,7 +48,11 @@ def kinds(group: str) -> set[str]:
         "figures": ("Illustration", "illustrate", "saved"),
         "sections": ("Section", "_section"),
     }
-    calls = [n for n in NODES if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id in makers[group]]
+    calls = [
+        n
+        for n in NODES
+        if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id in makers[group]
+    ]
     given = [call.args[group == "sections"] for call in calls]
     return {one.value for one in given if isinstance(one, ast.Constant)} | MADE.get(group, set())
 
@@ -51,8 +60,15 @@ def kinds(group: str) -> set[str]:
 def test_every_kind_has_its_words_and_all_words_are_used() -> None:
     for group in ("findings", "tables", "figures", "sections"):
         assert kinds(group) == set(WORDS[group]), group
-    used = {*strings(), *re.findall(r'words\("(?:page", ")?(\w+)"', "".join(p.read_text() for p in REPORT.rglob("*.j2")))}
-    assert {*WORDS, *WORDS["page"]} - {"findings", "tables", "figures", "sections"} <= used | {"case"}
+    used = {
+        *strings(),
+        *re.findall(
+            r'words\("(?:page", ")?(\w+)"', "".join(p.read_text() for p in REPORT.rglob("*.j2"))
+        ),
+    }
+    assert {*WORDS, *WORDS["page"]} - {"findings", "tables", "figures", "sections"} <= used | {
+        "case"
+    }
 
 
 def test_no_method_is_named_in_code_or_words() -> None:

@@ -34,13 +34,17 @@ def test_dvc_holds_its_lock_between_stages(project: Path) -> None:
 
 
 def test_dvc_is_in_its_table_while_a_stage_runs(project: Path) -> None:
-    (project / TABLE).write_text(json.dumps({"write": {"artifacts/x": {"pid": os.getpid(), "cmd": "dvc repro"}}}))
+    (project / TABLE).write_text(
+        json.dumps({"write": {"artifacts/x": {"pid": os.getpid(), "cmd": "dvc repro"}}})
+    )
     with pytest.raises(ConfigError, match="works in this folder"):
         refuse_at_work(project)
 
 
 def test_a_process_younger_than_the_table_is_not_the_one_that_it_names(project: Path) -> None:
-    (project / TABLE).write_text(json.dumps({"read": {"artifacts/x": [{"pid": os.getpid(), "cmd": "dvc repro"}]}}))
+    (project / TABLE).write_text(
+        json.dumps({"read": {"artifacts/x": [{"pid": os.getpid(), "cmd": "dvc repro"}]}})
+    )
     os.utime(project / TABLE, (1e9, 1e9))  # 2001
     refuse_at_work(project)
 

@@ -1,4 +1,5 @@
-"""Dask's workers in processes of their own: what a kill costs, what is left, and what is said when none can be had."""
+"""Dask's workers in processes of their own: what a kill costs, what is left, and what is said when
+none can be had."""
 
 import gc
 import os
@@ -27,7 +28,9 @@ from tests.listening import addresses
 
 ROOT = Path(__file__).parents[2]
 SLURM_CONF = os.environ.get("SLURM_CONF")
-LEFT_OPEN = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # dask-jobqueue's files of keys
+LEFT_OPEN = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # dask-jobqueue's files of keys
 
 
 @pytest.fixture(scope="module")
@@ -42,21 +45,27 @@ def who(start: int, stop: int) -> int:
     return os.getpid()
 
 
-def test_two_processes_give_the_bytes_of_threads_in_order_and_stay_for_the_next_call(local: Compute) -> None:
+def test_two_processes_give_the_bytes_of_threads_in_order_and_stay_for_the_next_call(
+    local: Compute,
+) -> None:
     factor = np.pi  # a closure, as stages have
 
     def scaled(start: int, stop: int) -> np.ndarray:
         return factor * np.arange(start, stop)
 
     blocks = list(local.rows(scaled, 23, 4))
-    assert [block.tobytes() for block in blocks] == [block.tobytes() for block in Compute().rows(scaled, 23, 4)]
+    assert [block.tobytes() for block in blocks] == [
+        block.tobytes() for block in Compute().rows(scaled, 23, 4)
+    ]
     workers = set(local.rows(who, 8, 1))
     assert len(workers) == 2
     assert set(local.rows(who, 8, 1)) == workers
     assert os.getpid() not in workers
 
 
-def test_at_most_two_blocks_a_worker_are_begun_before_the_first_is_taken(local: Compute, tmp_path: Path) -> None:
+def test_at_most_two_blocks_a_worker_are_begun_before_the_first_is_taken(
+    local: Compute, tmp_path: Path
+) -> None:
     def note(start: int, stop: int) -> int:
         (tmp_path / str(start)).touch()
         return start
@@ -67,8 +76,14 @@ def test_at_most_two_blocks_a_worker_are_begun_before_the_first_is_taken(local: 
     assert list(blocks) == list(range(1, 50))
 
 
-def test_a_worker_has_one_thread_for_everything_and_listens_on_this_machine_alone(local: Compute) -> None:
-    asked = local.rows(lambda start, stop: (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]), 4, 1)
+def test_a_worker_has_one_thread_for_everything_and_listens_on_this_machine_alone(
+    local: Compute,
+) -> None:
+    asked = local.rows(
+        lambda start, stop: (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]),
+        4,
+        1,
+    )
     assert set(asked) == {("1", "1")}
     assert addresses(psutil.Process()) == {"127.0.0.1"}
 
@@ -94,10 +109,15 @@ def test_a_block_that_ends_every_worker_is_one_line(local: Compute) -> None:
     def deadly(start: int, stop: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
-    with pytest.raises(ComputeError, match="compute=local: four workers ended while they computed a block") as raised:
+    with pytest.raises(
+        ComputeError, match="compute=local: four workers ended while they computed a block"
+    ) as raised:
         list(local.rows(deadly, 1, 1))
     assert "\n" not in str(raised.value)
-    assert list(local.rows(lambda start, stop: start, 2, 1)) == [0, 1]  # the next call finds new workers
+    assert list(local.rows(lambda start, stop: start, 2, 1)) == [
+        0,
+        1,
+    ]  # the next call finds new workers
 
 
 def test_an_error_of_a_block_comes_as_it_is(local: Compute) -> None:
@@ -121,7 +141,8 @@ if __name__ == "__main__":
 
 
 def test_no_worker_is_left_of_a_stage_that_is_killed(tmp_path: Path) -> None:
-    script, seen = tmp_path / "stage.py", tmp_path / "seen"
+    script = tmp_path / "stage.py"
+    seen = tmp_path / "seen"
     seen.mkdir()
     script.write_text(STAGE.replace("FOLDER", repr(str(seen))))
     stage = subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": str(ROOT)})
@@ -129,7 +150,12 @@ def test_no_worker_is_left_of_a_stage_that_is_killed(tmp_path: Path) -> None:
     workers = psutil.Process(stage.pid).children(recursive=True)
     stage.kill()
     stage.wait()
-    assert within(10, lambda: not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in workers))
+    assert within(
+        10,
+        lambda: (
+            not any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in workers)
+        ),
+    )
 
 
 def within(seconds: float, there: Callable[[], bool]) -> bool:
@@ -144,18 +170,33 @@ def test_a_scheduler_that_runs_already_is_left_as_it_was() -> None:
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, scheduler_kwargs=clusters.NO_DASHBOARD
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address=None,
+        scheduler_kwargs=clusters.NO_DASHBOARD,
     ) as cluster:
         with Compute("cluster", settings={"address": cluster.scheduler_address}) as compute:
-            assert [block.tolist() for block in compute.rows(np.arange, 5, 2)] == [[0, 1], [2, 3], [4]]
-        assert within(5, lambda: not [name for name in cluster.scheduler.clients if name.startswith("Client-")])
+            assert [block.tolist() for block in compute.rows(np.arange, 5, 2)] == [
+                [0, 1],
+                [2, 3],
+                [4],
+            ]
+        assert within(
+            5,
+            lambda: not [name for name in cluster.scheduler.clients if name.startswith("Client-")],
+        )
         assert len(cluster.scheduler.workers) == 1
 
 
 def test_a_worker_of_another_version_or_without_the_disk_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"a worker has Python .*, the stage Python 2; install the same"):
+    with pytest.raises(
+        ConfigError, match=r"a worker has Python .*, the stage Python 2; install the same"
+    ):
         clusters.there(b"", str(tmp_path), "Python 2", 0, 1)
-    with pytest.raises(ConfigError, match="nowhere; a worker needs the project's disk at the same path"):
+    with pytest.raises(
+        ConfigError, match="nowhere; a worker needs the project's disk at the same path"
+    ):
         clusters.there(b"", str(tmp_path / "nowhere"), clusters.versions(), 0, 1)
 
 
@@ -173,7 +214,10 @@ def test_a_scheduler_that_is_not_there_is_one_line_in_time(
 ) -> None:
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
     started = time.monotonic()
-    with pytest.raises((ComputeError, ConfigError), match=said) as raised, Compute("cluster", 1, 0.5, settings):
+    with (
+        pytest.raises((ComputeError, ConfigError), match=said) as raised,
+        Compute("cluster", 1, 0.5, settings),
+    ):
         pass
     assert time.monotonic() - started < 10
     assert "\n" not in str(raised.value)
@@ -183,9 +227,14 @@ def test_a_scheduler_that_is_not_there_is_one_line_in_time(
     ("name", "package", "extra"),
     [("slurm", "dask_jobqueue", "slurm"), ("kubernetes", "dask_kubernetes.operator", "kubernetes")],
 )
-def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch, name: str, package: str, extra: str) -> None:
+def test_a_missing_package_names_its_extra(
+    monkeypatch: pytest.MonkeyPatch, name: str, package: str, extra: str
+) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(NotInstalledError, match=rf"yearloc\[{extra}\]"), Compute(name, 1, 1, described(name)["settings"]):  # type: ignore[arg-type]
+    with (
+        pytest.raises(NotInstalledError, match=rf"yearloc\[{extra}\]"),
+        Compute(name, 1, 1, described(name)["settings"]),
+    ):  # type: ignore[arg-type]
         pass
 
 
@@ -193,13 +242,17 @@ def described(name: str) -> dict[str, Any]:
     return dict(yaml.safe_load((ROOT / f"conf/compute/{name}.yaml").read_text()))
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "conf/compute").glob("*.yaml")))
+@pytest.mark.parametrize(
+    "name", sorted(path.stem for path in (ROOT / "conf/compute").glob("*.yaml"))
+)
 def test_every_way_is_composed(name: str) -> None:
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         assert instantiate(compose("scans", [f"compute={name}"]).compute).scheduler == name
 
 
-def test_the_environment_chooses_for_stages_that_compute_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_chooses_for_stages_that_compute_blocks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("YEARLOC_COMPUTE", "local")
     assert _elsewhere("scans", ["out=a"]) == ["compute=local"]
     assert _elsewhere("scans", ["compute=threads"]) == []
@@ -209,7 +262,9 @@ def test_the_environment_chooses_for_stages_that_compute_blocks(monkeypatch: pyt
 
 
 @LEFT_OPEN
-def test_a_job_of_slurm_is_one_worker_of_one_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_job_of_slurm_is_one_worker_of_one_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The script is composed by dask-jobqueue; no job is sent."""
     from dask_jobqueue import SLURMCluster
 
@@ -217,7 +272,9 @@ def test_a_job_of_slurm_is_one_worker_of_one_thread(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(clusters.subprocess, "run", lambda *words, **given: taken)
     monkeypatch.setattr(SLURMCluster, "scale", lambda self, workers: None)
     monkeypatch.setattr(SLURMCluster, "adapt", lambda self, **limits: None)
-    with clusters.CLUSTERS["slurm"](2, **described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}) as cluster:
+    with clusters.CLUSTERS["slurm"](
+        2, **described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}
+    ) as cluster:
         lines = cluster.job_script().splitlines()
     del cluster
     gc.collect()
@@ -228,25 +285,39 @@ def test_a_job_of_slurm_is_one_worker_of_one_thread(tmp_path: Path, monkeypatch:
 
 
 @LEFT_OPEN
-def test_a_job_that_slurm_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    refused = subprocess.CompletedProcess((), 1, "", "sbatch: error: no queue night\nsbatch: error: failed\n")
+def test_a_job_that_slurm_refuses_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = subprocess.CompletedProcess(
+        (), 1, "", "sbatch: error: no queue night\nsbatch: error: failed\n"
+    )
     monkeypatch.setattr(clusters.subprocess, "run", lambda *words, **given: refused)
     settings = described("slurm")["settings"] | {"queue": "night", "folder": str(tmp_path)}
-    with pytest.raises(ConfigError, match=r"compute=slurm: no job .* no queue night sbatch: error: failed$"):
+    with pytest.raises(
+        ConfigError, match=r"compute=slurm: no job .* no queue night sbatch: error: failed$"
+    ):
         Compute("slurm", 1, 1, settings).__enter__()
     gc.collect()
 
 
 @LEFT_OPEN
-@pytest.mark.skipif(not SLURM_CONF, reason="SLURM_CONF names no SLURM; tests/servers/slurm.sh runs one")
-def test_jobs_of_a_real_slurm_give_the_bytes_of_threads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(
+    not SLURM_CONF, reason="SLURM_CONF names no SLURM; tests/servers/slurm.sh runs one"
+)
+def test_jobs_of_a_real_slurm_give_the_bytes_of_threads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with Compute("slurm", 2, 60, described("slurm")["settings"] | {"memory": "1GB"}) as compute:
         blocks = list(compute.rows(np.arange, 23, 4))
         jobs = set(compute.rows(lambda start, stop: os.environ["SLURM_JOB_ID"], 8, 1))
-    assert [block.tobytes() for block in blocks] == [block.tobytes() for block in Compute().rows(np.arange, 23, 4)]
+    assert [block.tobytes() for block in blocks] == [
+        block.tobytes() for block in Compute().rows(np.arange, 23, 4)
+    ]
     assert jobs
-    assert within(20, lambda: not subprocess.run(["squeue", "-h"], capture_output=True, check=True).stdout)
+    assert within(
+        20, lambda: not subprocess.run(["squeue", "-h"], capture_output=True, check=True).stdout
+    )
     gc.collect()
 
 
@@ -258,6 +329,12 @@ def test_a_pod_of_kubernetes_sees_the_project_where_the_stage_does() -> None:
     assert spec["replicas"] == 3
     assert (worker["image"], worker["workingDir"]) == ("yearloc:1", "/srv/yearloc")
     assert worker["args"][:3] == ["dask-worker", "--nthreads", "1"]
-    assert worker["resources"]["limits"] == worker["resources"]["requests"] == {"cpu": "2", "memory": "8Gi"}
-    assert spec["spec"]["volumes"] == [{"name": "project", "persistentVolumeClaim": {"claimName": "data"}}]
+    assert (
+        worker["resources"]["limits"]
+        == worker["resources"]["requests"]
+        == {"cpu": "2", "memory": "8Gi"}
+    )
+    assert spec["spec"]["volumes"] == [
+        {"name": "project", "persistentVolumeClaim": {"claimName": "data"}}
+    ]
     assert worker["volumeMounts"] == [{"name": "project", "mountPath": "/srv"}]

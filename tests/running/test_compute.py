@@ -19,22 +19,31 @@ SCHEDULERS = ("threads", "processes")
 
 @pytest.fixture(scope="module")
 def delivered() -> dict[str, list[np.ndarray]]:
-    """np.arange as the function of a block, by each scheduler: block (start, stop) is its own rows."""
+    """np.arange as the function of a block, by each scheduler: block (start, stop) is its own
+    rows."""
     return {name: list(Compute(name, workers=2).rows(np.arange, 23, 4)) for name in SCHEDULERS}  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("scheduler", SCHEDULERS)
-def test_blocks_cover_every_row_in_order(delivered: dict[str, list[np.ndarray]], scheduler: str) -> None:
-    # 23 rows in blocks of 4: five whole ones and one of 3; with 2 workers that is more than one group of 4 blocks.
+def test_blocks_cover_every_row_in_order(
+    delivered: dict[str, list[np.ndarray]], scheduler: str
+) -> None:
+    # 23 rows in blocks of 4: five whole ones and one of 3; with 2 workers that is more than one
+    # group of 4 blocks.
     assert [len(block) for block in delivered[scheduler]] == [4, 4, 4, 4, 4, 3]
     np.testing.assert_array_equal(np.concatenate(delivered[scheduler]), np.arange(23))
 
 
 def test_threads_and_processes_give_the_same_bytes(delivered: dict[str, list[np.ndarray]]) -> None:
-    assert [block.tobytes() for block in delivered["threads"]] == [block.tobytes() for block in delivered["processes"]]
+    assert [block.tobytes() for block in delivered["threads"]] == [
+        block.tobytes() for block in delivered["processes"]
+    ]
 
 
-@pytest.mark.parametrize(("n", "block", "spans"), [(0, 4, []), (1, 4, [(0, 1)]), (4, 4, [(0, 4)]), (5, 4, [(0, 4), (4, 5)])])
+@pytest.mark.parametrize(
+    ("n", "block", "spans"),
+    [(0, 4, []), (1, 4, [(0, 1)]), (4, 4, [(0, 4)]), (5, 4, [(0, 4), (4, 5)])],
+)
 def test_a_block_is_never_empty(n: int, block: int, spans: list[tuple[int, int]]) -> None:
     assert list(Compute(workers=1).rows(lambda start, stop: (start, stop), n, block)) == spans
 
@@ -63,18 +72,31 @@ def test_processes_share_the_blocks() -> None:
 
 def test_workers_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
     code = (
-        "import os, pathlib, sys, time\nfrom pipeline.running.compute import Compute\n"
-        "def work(start, stop):\n    pathlib.Path(sys.argv[1], str(os.getpid())).touch()\n    time.sleep(60)\n"
-        "if __name__ == '__main__':\n    list(Compute('processes', workers=2).rows(work, 2, 1))\n"
+        "import os, pathlib, sys, time\nfrom pipeline.running.compute import Compute\ndef "
+        "work(start, stop):\n    pathlib.Path(sys.argv[1], str(os.getpid())).touch()\n    "
+        "time.sleep(60)\nif __name__ == '__main__':\n    list(Compute('processes', "
+        "workers=2).rows(work, 2, 1))\n"
     )
     script = tmp_path / "stage.py"
     script.write_text(code.replace("sys.argv[1]", repr(str(tmp_path))))
-    stage = subprocess.Popen([sys.executable, script], env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])})
-    assert _within(30, lambda: len([path for path in tmp_path.iterdir() if path.name.isdecimal()]) == 2)
+    stage = subprocess.Popen(
+        [sys.executable, script], env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    )
+    assert _within(
+        30, lambda: len([path for path in tmp_path.iterdir() if path.name.isdecimal()]) == 2
+    )
     workers = [int(path.name) for path in tmp_path.iterdir() if path.name.isdecimal()]
     stage.kill()
     stage.wait()
-    assert _within(10, lambda: not any(psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie" for pid in workers))
+    assert _within(
+        10,
+        lambda: (
+            not any(
+                psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie"
+                for pid in workers
+            )
+        ),
+    )
 
 
 def _within(seconds: float, there: Callable[[], bool]) -> bool:
@@ -94,7 +116,10 @@ def test_an_error_in_a_block_reaches_the_caller() -> None:
 
 
 def test_an_unknown_scheduler_is_a_config_error() -> None:
-    with pytest.raises(ConfigError, match=r"compute\.scheduler=fibres: expected threads, processes, .* or kubernetes"):
+    with pytest.raises(
+        ConfigError,
+        match=r"compute\.scheduler=fibres: expected threads, processes, .* or kubernetes",
+    ):
         list(Compute("fibres").rows(np.arange, 3, 1))  # type: ignore[arg-type]
 
 

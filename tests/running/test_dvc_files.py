@@ -43,7 +43,9 @@ def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
     assert labels["deps"] == [{"path": "artifacts/submaps/2012-01-15.zarr", "md5": "abc.dir"}]
 
 
-@pytest.mark.parametrize("text", [LOCK, "", "stages: {", "schema: '2.0'\n", "stages: [a]\n", "[]", None])
+@pytest.mark.parametrize(
+    "text", [LOCK, "", "stages: {", "schema: '2.0'\n", "stages: [a]\n", "[]", None]
+)
 def test_an_unknown_file_has_no_entry(tmp_path: Path, text: str | None) -> None:
     lock = tmp_path / "dvc.lock"
     if text is not None:
@@ -53,15 +55,28 @@ def test_an_unknown_file_has_no_entry(tmp_path: Path, text: str | None) -> None:
 
 def test_a_lock_in_parts_is_the_whole(tmp_path: Path) -> None:
     whole = yaml.safe_load(LOCK)["stages"]
-    for place, names in ((".", ["nothing"]), ("dag/labels", ["labels@2012-01-15"]), ("dag/train", ["train@sci"])):
+    for place, names in (
+        (".", ["nothing"]),
+        ("dag/labels", ["labels@2012-01-15"]),
+        ("dag/train", ["train@sci"]),
+    ):
         (tmp_path / place).mkdir(parents=True, exist_ok=True)
-        (tmp_path / place / "dvc.lock").write_text(yaml.safe_dump({"stages": {name: whole[name] for name in names}}))
+        (tmp_path / place / "dvc.lock").write_text(
+            yaml.safe_dump({"stages": {name: whole[name] for name in names}})
+        )
     (tmp_path / "dag/views").mkdir()
     (tmp_path / "dag/views/dvc.lock").write_text("stages:\n  views: {cmd: [")  # torn by a kill
     one = tmp_path / "one.lock"
     one.write_text(LOCK)
-    assert DvcLock.read(tmp_path / "dvc.lock").stages.keys() == DvcLock.read(one).stages.keys() == whole.keys()
-    assert DvcLock.read(tmp_path / "dvc.lock").entry(Path("artifacts/models/sci.safetensors")) is not None
+    assert (
+        DvcLock.read(tmp_path / "dvc.lock").stages.keys()
+        == DvcLock.read(one).stages.keys()
+        == whole.keys()
+    )
+    assert (
+        DvcLock.read(tmp_path / "dvc.lock").entry(Path("artifacts/models/sci.safetensors"))
+        is not None
+    )
 
 
 def test_a_lock_is_read_anew_after_it_was_written(tmp_path: Path) -> None:
@@ -76,5 +91,7 @@ def test_stages_are_those_of_all_files(tmp_path: Path) -> None:
     (tmp_path / "dag/train").mkdir(parents=True)
     (tmp_path / "dvc.yaml").write_text("stages:\n  report: {cmd: a}\n")
     (tmp_path / "dag/train/dvc.yaml").write_text("stages:\n  train: {cmd: b, wdir: ../..}\n")
-    assert definition(tmp_path) == {"stages": {"report": {"cmd": "a"}, "train": {"cmd": "b", "wdir": "../.."}}}
+    assert definition(tmp_path) == {
+        "stages": {"report": {"cmd": "a"}, "train": {"cmd": "b", "wdir": "../.."}}
+    }
     assert files(tmp_path / "dvc.lock") == []

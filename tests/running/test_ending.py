@@ -28,9 +28,13 @@ if __name__ == "__main__":
 
 
 def ended(*words: object) -> tuple[int, float, str]:
-    """Exit code, seconds and standard error of a program that is asked to end after its first line; its helpers' too."""
+    """Exit code, seconds and standard error of a program that is asked to end after its first line;
+    its helpers' too."""
     with subprocess.Popen(
-        [sys.executable, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline()
@@ -59,7 +63,10 @@ def test_a_command_leaves_no_scratch_file(tmp_path: Path) -> None:
     out.mkdir()
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    program = "import os, sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from pipeline.cli import main\n"
+    program = (
+        "import os, sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from pipeline.cli import "
+        "main\n"
+    )
     program += "summary = sys.modules['pipeline.cli.localize'].Summary\nadd = summary.add\n"
     program += "summary.add = lambda *given: (add(*given), print('one', flush=True))\n"
     words = ("localize", packed(tmp_path), log, "--mcap", "-o", out / "fixes.mcap")

@@ -1,4 +1,5 @@
-"""Every setting that conf/ builds an object from, given what no setting is: taken, or refused in one line of our own."""
+"""Every setting that conf/ builds an object from, given what no setting is: taken, or refused in
+one line of our own."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -32,10 +33,16 @@ def classes() -> Iterator[tuple[str, DictConfig]]:
     for path in sorted((ROOT / "conf").rglob("*.yaml")):
         if path.name not in UNLISTED:
             described(OmegaConf.load(path), found)
-    return (one for one in found.items() if is_dataclass(get_class(one[0])) and not one[0].endswith(".Recorded"))
+    return (
+        one
+        for one in found.items()
+        if is_dataclass(get_class(one[0])) and not one[0].endswith(".Recorded")
+    )
 
 
-@pytest.mark.parametrize(("target", "node"), [pytest.param(*one, id=one[0].rpartition(".")[2]) for one in classes()])
+@pytest.mark.parametrize(
+    ("target", "node"), [pytest.param(*one, id=one[0].rpartition(".")[2]) for one in classes()]
+)
 def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: DictConfig) -> None:
     instantiate(node)
     refused = []
@@ -48,7 +55,9 @@ def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: Dict
             except OmegaConfBaseException:  # a list where a table is described
                 refused.append((field.name, value, YearlocError("")))
     assert refused or not fields(get_class(target))
-    assert not [one for one in refused if not isinstance(one[-1], YearlocError) or "\n" in str(one[-1])]
+    assert not [
+        one for one in refused if not isinstance(one[-1], YearlocError) or "\n" in str(one[-1])
+    ]
 
 
 @pytest.mark.parametrize(
@@ -61,6 +70,8 @@ def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: Dict
         (Count, 2.5, "a whole number"),
     ],
 )
-def test_a_number_out_of_its_range_is_refused_with_what_was_expected(hint: object, value: float, said: str) -> None:
+def test_a_number_out_of_its_range_is_refused_with_what_was_expected(
+    hint: object, value: float, said: str
+) -> None:
     with pytest.raises(ConfigError, match=f"^k={value}: expected {said}$"):
         within("k", value, hint)

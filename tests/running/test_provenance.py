@@ -17,7 +17,15 @@ def test_the_same_parts_have_the_same_key() -> None:
 
 
 @pytest.mark.parametrize(
-    "other", [ARRAY + 1, ARRAY.astype(np.int64), ARRAY.reshape(3, 2), ARRAY.view(np.float32), ARRAY.T.copy(), ARRAY[:1]]
+    "other",
+    [
+        ARRAY + 1,
+        ARRAY.astype(np.int64),
+        ARRAY.reshape(3, 2),
+        ARRAY.view(np.float32),
+        ARRAY.T.copy(),
+        ARRAY[:1],
+    ],
 )
 def test_another_array_has_another_key(other: np.ndarray) -> None:
     assert fingerprint(other, 1.0) != fingerprint(ARRAY, 1.0)
@@ -27,13 +35,20 @@ def test_the_order_in_memory_does_not_matter() -> None:
     assert fingerprint(np.asfortranarray(ARRAY)) == fingerprint(ARRAY)
 
 
-@pytest.mark.parametrize(("one", "other"), [((1.0,), (2.0,)), (("a",), ("b",)), ((1, 2), (2, 1)), ((1, 23), (12, 3))])
-def test_other_parameters_have_another_key(one: tuple[object, ...], other: tuple[object, ...]) -> None:
+@pytest.mark.parametrize(
+    ("one", "other"), [((1.0,), (2.0,)), (("a",), ("b",)), ((1, 2), (2, 1)), ((1, 23), (12, 3))]
+)
+def test_other_parameters_have_another_key(
+    one: tuple[object, ...], other: tuple[object, ...]
+) -> None:
     assert fingerprint(*one) != fingerprint(*other)
 
 
-def test_a_class_is_known_by_its_code_and_by_what_it_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Two modules of this project, one needed by the other; each edit gives another key, and undoing it the first one.
+def test_a_class_is_known_by_its_code_and_by_what_it_imports(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Two modules of this project, one needed by the other; each edit gives another key, and undoing
+    # it the first one.
     sources = {
         "pipeline.probe_helper": "class Base: pass\n",
         "pipeline.probe": "from pipeline.probe_helper import Base\nclass Method(Base): pass\n",

@@ -60,8 +60,12 @@ def test_a_lock_file_that_is_there_already_is_not_replaced_by_an_old_one(clone: 
     assert (clone / "dag/train/dvc.lock").read_text() == WHOLE
 
 
-@pytest.mark.parametrize(("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)], ids=["alive", "dead"])
-def test_the_table_of_locks_goes_once_its_holders_are_dead(clone: Path, pid: int, kept: bool) -> None:
+@pytest.mark.parametrize(
+    ("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)], ids=["alive", "dead"]
+)
+def test_the_table_of_locks_goes_once_its_holders_are_dead(
+    clone: Path, pid: int, kept: bool
+) -> None:
     table = clone / ".dvc/tmp/rwlock"
     table.parent.mkdir(parents=True)
     table.write_text(json.dumps({"x": {"write": {"pid": pid, "cmd": "dvc repro"}}}))

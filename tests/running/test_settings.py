@@ -38,7 +38,9 @@ class Plain:
     way: Literal["up", "down", "off"] = "up"
 
 
-@pytest.mark.parametrize("good", [{}, {"length_m": 2}, {"copies": -1}, {"flag": False}, {"way": "off"}])
+@pytest.mark.parametrize(
+    "good", [{}, {"length_m": 2}, {"copies": -1}, {"flag": False}, {"way": "off"}]
+)
 def test_a_value_of_the_declared_type_is_taken(good):
     check(Plain(**good), "plain")
 
@@ -62,19 +64,67 @@ def test_a_value_of_another_type_is_refused_by_name(bad, line):
 
 
 WRONG = [
-    (Sci, "method", {"epochs": -1, "batch": 0, "threads": 0, "learning_rate": "abc", "colormap": "rainbow", "dropout": 1.5}),
+    (
+        Sci,
+        "method",
+        {
+            "epochs": -1,
+            "batch": 0,
+            "threads": 0,
+            "learning_rate": "abc",
+            "colormap": "rainbow",
+            "dropout": 1.5,
+        },
+    ),
     (Sci, "method", {"h_max_m": -1.0, "learning_rate": 0.0}),
-    (SciRing, "method", {"yaw_noise_deg": -1.0, "worst_arc": 1.5, "widest_arc": 0, "refit": -0.1, "epochs": 0, "dropout": -0.5}),
+    (
+        SciRing,
+        "method",
+        {
+            "yaw_noise_deg": -1.0,
+            "worst_arc": 1.5,
+            "widest_arc": 0,
+            "refit": -0.1,
+            "epochs": 0,
+            "dropout": -0.5,
+        },
+    ),
     (ScanContext50, "method", {"candidates": 0, "least_engaged": 1.5}),
     (ScanContextAll, "method", {"least_engaged": -0.1}),
     (M2dp, "method", {"held_out_every_m": 0, "distinct_places": "yes"}),
     (PointNetVlad, "method", {"epochs": 0, "batch": 0, "train_points": 0, "schedule": "none"}),
     (PointNetVlad, "method", {"epochs": -1}),
-    (Pfl, "method", {"width": 0, "epochs": 0, "batch": 1, "beta1": 1.0, "generator_steps": 0, "objective": "none"}),
+    (
+        Pfl,
+        "method",
+        {
+            "width": 0,
+            "epochs": 0,
+            "batch": 1,
+            "beta1": 1.0,
+            "generator_steps": 0,
+            "objective": "none",
+        },
+    ),
     (Sad, "method", {"patch_px": 0, "length": "ten"}),
-    (SequenceMethod, "method", {"length": 0, "slowest": 0.0, "fastest": 0.7, "speed_step": 0.0, "contrast_rows": 1}),
+    (
+        SequenceMethod,
+        "method",
+        {"length": 0, "slowest": 0.0, "fastest": 0.7, "speed_step": 0.0, "contrast_rows": 1},
+    ),
     (SequenceMethod, "method", {"novelty": "score", "both_ways": "no", "held_out_every_m": 0.0}),
-    (Octree, "view.octree", {"depth": 1, "edge_m": 0.0, "motion": "walk", "rays": "some", "sigma_m": 0.0, "max_range_m": -1.0}),
+    (
+        Octree,
+        "view.octree",
+        {
+            "depth": 1,
+            "edge_m": 0.0,
+            "motion": "walk",
+            "rays": "some",
+            "sigma_m": 0.0,
+            "max_range_m": -1.0,
+        },
+    ),
     (Octree, "view.octree", {"depth": 6.5, "sensor_height_m": 13.0}),
     (ScanContext, "view", {"rings": 0, "sectors": -1, "max_range_m": 0.0, "beyond": "keep"}),
     (Cloud, "view", {"points": 0, "half_m": 0.0, "iterations": 0, "slope_deg": 91.0, "seed": "a"}),
@@ -83,15 +133,27 @@ WRONG = [
     (BirdView, "view", {"headings": 0}),
     (SingleScan, "submap", {"step_m": -1.0}),
     (SingleScan, "submap", {"step_m": float("nan")}),
-    (Accumulated, "submap", {"step_m": 0.0, "window_m": -1.0, "layout": "gps", "ground_percentile": 101.0}),
+    (
+        Accumulated,
+        "submap",
+        {"step_m": 0.0, "window_m": -1.0, "layout": "gps", "ground_percentile": 101.0},
+    ),
     (Accumulated, "submap", {"ground_radius_m": float("nan")}),
     (Turned, "alteration", {"repeats": 0, "seed": -1}),
     (Turned, "alteration", {"repeats": 1.5}),
     (Demolition, "alteration", {"widths_deg": [0], "seed": -1}),
     (Demolition, "alteration", {"widths_deg": []}),
     (Demolition, "alteration", {"widths_deg": [360]}),
-    (Construction, "alteration", {"walls": [0], "shadows": [], "seed": -1, "spacing_m": 0, "skew_deg": 90, "nearest_m": 21}),
-    (Construction, "alteration", {"walls": [], "shortest_m": 30, "lowest_m": 11, "sensor_height_m": 3.0}),
+    (
+        Construction,
+        "alteration",
+        {"walls": [0], "shadows": [], "seed": -1, "spacing_m": 0, "skew_deg": 90, "nearest_m": 21},
+    ),
+    (
+        Construction,
+        "alteration",
+        {"walls": [], "shortest_m": 30, "lowest_m": 11, "sensor_height_m": 3.0},
+    ),
     (Compute, "compute", {"workers": "many"}),
 ]
 

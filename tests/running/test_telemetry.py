@@ -19,12 +19,15 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_trace_lies_beside_its_artifact_in_a_folder_of_its_own() -> None:
-    assert beside("artifacts/train/sci.safetensors") == Path(".telemetry/artifacts/train/sci.safetensors.json")
+    assert beside("artifacts/train/sci.safetensors") == Path(
+        ".telemetry/artifacts/train/sci.safetensors.json"
+    )
     assert beside(Path("artifacts").absolute() / "views") == Path(".telemetry/artifacts/views.json")
 
 
 def test_the_block_and_what_it_starts_are_measured() -> None:
-    """A child burns CPU until it has used 0.2 s of it: so much the trace must hold, whatever else runs on this machine."""
+    """A child burns CPU until it has used 0.2 s of it: so much the trace must hold, whatever else
+    runs on this machine."""
     burn = "import time\nwhile time.process_time() < 0.2: pass"
     with Telemetry("artifacts/a", every_s=0.02):
         held = bytearray(50_000_000)
@@ -97,7 +100,9 @@ def test_memory_of_a_gpu_is_watched_if_torch_uses_one(monkeypatch: pytest.Monkey
 
 
 def test_samples_become_points_of_whole_seconds_once_each() -> None:
-    trace = Trace(3.2, 4.0, 90.0, [0.9, 2.1, 3.2, 3.3], [100.0, 150.0, 50.0, 10.0], [80.0, 90.0, 85.0, 86.0])
+    trace = Trace(
+        3.2, 4.0, 90.0, [0.9, 2.1, 3.2, 3.3], [100.0, 150.0, 50.0, 10.0], [80.0, 90.0, 85.0, 86.0]
+    )
     assert trace.series() == {
         "system/process_cpu_percentage": [(1, 100.0), (2, 150.0), (3, 10.0)],
         "system/process_memory_megabytes": [(1, 80.0), (2, 90.0), (3, 86.0)],
@@ -113,7 +118,10 @@ def test_a_stage_costs_what_its_artifacts_cost_together() -> None:
         {
             "train": [Path("train/sci")],
             "localize": [Path("localize/june"), Path("localize/july")],
-            "evaluate": [Path("evaluate/june"), Path("evaluate/july")],  # one is not known, so is the sum
+            "evaluate": [
+                Path("evaluate/june"),
+                Path("evaluate/july"),
+            ],  # one is not known, so is the sum
             "views": [],
         }
     )

@@ -33,7 +33,9 @@ def broken(path: Path, how: str) -> None:
 def test_a_file_that_cannot_be_read_is_named_with_what_to_do(tmp_path: Path, how: str) -> None:
     (path := tmp_path / "a.yaml").touch()
     broken(path, how)
-    with pytest.raises(ConfigError, match=r"^\S+a\.yaml: [^\n]*; mend it, or let `git checkout` bring it back$"):
+    with pytest.raises(
+        ConfigError, match=r"^\S+a\.yaml: [^\n]*; mend it, or let `git checkout` bring it back$"
+    ):
         read_yaml(path)
     with pytest.raises(ConfigError, match=r"(a|lists)\.yaml"):
         check_files(tmp_path)
@@ -45,15 +47,22 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Clone:
     clone = Clone(tmp_path_factory.mktemp("clone"))
     clone.run("yearloc", "use", "campus", "world=tiny", "methods=sci")
     (folder := clone.folder / "artifacts/results/campus").mkdir(parents=True)
-    rows = [row("auc_top1", "cells", 0.5, 0.25, 0.75) | {"method": "sci", "sequence": "2012-02-04", "days": 20.0}]
-    table(rows, study="campus", dataset="campus", simulated=True, grid="10m").to_csv(folder / "results.csv", index=False)
+    rows = [
+        row("auc_top1", "cells", 0.5, 0.25, 0.75)
+        | {"method": "sci", "sequence": "2012-02-04", "days": 20.0}
+    ]
+    table(rows, study="campus", dataset="campus", simulated=True, grid="10m").to_csv(
+        folder / "results.csv", index=False
+    )
     (report := clone.folder / "artifacts/report/campus/10m").mkdir(parents=True)
     (report / "results.txt").write_text("sci – 0.5 ± 0.25 → ° …\n", encoding="utf-8")
     return clone
 
 
 def ended(clone: Clone, *words: str, **env: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([sys.executable, *words], cwd=clone.folder, env=clone.env | env, capture_output=True)
+    return subprocess.run(
+        [sys.executable, *words], cwd=clone.folder, env=clone.env | env, capture_output=True
+    )
 
 
 LOGS = (
@@ -77,7 +86,9 @@ LOGS = (
         ("method/sci", ("-m", "stages.sweep", "grid.cell_m=5,10")),
     ],
 )
-def test_a_stage_names_a_file_of_conf_that_cannot_be_read(clone: Clone, file: str, words: tuple[str, ...], how: str) -> None:
+def test_a_stage_names_a_file_of_conf_that_cannot_be_read(
+    clone: Clone, file: str, words: tuple[str, ...], how: str
+) -> None:
     before = (path := clone.folder / f"conf/{file}.yaml").read_bytes()
     broken(path, how)
     done = ended(clone, *words)
@@ -106,7 +117,9 @@ def test_a_stage_names_a_file_of_conf_that_cannot_be_read(clone: Clone, file: st
         "pack campus/10m/café -o é.site",
     ],
 )
-def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(clone: Clone, words: str) -> None:
+def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(
+    clone: Clone, words: str
+) -> None:
     done = ended(clone, "-m", "pipeline.cli", *words.split(), **ASCII)
     assert done.stdout.isascii()
     assert b"Traceback" not in done.stderr
@@ -115,12 +128,18 @@ def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(clone: C
 
 @pytest.mark.slow
 def test_a_stage_and_a_sweep_read_utf_8_where_the_locale_is_ascii(clone: Clone) -> None:
-    for done in (ended(clone, *LOGS, **ASCII), ended(clone, "-m", "stages.sweep", "--help", **ASCII)):
+    for done in (
+        ended(clone, *LOGS, **ASCII),
+        ended(clone, "-m", "stages.sweep", "--help", **ASCII),
+    ):
         assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr
 
 
 def test_the_results_are_the_same_but_for_what_ascii_lacks(clone: Clone) -> None:
-    full = {one: ended(clone, "-m", "pipeline.cli", "results", "--full", **env).stdout for one, env in (("a", ASCII), ("u", {}))}
+    full = {
+        one: ended(clone, "-m", "pipeline.cli", "results", "--full", **env).stdout
+        for one, env in (("a", ASCII), ("u", {}))
+    }
     assert full["u"].decode().translate(dict.fromkeys(map(ord, "–±→°…"), "?")) == full["a"].decode()
 
 
@@ -156,9 +175,13 @@ sci              0.750"""
     assert max(map(len, folded(TABLE, 5).splitlines())) == 22  # a column is never cut
 
 
-@pytest.mark.parametrize("words", ["results", "results --full", "results --where method=sci", "methods"])
+@pytest.mark.parametrize(
+    "words", ["results", "results --full", "results --where method=sci", "methods"]
+)
 def test_in_40_columns_no_line_is_longer(clone: Clone, words: str) -> None:
-    (text := clone.folder / "artifacts/report/campus/10m/results.txt").write_text(TABLE + "\n" + TABLE.replace("may", "may " * 9))
+    (text := clone.folder / "artifacts/report/campus/10m/results.txt").write_text(
+        TABLE + "\n" + TABLE.replace("may", "may " * 9)
+    )
     done = ended(clone, "-m", "pipeline.cli", *words.split(), COLUMNS="40")
     lines = done.stdout.decode().splitlines()
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,7 @@
-"""Real servers, on 127.0.0.1 alone: PostgreSQL of the system, and moto's S3 server. `make test-servers` runs what needs them."""
+"""Real servers, on 127.0.0.1 alone: PostgreSQL of the system, and moto's S3 server.
+
+`make test-servers` runs what needs them.
+"""
 
 import os
 import secrets
@@ -59,7 +62,8 @@ class Postgres:
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[Postgres]:
-    """A cluster of its own in a folder of its own; root may not start one, so then the system's user nobody does."""
+    """A cluster of its own in a folder of its own; root may not start one, so then the system's
+    user nobody does."""
     if not find_spec("psycopg"):
         pytest.skip("no psycopg: `make test-servers` installs it")
     bin_folder = FOUND[-1] if FOUND else Path(shutil.which("initdb") or "/").parent
@@ -73,12 +77,31 @@ def postgres() -> Iterator[Postgres]:
         for path in (folder, folder / "password"):
             shutil.chown(path, "nobody")
     data = folder / "data"
-    initdb = [bin_folder / "initdb", "-D", data, "-U", USER, "-A", "scram-sha-256", f"--pwfile={folder / 'password'}", "-N"]
-    subprocess.run([*initdb, "-E", "UTF8", "--locale=C"], check=True, capture_output=True, cwd=folder, **who)
-    settings = {"port": server.port, "listen_addresses": "127.0.0.1", "unix_socket_directories": "", "fsync": "off"}
+    initdb = [
+        bin_folder / "initdb",
+        "-D",
+        data,
+        "-U",
+        USER,
+        "-A",
+        "scram-sha-256",
+        f"--pwfile={folder / 'password'}",
+        "-N",
+    ]
+    subprocess.run(
+        [*initdb, "-E", "UTF8", "--locale=C"], check=True, capture_output=True, cwd=folder, **who
+    )
+    settings = {
+        "port": server.port,
+        "listen_addresses": "127.0.0.1",
+        "unix_socket_directories": "",
+        "fsync": "off",
+    }
     words = [word for key, value in settings.items() for word in ("-c", f"{key}={value}")]
     with (folder / "log").open("w") as log:
-        process = subprocess.Popen([bin_folder / "postgres", "-D", data, *words], stdout=log, stderr=log, cwd=folder, **who)
+        process = subprocess.Popen(
+            [bin_folder / "postgres", "-D", data, *words], stdout=log, stderr=log, cwd=folder, **who
+        )
     try:
         wait(lambda: listening(server.port), "PostgreSQL")
         yield server
@@ -100,14 +123,19 @@ class ObjectStore:
         """The address of a new bucket."""
         import boto3
 
-        keys = {"aws_access_key_id": self.env["AWS_ACCESS_KEY_ID"], "aws_secret_access_key": self.env["AWS_SECRET_ACCESS_KEY"]}
+        keys = {
+            "aws_access_key_id": self.env["AWS_ACCESS_KEY_ID"],
+            "aws_secret_access_key": self.env["AWS_SECRET_ACCESS_KEY"],
+        }
         client = boto3.client("s3", endpoint_url=self.endpoint, region_name="us-east-1", **keys)
         client.create_bucket(Bucket=name)
         client.close()
         return f"s3://{name}"
 
 
-EVERYTHING = '{"Version": "2012-10-17", "Statement": [{"Effect": "Allow", "Action": "*", "Resource": "*"}]}'
+EVERYTHING = (
+    '{"Version": "2012-10-17", "Statement": [{"Effect": "Allow", "Action": "*", "Resource": "*"}]}'
+)
 
 
 @pytest.fixture(scope="session")
@@ -118,19 +146,32 @@ def object_store() -> Iterator[ObjectStore]:
 
     port = free_port()
     endpoint = f"http://127.0.0.1:{port}"
-    first = {"INITIAL_NO_AUTH_ACTION_COUNT": "3"}  # those that make the user; from then on moto checks keys and signatures
+    first = {
+        "INITIAL_NO_AUTH_ACTION_COUNT": "3"
+    }  # those that make the user; from then on moto checks keys and signatures
     command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    process = subprocess.Popen(command, env=os.environ | first, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, env=os.environ | first, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         wait(lambda: listening(port), "moto")
-        anybody = {"aws_access_key_id": "none", "aws_secret_access_key": "none", "region_name": "us-east-1"}
+        anybody = {
+            "aws_access_key_id": "none",
+            "aws_secret_access_key": "none",
+            "region_name": "us-east-1",
+        }
         iam = boto3.client("iam", endpoint_url=endpoint, **anybody)
         iam.create_user(UserName=USER)
         iam.put_user_policy(UserName=USER, PolicyName="everything", PolicyDocument=EVERYTHING)
         made = iam.create_access_key(UserName=USER)["AccessKey"]
         iam.close()
-        keys = {"AWS_ACCESS_KEY_ID": made["AccessKeyId"], "AWS_SECRET_ACCESS_KEY": made["SecretAccessKey"]}
-        yield ObjectStore(endpoint, {**keys, "AWS_ENDPOINT_URL": endpoint, "AWS_DEFAULT_REGION": "us-east-1"})
+        keys = {
+            "AWS_ACCESS_KEY_ID": made["AccessKeyId"],
+            "AWS_SECRET_ACCESS_KEY": made["SecretAccessKey"],
+        }
+        yield ObjectStore(
+            endpoint, {**keys, "AWS_ENDPOINT_URL": endpoint, "AWS_DEFAULT_REGION": "us-east-1"}
+        )
     finally:
         process.terminate()
         process.wait(PATIENCE_S)

@@ -1,4 +1,5 @@
-"""deploy/: what its files promise, by linters and by hand; and its commands, run here without Docker until they are healthy."""
+"""deploy/: what its files promise, by linters and by hand; and its commands, run here without
+Docker until they are healthy."""
 
 import json
 import os
@@ -27,20 +28,34 @@ BIN = Path(sys.executable).parent
 
 def test_every_port_is_on_this_machine_alone_and_every_service_says_whether_it_is_healthy() -> None:
     assert {*SERVICES} == {"postgres", "objects", "bucket", "mlflow", "scheduler", "worker"}
-    assert not [port for one in SERVICES.values() for port in one.get("ports", ()) if not port.startswith("127.0.0.1:")]
+    assert not [
+        port
+        for one in SERVICES.values()
+        for port in one.get("ports", ())
+        if not port.startswith("127.0.0.1:")
+    ]
     assert not [name for name, one in SERVICES.items() if "healthcheck" not in one]
     assert "network_mode" not in COMPOSE.read_text()
 
 
 def test_images_have_versions_and_ours_is_the_project_s() -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert {one["image"].partition(":")[2] for one in SERVICES.values() if "build" in one} == {version}
+    assert {one["image"].partition(":")[2] for one in SERVICES.values() if "build" in one} == {
+        version
+    }
     docker = (ROOT / "deploy/Dockerfile").read_text()
     tags = [one["image"].partition(":")[2] for one in SERVICES.values()]
     assert all(re.search(r"\d+\.\d+|\d{4}-\d\d-\d\d", tag) for tag in tags)
     assert re.search(r"^ARG PYTHON=3\.\d+\.\d+$", docker, re.MULTILINE)
-    assert re.findall(r"^FROM python:(\S+)", docker, re.MULTILINE) == ["${PYTHON}-bookworm", *["${PYTHON}-slim-bookworm"] * 2]
-    torch = next(line for line in (ROOT / "constraints.txt").read_text().splitlines() if line.startswith("torch=="))
+    assert re.findall(r"^FROM python:(\S+)", docker, re.MULTILINE) == [
+        "${PYTHON}-bookworm",
+        *["${PYTHON}-slim-bookworm"] * 2,
+    ]
+    torch = next(
+        line
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if line.startswith("torch==")
+    )
     assert torch in docker
     assert docker.rpartition("FROM ")[2].count("USER 1000") == 1  # the last stage is nobody's root
 
@@ -75,7 +90,8 @@ def test_linters_find_nothing(command: tuple[str, ...]) -> None:
 
 
 class Here:
-    """The services of ours as processes of this machine, on ports that are free, with the servers of these tests."""
+    """The services of ours as processes of this machine, on ports that are free, with the servers
+    of these tests."""
 
     def __init__(self, postgres: Postgres, store: ObjectStore, folder: Path) -> None:
         self.ports = {port: str(free_port()) for port in ("5000", "8786", "8787", "8788")}
@@ -98,8 +114,15 @@ class Here:
         return [sys.executable if word == "python" else self.said(word) for word in words]
 
     def env(self, name: str) -> dict[str, str]:
-        own = {key: self.said(value) for key, value in SERVICES[name].get("environment", {}).items()}
-        return {"PATH": os.environ["PATH"], "HOME": str(self.folder), "PYTHONPATH": str(ROOT), **own}
+        own = {
+            key: self.said(value) for key, value in SERVICES[name].get("environment", {}).items()
+        }
+        return {
+            "PATH": os.environ["PATH"],
+            "HOME": str(self.folder),
+            "PYTHONPATH": str(ROOT),
+            **own,
+        }
 
     def healthy(self, name: str) -> bool:
         check = self.command(SERVICES[name]["healthcheck"]["test"][1:])
@@ -109,7 +132,9 @@ class Here:
     def up(self, name: str) -> Iterator[None]:
         folder = self.said(SERVICES[name].get("working_dir", str(self.folder)))
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        process = psutil.Popen(self.command(SERVICES[name]["command"]), cwd=folder, env=self.env(name), **quiet)
+        process = psutil.Popen(
+            self.command(SERVICES[name]["command"]), cwd=folder, env=self.env(name), **quiet
+        )
         try:
             wait(lambda: self.healthy(name), name)
             yield
@@ -127,7 +152,9 @@ def here(postgres: Postgres, object_store: ObjectStore, tmp_path: Path) -> Here:
 def test_the_bucket_is_made_once_and_mlflow_answers(here: Here, postgres: Postgres) -> None:
     postgres.database("mlflow")
     for _ in range(2):
-        subprocess.run(here.command(SERVICES["bucket"]["command"]), env=here.env("bucket"), check=True)
+        subprocess.run(
+            here.command(SERVICES["bucket"]["command"]), env=here.env("bucket"), check=True
+        )
     with here.up("mlflow"):
         assert here.healthy("mlflow")
     assert not here.healthy("mlflow")

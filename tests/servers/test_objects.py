@@ -1,4 +1,5 @@
-"""Artifacts in an object store: DVC takes them there and back, `store.read` reads them where they are."""
+"""Artifacts in an object store: DVC takes them there and back, `store.read` reads them where they
+are."""
 
 import os
 import shutil
@@ -16,7 +17,12 @@ from pipeline.errors import ArtifactError
 from pipeline.store import Column, Schema
 from tests.servers.conftest import ObjectStore, free_port
 
-THINGS = Schema("things", 1, {"points": Column("i2", ("point", "xyz"), "three a row", chunk=4, shard=8)}, {"grain_m": "metres"})
+THINGS = Schema(
+    "things",
+    1,
+    {"points": Column("i2", ("point", "xyz"), "three a row", chunk=4, shard=8)},
+    {"grain_m": "metres"},
+)
 POINTS = np.arange(60, dtype=np.int16).reshape(20, 3)
 MODEL = {"weights": np.arange(6, dtype=np.float32)}
 
@@ -29,7 +35,9 @@ def write(folder: Path) -> None:
 
 def digests(folder: Path) -> dict[str, str]:
     files = [path for path in folder.rglob("*") if path.is_file()]
-    return {path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest() for path in files}
+    return {
+        path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest() for path in files
+    }
 
 
 def upload(folder: Path, url: str) -> None:
@@ -40,13 +48,18 @@ def upload(folder: Path, url: str) -> None:
 
 def dvc(folder: Path, env: Mapping[str, str], *words: str) -> str:
     command = [sys.executable, "-m", "dvc", *words]
-    done = subprocess.run(command, cwd=folder, env={**os.environ, **env}, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, **env}, capture_output=True, text=True
+    )
     assert done.returncode == 0, f"{words}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
 
-def test_what_dvc_pushed_comes_back_with_the_same_bytes(object_store: ObjectStore, tmp_path: Path) -> None:
-    project, env = tmp_path / "project", object_store.env
+def test_what_dvc_pushed_comes_back_with_the_same_bytes(
+    object_store: ObjectStore, tmp_path: Path
+) -> None:
+    project = tmp_path / "project"
+    env = object_store.env
     (project / "artifacts").mkdir(parents=True)
     write(project / "artifacts")
     before = digests(project / "artifacts")
@@ -68,14 +81,17 @@ def test_an_artifact_is_read_where_it_lies(keys: ObjectStore, tmp_path: Path) ->
     write(tmp_path)
     url = f"{keys.bucket('read')}/campus/a.zarr"
     upload(tmp_path / "a.zarr", url)
-    there, here = store.read(url, THINGS), store.read(tmp_path / "a.zarr", THINGS)
+    there = store.read(url, THINGS)
+    here = store.read(tmp_path / "a.zarr", THINGS)
     np.testing.assert_array_equal(there.load("points"), here.load("points"))
     np.testing.assert_array_equal(there["points"][9:11], POINTS[9:11])  # of two shards
     assert there.attrs == here.attrs
     assert there.path == url
 
 
-def test_of_another_kind_or_torn_is_said_as_of_a_local_one(keys: ObjectStore, tmp_path: Path) -> None:
+def test_of_another_kind_or_torn_is_said_as_of_a_local_one(
+    keys: ObjectStore, tmp_path: Path
+) -> None:
     write(tmp_path)
     bucket = keys.bucket("torn")
     upload(tmp_path / "a.zarr", f"{bucket}/a.zarr")
@@ -89,9 +105,13 @@ def test_of_another_kind_or_torn_is_said_as_of_a_local_one(keys: ObjectStore, tm
 
 def test_no_such_key_and_no_such_bucket_are_told_apart(keys: ObjectStore) -> None:
     bucket = keys.bucket("empty")
-    with pytest.raises(ArtifactError, match=r"^s3://empty/a\.zarr/zarr\.json: not in the object store \(empty/a"):
+    with pytest.raises(
+        ArtifactError, match=r"^s3://empty/a\.zarr/zarr\.json: not in the object store \(empty/a"
+    ):
         store.read(f"{bucket}/a.zarr", THINGS)
-    with pytest.raises(ArtifactError, match=r"not in the object store \(The specified bucket does not exist\)$"):
+    with pytest.raises(
+        ArtifactError, match=r"not in the object store \(The specified bucket does not exist\)$"
+    ):
         store.read("s3://nowhere/a.zarr", THINGS)
 
 
@@ -108,14 +128,20 @@ def test_wrong_keys_are_told_and_not_shown(
 ) -> None:
     for name, value in changed.items():
         monkeypatch.setenv(name, value)
-    with pytest.raises(ArtifactError, match=rf"refuses these keys \({reason}\); set AWS_ACCESS_KEY_ID") as error:
+    with pytest.raises(
+        ArtifactError, match=rf"refuses these keys \({reason}\); set AWS_ACCESS_KEY_ID"
+    ) as error:
         store.read("s3://read/campus/a.zarr", THINGS)
     secrets = {*keys.env.values(), *changed.values()} - {"", "us-east-1"}
     assert not [secret for secret in secrets if secret in str(error.value)]
 
 
 @pytest.mark.parametrize("address", ["http://127.0.0.1:{port}", "no address"])
-def test_a_store_that_does_not_answer_is_told(keys: ObjectStore, monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+def test_a_store_that_does_not_answer_is_told(
+    keys: ObjectStore, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
     monkeypatch.setenv("AWS_ENDPOINT_URL", address.format(port=free_port()))
-    with pytest.raises(ArtifactError, match=r"the object store does not answer \(.*\); set AWS_ENDPOINT_URL$"):
+    with pytest.raises(
+        ArtifactError, match=r"the object store does not answer \(.*\); set AWS_ENDPOINT_URL$"
+    ):
         remote.look("s3://read/campus/a.zarr")

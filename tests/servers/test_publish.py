@@ -1,4 +1,5 @@
-"""MLflow on a PostgreSQL server, its files in an object store: as in a sqlite file, for many who publish at once."""
+"""MLflow on a PostgreSQL server, its files in an object store: as in a sqlite file, for many who
+publish at once."""
 
 import os
 import subprocess
@@ -19,8 +20,12 @@ from pipeline.tracking.served import Served
 from tests.servers.conftest import ObjectStore, Postgres, free_port, listening, wait
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of MLflow's own ways with SQLAlchemy and boto
-    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # MLflow keeps its engines, and their connections, for ever
+    pytest.mark.filterwarnings(
+        "ignore::DeprecationWarning"
+    ),  # of MLflow's own ways with SQLAlchemy and boto
+    pytest.mark.filterwarnings(
+        "ignore::ResourceWarning"
+    ),  # MLflow keeps its engines, and their connections, for ever
 ]
 ROOT = Path(__file__).parents[2]
 EIGHT = 8
@@ -30,7 +35,8 @@ class Shared:
     """A server's database with the bucket of its files."""
 
     def __init__(self, url: str, files: str) -> None:
-        self.url, self.files = url, files
+        self.url = url
+        self.files = files
 
     def publish(self, *runs: RunRecord, experiment: str = "shared") -> Published:
         return publish(self.url, experiment, runs, files=self.files)
@@ -69,26 +75,40 @@ def record(tmp_path: Path) -> Iterator[Any]:
         (tmp_path / "sci.svg").write_text("<svg/>")
         save_file({"first": np.array(5)}, tmp_path / "tiny.safetensors")
         served = Served(tmp_path / "tiny.safetensors", "pipeline.methods.sci:Sci", {}, (4, 12))
-        child, series = RunRecord("2012-02-04", {}, {}, {}), {"cells/auc_top1": [(20, auc)]}
-        return RunRecord("sci", {}, {"cell_m": 10.0}, series, [tmp_path / "sci.svg"], [child], served, "tiny")
+        child = RunRecord("2012-02-04", {}, {}, {})
+        series = {"cells/auc_top1": [(20, auc)]}
+        return RunRecord(
+            "sci", {}, {"cell_m": 10.0}, series, [tmp_path / "sci.svg"], [child], served, "tiny"
+        )
 
     return make
 
 
-def test_published_twice_changes_nothing_and_a_changed_run_is_replaced(shared: Shared, record: Any) -> None:
+def test_published_twice_changes_nothing_and_a_changed_run_is_replaced(
+    shared: Shared, record: Any
+) -> None:
     first = shared.publish(record())
     assert (first.written, first.kept) == (2, 0)
-    runs, files = shared.runs(), shared.files_there()
+    runs = shared.runs()
+    files = shared.files_there()
     (model,) = shared.client.search_logged_models([first.experiment_id])
-    assert any(file.endswith(f"{runs['sci'].info.run_id}/artifacts/figures/sci.svg") for file in files)
-    assert any(f"/models/{model.model_id}/" in file and file.endswith("tiny.safetensors") for file in files)
+    assert any(
+        file.endswith(f"{runs['sci'].info.run_id}/artifacts/figures/sci.svg") for file in files
+    )
+    assert any(
+        f"/models/{model.model_id}/" in file and file.endswith("tiny.safetensors") for file in files
+    )
     assert shared.publish(record()) == Published(first.experiment_id, written=0, kept=2)
-    assert {name: run.info.run_id for name, run in shared.runs().items()} == {n: run.info.run_id for n, run in runs.items()}
+    assert {name: run.info.run_id for name, run in shared.runs().items()} == {
+        n: run.info.run_id for n, run in runs.items()
+    }
     assert shared.files_there() == files
     assert shared.publish(record(auc=0.8)).written == 2
     assert shared.runs()["sci"].data.metrics == {"cells/auc_top1": 0.8}
     assert shared.client.get_run(runs["sci"].info.run_id).info.lifecycle_stage == "deleted"
-    assert not [file for file in shared.files_there() if model.model_id in file]  # the old model's files are gone
+    assert not [
+        file for file in shared.files_there() if model.model_id in file
+    ]  # the old model's files are gone
     (version,) = shared.client.search_model_versions("name='tiny'")
     assert version.version == 2
 
@@ -108,7 +128,10 @@ def test_eight_that_publish_at_once_to_an_empty_database_write_each_run_once(
     """None finds MLflow's tables when it starts."""
     empty = Shared(postgres.database("eight"), shared.files)
     command = [sys.executable, "-c", PUBLISH_THREE, empty.url, empty.files]
-    all_of_them = [subprocess.Popen(command, cwd=ROOT, env=os.environ, stderr=subprocess.PIPE) for _ in range(EIGHT)]
+    all_of_them = [
+        subprocess.Popen(command, cwd=ROOT, env=os.environ, stderr=subprocess.PIPE)
+        for _ in range(EIGHT)
+    ]
     said = [process.communicate()[1].decode() for process in all_of_them]
     assert [process.returncode for process in all_of_them] == [0] * EIGHT, said
     found = [one for one in empty.client.search_experiments() if one.name != "Default"]
@@ -117,7 +140,9 @@ def test_eight_that_publish_at_once_to_an_empty_database_write_each_run_once(
     assert sorted(run.info.run_name for run in runs) == ["run 0", "run 1", "run 2"]
 
 
-def test_files_of_an_experiment_stay_where_it_has_them(shared: Shared, record: Any, tmp_path: Path) -> None:
+def test_files_of_an_experiment_stay_where_it_has_them(
+    shared: Shared, record: Any, tmp_path: Path
+) -> None:
     """Another place given by a second machine would take the first one's runs off the page."""
     shared.publish(record(), experiment="stays")
     with pytest.raises(ConfigError, match=f"keeps its files at {shared.files}; say that"):
@@ -131,16 +156,35 @@ def test_the_page_shows_runs_and_files_and_no_process_shows_the_password(
     """As `make dashboard` serves it."""
     shared.publish(record(), experiment="page")
     run_id = shared.runs("page")["sci"].info.run_id
-    port, log = free_port(), tmp_path / "mlflow.log"
-    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
-    env = os.environ | {"MLFLOW_BACKEND_STORE_URI": shared.url.replace(":", "+psycopg:", 1), "MLFLOW_DISABLE_TELEMETRY": "true"}
+    port = free_port()
+    log = tmp_path / "mlflow.log"
+    command = [
+        sys.executable,
+        "-m",
+        "mlflow",
+        "server",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        str(port),
+        "--workers",
+        "1",
+    ]
+    env = os.environ | {
+        "MLFLOW_BACKEND_STORE_URI": shared.url.replace(":", "+psycopg:", 1),
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+    }
     with log.open("w") as out:
         server = psutil.Popen(command, cwd=tmp_path, env=env, stdout=out, stderr=out)
         try:
             wait(lambda: listening(port), "MLflow")
             page = f"http://127.0.0.1:{port}"
-            told = requests.get(f"{page}/api/2.0/mlflow/runs/get", {"run_id": run_id}, timeout=60).json()
-            figure = requests.get(f"{page}/get-artifact", {"run_uuid": run_id, "path": "figures/sci.svg"}, timeout=60).text
+            told = requests.get(
+                f"{page}/api/2.0/mlflow/runs/get", {"run_id": run_id}, timeout=60
+            ).json()
+            figure = requests.get(
+                f"{page}/get-artifact", {"run_uuid": run_id, "path": "figures/sci.svg"}, timeout=60
+            ).text
             processes = [server, *server.children(recursive=True)]
             lines = [" ".join(process.cmdline()) for process in processes]
         finally:
@@ -174,7 +218,10 @@ def test_who_is_refused_is_told_in_one_line_without_a_password(
 
 
 def test_a_server_that_is_not_there_is_told_in_one_line(shared: Shared) -> None:
-    with pytest.raises(ConfigError, match=r"^tracking\.database=\S*u:\*\*\*@127.0.0.1:\d+/x: cannot be opened: .*refused$"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^tracking\.database=\S*u:\*\*\*@127.0.0.1:\d+/x: cannot be opened: .*refused$",
+    ):
         Shared(f"postgresql://u:secret@127.0.0.1:{free_port()}/x", shared.files).publish()
 
 
@@ -190,7 +237,8 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
 
     from pipeline.tracking import runs
 
-    own, write = Shared(postgres.database("goes"), shared.files), runs._write
+    own = Shared(postgres.database("goes"), shared.files)
+    write = runs._write
 
     def write_one_and_lose_the_server(*given: Any) -> None:
         write(*given)
@@ -198,14 +246,20 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
             return
         with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
             connection.execute("alter database goes allow_connections false")
-            connection.execute("select pg_terminate_backend(pid) from pg_stat_activity where datname = 'goes'")
+            connection.execute(
+                "select pg_terminate_backend(pid) from pg_stat_activity where datname = 'goes'"
+            )
 
     monkeypatch.setattr(runs, "_write", write_one_and_lose_the_server)
-    with pytest.raises(ConfigError, match=r"^tracking\.database=\S+goes: failed under way: .*; publish again") as error:
+    with pytest.raises(
+        ConfigError, match=r"^tracking\.database=\S+goes: failed under way: .*; publish again"
+    ) as error:
         own.publish(record(), RunRecord("second", {}, {}, {}))
     assert "\n" not in str(error.value)
     assert postgres.password not in str(error.value)
-    assert [entry.message for entry in caplog.records if entry.levelname in ("ERROR", "CRITICAL")] == []
+    assert [
+        entry.message for entry in caplog.records if entry.levelname in ("ERROR", "CRITICAL")
+    ] == []
     with psycopg.connect(postgres.url("postgres"), autocommit=True) as connection:
         connection.execute("alter database goes allow_connections true")
     monkeypatch.undo()
@@ -216,23 +270,34 @@ def test_a_server_that_goes_while_runs_are_written_is_told_in_one_line_and_the_n
 
 
 def test_a_bucket_that_goes_while_runs_are_written_is_told_in_one_line(
-    postgres: Postgres, keys: ObjectStore, shared: Shared, record: Any, monkeypatch: pytest.MonkeyPatch
+    postgres: Postgres,
+    keys: ObjectStore,
+    shared: Shared,
+    record: Any,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from pipeline.tracking import runs
 
-    own, write = Shared(postgres.database("without-files"), shared.files), runs._write
+    own = Shared(postgres.database("without-files"), shared.files)
+    write = runs._write
 
     def write_to_nobody(*given: Any) -> None:
-        monkeypatch.setenv("MLFLOW_S3_ENDPOINT_URL", f"http://127.0.0.1:{free_port()}")  # MLflow keeps a client for each address
+        monkeypatch.setenv(
+            "MLFLOW_S3_ENDPOINT_URL", f"http://127.0.0.1:{free_port()}"
+        )  # MLflow keeps a client for each address
         write(*given)
 
     monkeypatch.setattr(runs, "_write", write_to_nobody)
-    with pytest.raises(ConfigError, match=r"^tracking\.database=\S+without-files: failed under way: .*") as error:
+    with pytest.raises(
+        ConfigError, match=r"^tracking\.database=\S+without-files: failed under way: .*"
+    ) as error:
         own.publish(record())
     assert "\n" not in str(error.value)
 
 
 def test_a_bucket_that_is_not_there_is_told_before_anything_is_written(shared: Shared) -> None:
-    with pytest.raises(ConfigError, match=r"^tracking\.artifacts: s3://nowhere: not in the object store"):
+    with pytest.raises(
+        ConfigError, match=r"^tracking\.artifacts: s3://nowhere: not in the object store"
+    ):
         Shared(shared.url, "s3://nowhere/mlflow").publish(experiment="never")
     assert shared.client.get_experiment_by_name("never") is None

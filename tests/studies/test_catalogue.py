@@ -15,7 +15,9 @@ ROOT = Path(__file__).parents[2]
 
 def test_every_method_with_a_yaml_is_told_once() -> None:
     found = entries()
-    assert [one.name for one in found] == sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
+    assert [one.name for one in found] == sorted(
+        path.stem for path in (ROOT / "conf/method").glob("*.yaml")
+    )
     assert all(one.what and "METHODS" not in one.what + one.source for one in found)
     sci = next(one for one in found if one.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
@@ -25,7 +27,9 @@ def test_every_method_with_a_yaml_is_told_once() -> None:
 
 
 def test_a_table_for_the_front_pages() -> None:
-    assert table([Entry("a", "does this", "cloud", "ICRA 1999"), Entry("b", "does that", "m2dp", "")]) == (
+    assert table(
+        [Entry("a", "does this", "cloud", "ICRA 1999"), Entry("b", "does that", "m2dp", "")]
+    ) == (
         "| method | what it is | looks at | source |\n"
         "| :-- | :-- | :-- | :-- |\n"
         "| `a` | does this | `cloud` | ICRA 1999 |\n"
@@ -40,14 +44,20 @@ def test_the_front_pages_hold_what_yearloc_methods_prints() -> None:
     assert found in readme or "<!-- methods -->" not in readme
 
 
-def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_brackets_are_the_source_wherever_they_stand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(catalogue, "PROJECT", tmp_path)
     (tmp_path / "conf/method").mkdir(parents=True)
     (tmp_path / "conf/method/one.yaml").write_text("_target_: own.one.One\nview: cloud\n")
     (tmp_path / "own").mkdir()
     module = tmp_path / "own/one.py"
-    module.write_text('"""One: it looks (IROS 2016; METHODS 3.1),\nthen answers.\n\nMore (of this).\n"""\n')
-    assert entries(tmp_path / "conf") == [Entry("one", "One: it looks, then answers", "cloud", "IROS 2016")]
+    module.write_text(
+        '"""One: it looks (IROS 2016; METHODS 3.1),\nthen answers.\n\nMore (of this).\n"""\n'
+    )
+    assert entries(tmp_path / "conf") == [
+        Entry("one", "One: it looks, then answers", "cloud", "IROS 2016")
+    ]
     module.write_text("x = 1\n")
     with pytest.raises(ConfigError, match="first paragraph"):
         entries(tmp_path / "conf")
@@ -57,6 +67,11 @@ def test_brackets_are_the_source_wherever_they_stand(tmp_path: Path, monkeypatch
 
 
 def test_no_method_is_imported_to_be_told() -> None:
-    code = "import sys; from pipeline.studies.catalogue import entries; entries(); print({'torch', 'numpy'} & sys.modules.keys())"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    code = (
+        "import sys; from pipeline.studies.catalogue import entries; entries(); print({'torch', "
+        "'numpy'} & sys.modules.keys())"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert found.stdout.strip() == "set()"

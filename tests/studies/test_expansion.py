@@ -11,10 +11,18 @@ from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text
 from pipeline.studies.parts import MOST
 
-SCI, M2DP = {"name": "sci", "view": "sc", "code": "sci.py"}, {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
+SCI = {"name": "sci", "view": "sc", "code": "sci.py"}
+M2DP = {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
 DRIVE = {"world": "w", "source": "world", "heeds": "simulated", "root": "r"}
 METHODS = [SCI, M2DP, {"name": "sc50", "view": "sc", "code": "sc50.py"}]
-ASKED = {"submap": "single", "train": "a", "tests": ["b", "c"], "grids": ["5m", "10m"], "budget": "tiny", "question": "year"}
+ASKED = {
+    "submap": "single",
+    "train": "a",
+    "tests": ["b", "c"],
+    "grids": ["5m", "10m"],
+    "budget": "tiny",
+    "question": "year",
+}
 ONE: dict[str, Any] = {**DRIVE, **ASKED, "methods": METHODS}
 OTHER = ONE | {"train": "b", "tests": ["d"], "grids": ["10m"], "methods": [SCI]}
 SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "code": "pfl", "stage": "birdviews", "seeds": 2}
@@ -24,12 +32,28 @@ TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "vie
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     lists = expand({"one": ONE, "other": OTHER})
     counts = {name: len(members) for name, members in lists.items()}
-    # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 + 1; latency 2 + 1
+    # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 +
+    # 1; latency 2 + 1
     models = dict.fromkeys(("models", "rankings", "evaluations"), 7)
-    year = {"drives": 5, "submaps": 2, "views": 3, "labels": 3, **models, "latency": 3, "results": 2}
+    year = {
+        "drives": 5,
+        "submaps": 2,
+        "views": 3,
+        "labels": 3,
+        **models,
+        "latency": 3,
+        "results": 2,
+    }
     assert counts == dict.fromkeys(LISTS, 0) | year | {"published": 2, "report": 1}
     place = {"dataset": "one", "grid": "5m", "train": "a", "of": "/a.zarr"}
-    own = {"method": "m2dp", "model": "m2dp", "recipe": "method=m2dp", "code": "m2dp.py", "view": "cloud", "budget": "tiny"}
+    own = {
+        "method": "m2dp",
+        "model": "m2dp",
+        "recipe": "method=m2dp",
+        "code": "m2dp.py",
+        "view": "cloud",
+        "budget": "tiny",
+    }
     assert lists["models"]["one-5m-m2dp"] == place | own
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
     assert lists["rankings"]["one-5m-m2dp"]["altered"] == INSTEAD["evaluated"]
@@ -42,13 +66,20 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     once = dict.fromkeys(("submaps", "birdviews", "labels", "viewpoints", "results", "report"), 1)
     assert counts == once | {"drives": 3, "models": 2}
     assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
-    assert lists["labels"]["turned-10m"]["sequences"] == lists["models"]["turned-10m-pfl"]["train"] == "e f"
+    assert (
+        lists["labels"]["turned-10m"]["sequences"]
+        == lists["models"]["turned-10m-pfl"]["train"]
+        == "e f"
+    )
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
     assert lists["models"]["turned-10m-pfl-seed1"]["recipe"] == "method=pfl method.seed=1"
     read = {"evaluated": INSTEAD["evaluated"], "viewed": "artifacts/viewpoints/turned"}
     read |= {name: INSTEAD[name] for name in ("changed", "learned")}
     assert lists["results"]["turned"] == {"dataset": "turned", **read}
-    assert (lists["report"]["all"]["viewed"], lists["report"]["all"]["timed"]) == ("artifacts/viewpoints", INSTEAD["changed"])
+    assert (lists["report"]["all"]["viewed"], lists["report"]["all"]["timed"]) == (
+        "artifacts/viewpoints",
+        INSTEAD["changed"],
+    )
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
@@ -61,20 +92,58 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
 def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     variants = {"4way": "method.n_way=4 method.epochs=100"}
     methods = [SCI | {"seeds": 2, "variants": variants}, M2DP]
-    asked = {"stress": {"x": "heavy"}, "cells": ["20m"], "altered": {"turned": ["d"], "construction": ["d"]}}
+    asked = {
+        "stress": {"x": "heavy"},
+        "cells": ["20m"],
+        "altered": {"turned": ["d"], "construction": ["d"]},
+    }
     lists = expand({"one": OTHER | {"question": "robustness", "methods": methods, **asked}})
-    # of the study's own cells each variant with each seed; of the further ones the methods as they are
-    models = ("10m-sci", "10m-sci-seed1", "10m-sci-4way", "10m-sci-4way-seed1", "10m-m2dp", "20m-sci", "20m-m2dp")
+    # of the study's own cells each variant with each seed; of the further ones the methods as they
+    # are
+    models = (
+        "10m-sci",
+        "10m-sci-seed1",
+        "10m-sci-4way",
+        "10m-sci-4way-seed1",
+        "10m-m2dp",
+        "20m-sci",
+        "20m-m2dp",
+    )
     assert list(lists["models"]) == [f"one-{model}" for model in models]
-    assert lists["models"]["one-10m-sci-4way-seed1"]["recipe"] == "method=sci method.n_way=4 method.epochs=100 method.seed=1"
+    assert (
+        lists["models"]["one-10m-sci-4way-seed1"]["recipe"]
+        == "method=sci method.n_way=4 method.epochs=100 method.seed=1"
+    )
     assert list(lists["drives"]) == ["one-b", "one-d", "one-x"]
-    assert lists["views"]["one-sc"]["sequences"] == lists["labels"]["one-20m"]["sequences"] == "b d x"
-    own, seed, further = (lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci"))
-    assert (own["tests"], own["alterations"], own["altered"]) == ("d x", "turned construction", "artifacts/altered/one/sc")
-    assert (seed["tests"], seed["alterations"]) == ("d x", "turned")  # walls are asked about of the method's own model
-    assert (further["tests"], further["alterations"], further["altered"]) == ("d", "", INSTEAD["evaluated"])
-    assert list(lists["altered"]) == [f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")]
-    assert lists["altered"]["one-sc-turned"] == {"view": "sc", "dataset": "one", "alteration": "turned", "sequences": "d"}
+    assert (
+        lists["views"]["one-sc"]["sequences"] == lists["labels"]["one-20m"]["sequences"] == "b d x"
+    )
+    own, seed, further = (
+        lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci")
+    )
+    assert (own["tests"], own["alterations"], own["altered"]) == (
+        "d x",
+        "turned construction",
+        "artifacts/altered/one/sc",
+    )
+    assert (seed["tests"], seed["alterations"]) == (
+        "d x",
+        "turned",
+    )  # walls are asked about of the method's own model
+    assert (further["tests"], further["alterations"], further["altered"]) == (
+        "d",
+        "",
+        INSTEAD["evaluated"],
+    )
+    assert list(lists["altered"]) == [
+        f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")
+    ]
+    assert lists["altered"]["one-sc-turned"] == {
+        "view": "sc",
+        "dataset": "one",
+        "alteration": "turned",
+        "sequences": "d",
+    }
     assert lists["events"]["one"]["sequences"] == "d"
     assert lists["results"]["one"]["changed"] == "artifacts/events/one"
     assert list(lists["latency"]) == ["one-10m"]
@@ -95,13 +164,28 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
     sci = SCI | {"seeds": 2, "variants": {"4way": "method.n_way=4"}}
     study = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}
     lists = expand({"one": study})
-    posed = [f"{grid}-{name}" for grid in ("5m", "10m") for name in ("sci-4way", "sci-4way-seed1", "m2dp")]
+    posed = [
+        f"{grid}-{name}"
+        for grid in ("5m", "10m")
+        for name in ("sci-4way", "sci-4way-seed1", "m2dp")
+    ]
     assert list(lists["poses"]) == [f"one-{name}" for name in posed]
     assert lists["maps"] == {"one": {"dataset": "one", "train": "a"}}
-    assert lists["poses"]["one-5m-sci-4way-seed1"]["recipe"] == "method=sci method.n_way=4 method.seed=1"
-    own, with_poses = (lists["evaluations"][f"one-5m-sci-4way{pose}-seed1"] for pose in ("", "-pose"))
-    assert (own["rankings"], own["model"]) == ("artifacts/localize/one/5m/sci-4way-seed1", "sci-4way-seed1")
-    assert (with_poses["rankings"], with_poses["model"]) == ("artifacts/poses/one/5m/sci-4way-seed1", "sci-4way-pose-seed1")
+    assert (
+        lists["poses"]["one-5m-sci-4way-seed1"]["recipe"]
+        == "method=sci method.n_way=4 method.seed=1"
+    )
+    own, with_poses = (
+        lists["evaluations"][f"one-5m-sci-4way{pose}-seed1"] for pose in ("", "-pose")
+    )
+    assert (own["rankings"], own["model"]) == (
+        "artifacts/localize/one/5m/sci-4way-seed1",
+        "sci-4way-seed1",
+    )
+    assert (with_poses["rankings"], with_poses["model"]) == (
+        "artifacts/poses/one/5m/sci-4way-seed1",
+        "sci-4way-pose-seed1",
+    )
     answers = [(one.method, one.answered, one.seed) for one in answerers(study)]
     assert answers[2:5] == [("sci", "4way", 0), ("sci", "4way-pose", 0), ("sci", "4way", 1)]
     assert answers[-2:] == [("m2dp", "", 0), ("m2dp", "pose", 0)]
@@ -109,30 +193,46 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
 
 def test_a_study_without_a_question_asks_about_the_year() -> None:
     old = {name: word for name, word in ONE.items() if name != "question"}
-    assert checked({"one": old}, expand({"one": old})) == checked({"one": ONE}, expand({"one": ONE})) == {"one": ONE}
+    assert (
+        checked({"one": old}, expand({"one": old}))
+        == checked({"one": ONE}, expand({"one": ONE}))
+        == {"one": ONE}
+    )
 
 
 def test_an_unknown_question_is_named() -> None:
-    with pytest.raises(ConfigError, match="question=when: expected year, robustness, viewpoints or lifelong"):
+    with pytest.raises(
+        ConfigError, match="question=when: expected year, robustness, viewpoints or lifelong"
+    ):
         expand({"one": ONE | {"question": "when"}})
 
 
 def test_studies_do_not_mix() -> None:
-    both, alone = expand({"one": ONE, "other": OTHER}), expand({"other": OTHER})
+    both = expand({"one": ONE, "other": OTHER})
+    alone = expand({"other": OTHER})
     assert all(members.items() <= both[name].items() for name, members in alone.items())
 
 
 def test_the_files_hold_what_they_were_made_of() -> None:
     studies = {"one": ONE, "other": OTHER, "turned": TURNED}
     lists = yaml.safe_load(lists_text(studies))
-    assert yaml.safe_load(studies_text(studies))["studies"] == studies == checked(studies, lists["lists"])
+    assert (
+        yaml.safe_load(studies_text(studies))["studies"]
+        == studies
+        == checked(studies, lists["lists"])
+    )
     assert lists["first"] == {"study": "one", "grid": "5m"}
 
 
 def test_a_study_of_many_drives_follows_from_lists_in_parts() -> None:
     long = ONE | {"tests": [f"test{number}" for number in range(3 * MOST)]}
     lists = yaml.safe_load(lists_text({"long": long}))["lists"]
-    assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3", "drives_4")] == [MOST, MOST, MOST, 1]
+    assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3", "drives_4")] == [
+        MOST,
+        MOST,
+        MOST,
+        1,
+    ]
     assert checked({"long": long}, lists) == {"long": long}
     lists["drives_4"] = {}
     with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):

@@ -27,7 +27,10 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for stage in parts.STAGES:
         (tmp_path / f"dag/{stage}").mkdir(parents=True)
         (tmp_path / f"dag/{stage}/dvc.yaml").write_text(STAGE.format(stage))
-        entries = [f"  {stage}@{drive}: {{cmd: {drive}, outs: [{{path: {stage}/{drive}, rate: 2e-05}}]}}\n" for drive in "abcde"]
+        entries = [
+            f"  {stage}@{drive}: {{cmd: {drive}, outs: [{{path: {stage}/{drive}, rate: 2e-05}}]}}\n"
+            for drive in "abcde"
+        ]
         (tmp_path / f"dag/{stage}/dvc.lock").write_text(LINES + "".join(entries))
     return tmp_path
 
@@ -46,14 +49,22 @@ def test_a_list_is_cut_into_parts_of_the_same_order() -> None:
     drives = {f"drive{number}": {"n": number} for number in range(2 * parts.MOST + 1)}
     lists = parted({"drives": drives, "models": {"x": {}}})
     assert list(lists) == ["drives", "models", "drives_2", "drives_3"]
-    assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3")] == [parts.MOST, parts.MOST, 1]
+    assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3")] == [
+        parts.MOST,
+        parts.MOST,
+        1,
+    ]
     assert {**lists["drives"], **lists["drives_2"], **lists["drives_3"]} == drives
     assert parted({"drives": {}}) == {"drives": {}}
 
 
 def test_what_is_recorded_moves_to_the_lock_file_of_its_part_and_back(root: Path) -> None:
     recorded = dict(DvcLock.read(root / "dvc.lock").stages)
-    assert chosen(root, "abcde") == {"scans": ["scans@a", "scans@b"], "scans-2": ["scans@c", "scans@d"], "scans-3": ["scans@e"]}
+    assert chosen(root, "abcde") == {
+        "scans": ["scans@a", "scans@b"],
+        "scans-2": ["scans@c", "scans@d"],
+        "scans-3": ["scans@e"],
+    }
     assert DvcLock.read(root / "dvc.lock").stages == recorded
     assert recorded["scans@a"]["outs"][0]["rate"] == 2e-05
     assert "${lists.drives_3}" in (root / "dag/scans-3/dvc.yaml").read_text()

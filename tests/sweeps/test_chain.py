@@ -13,7 +13,9 @@ from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]
 DEFINITION = definition(ROOT)
-STUDIES, LISTS = (yaml.safe_load((ROOT / f"conf/{name}.yaml").read_text())[name] for name in ("studies", "lists"))
+STUDIES, LISTS = (
+    yaml.safe_load((ROOT / f"conf/{name}.yaml").read_text())[name] for name in ("studies", "lists")
+)
 STEPS = expand(DEFINITION, LISTS)
 
 
@@ -32,7 +34,11 @@ def test_every_stage_is_the_one_that_dvc_finds() -> None:
 
 
 def test_other_names_make_another_chain() -> None:
-    other = {"tests": ["2013-04-05"], "grids": ["5m"], "methods": [{"name": "sci", "view": "scan_context_paper", "code": "c"}]}
+    other = {
+        "tests": ["2013-04-05"],
+        "grids": ["5m"],
+        "methods": [{"name": "sci", "view": "scan_context_paper", "code": "c"}],
+    }
     steps = expand(DEFINITION, spelled_out({"campus": STUDIES["campus"] | other | {"altered": {}}}))
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
     assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/metrics/campus/5m/sci")
@@ -66,7 +72,9 @@ def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
 def test_a_folder_full_of_artifacts_is_the_input_of_whoever_reads_it() -> None:
     submaps = producers(STEPS)["artifacts/submaps/campus"]
     drives = [key for key in LISTS["drives"] if key.startswith("campus-")]
-    assert len(inputs(submaps, producers(STEPS))) == len(drives) == 1 + len(STUDIES["campus"]["tests"])
+    assert (
+        len(inputs(submaps, producers(STEPS))) == len(drives) == 1 + len(STUDIES["campus"]["tests"])
+    )
 
 
 def test_a_name_that_is_not_listed_is_one_line() -> None:

@@ -34,19 +34,28 @@ stages:
 
 
 class Project:
-    """A toy project in which a stage writes its inputs, settings and code into its outputs, and a dvc.lock of it."""
+    """A toy project in which a stage writes its inputs, settings and code into its outputs, and a
+    dvc.lock of it."""
 
     def __init__(self, root: Path) -> None:
-        self.root, self.steps, self.ran = root, expand(CHAIN, {}), list[str]()
+        self.root = root
+        self.steps = expand(CHAIN, {})
+        self.ran = list[str]()
         code = dict.fromkeys(("code/scans.py", "code/views/a.py", "code/train.py"), "1")
-        conf = {"scans.yaml": "grain: 1\n", "view/small.yaml": "rings: 4\n", "train.yaml": "rate: 1\nother: 1\n"}
+        conf = {
+            "scans.yaml": "grain: 1\n",
+            "view/small.yaml": "rings: 4\n",
+            "train.yaml": "rate: 1\nother: 1\n",
+        }
         for name, text in (code | {f"conf/{name}": text for name, text in conf.items()}).items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             (root / name).write_text(text)
 
     def run(self, step: Step, fields: Mapping[str, str]) -> None:
         self.ran.append(step.stage)
-        read = [Path(value).read_text() for key, value in fields.items() if key in ("scans", "views")]
+        read = [
+            Path(value).read_text() for key, value in fields.items() if key in ("scans", "views")
+        ]
         for path in (Path(fields[key]) for key in ("out", "log") if key in fields):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f"{step.stage} {self.values(step)} of {read}")
@@ -67,7 +76,10 @@ class Project:
             stages[step.stage] = {
                 "cmd": step.command,
                 "deps": [{"path": dep, "md5": digest(Path(dep))} for dep in step.deps],
-                "params": {file: {key: files[file][key] for key in keys or files[file]} for file, keys in step.params.items()},
+                "params": {
+                    file: {key: files[file][key] for key in keys or files[file]}
+                    for file, keys in step.params.items()
+                },
                 "outs": [{"path": out, "md5": digest(Path(out))} for out in step.outs],
             }
         Path("dvc.lock").write_text(yaml.safe_dump({"schema": "2.0", "stages": stages}))
@@ -78,7 +90,9 @@ class Project:
             values = self.values(step, **changes)
             return values, values == self.values(step)
 
-        return Job(self.steps, UpToDate(self.root), ArtifactCache(Path(".sweeps")), settings, self.run)
+        return Job(
+            self.steps, UpToDate(self.root), ArtifactCache(Path(".sweeps")), settings, self.run
+        )
 
 
 MODEL = "artifacts/train/model.txt"
@@ -109,7 +123,9 @@ def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
 def test_a_tiny_number_is_the_same_in_the_lock_and_in_conf(project: Project) -> None:
     Path("conf/train.yaml").write_text("rate: 0.00002\nother: 1\n")
     project.repro()
-    Path("dvc.lock").write_text(Path("dvc.lock").read_text().replace("2.0e-05", "2e-05"))  # as DVC writes it
+    Path("dvc.lock").write_text(
+        Path("dvc.lock").read_text().replace("2.0e-05", "2e-05")
+    )  # as DVC writes it
     project.job().path(MODEL)
     assert project.ran == []
 
@@ -147,7 +163,9 @@ def test_without_dvc_everything_is_built_and_the_same(project: Project) -> None:
         ("artifacts/views/day.txt", "damaged, but what was made of it before is whole", []),
     ],
 )
-def test_an_edit_since_the_last_repro_is_seen(project: Project, path: str, text: str, ran: list[str]) -> None:
+def test_an_edit_since_the_last_repro_is_seen(
+    project: Project, path: str, text: str, ran: list[str]
+) -> None:
     project.repro()
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(text)
@@ -168,11 +186,16 @@ def test_a_damaged_input_is_not_read(project: Project) -> None:
         ({}, "artifacts/logs"),  # a step that makes no such artifact keeps it as it stands
         ({"artifacts/logs/day": ".sweeps/logs/k/day"}, ".sweeps/logs/k"),
         ({"artifacts/logs/day": "x/day", "artifacts/logs/night": "x/night"}, "x"),
-        ({"artifacts/logs/day": "x/day", "artifacts/logs/night": "y/night"}, "day at x/day and night at y/night"),
+        (
+            {"artifacts/logs/day": "x/day", "artifacts/logs/night": "y/night"},
+            "day at x/day and night at y/night",
+        ),
         ({"artifacts": "elsewhere"}, "elsewhere/logs"),  # a part of one artifact
     ],
 )
-def test_a_folder_of_artifacts_is_where_they_are(project: Project, stands_for: dict[str, str], root: str) -> None:
+def test_a_folder_of_artifacts_is_where_they_are(
+    project: Project, stands_for: dict[str, str], root: str
+) -> None:
     def gathered(parts: Mapping[str, str]) -> str:
         return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
 

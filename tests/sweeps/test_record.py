@@ -10,7 +10,12 @@ from pipeline.sweeps.record import Record, read
 ROWS = [
     {"sequence": "may", "days": 10.0, "seed": 0, **row("auc_top1", "cells", 0.5)},
     {"sequence": "may", "days": 10.0, "seed": 0, **row("threshold", "cells", math.inf)},
-    {"sequence": "june", "days": math.nan, "seed": 0, **row("auc_top1", "cells", math.nan, 0.25, 0.75)},
+    {
+        "sequence": "june",
+        "days": math.nan,
+        "seed": 0,
+        **row("auc_top1", "cells", math.nan, 0.25, 0.75),
+    },
 ]
 
 

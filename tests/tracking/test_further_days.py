@@ -1,4 +1,5 @@
-"""A study of learning further days in MLflow: a run a strategy, a point a step, means over the seeds."""
+"""A study of learning further days in MLflow: a run a strategy, a point a step, means over the
+seeds."""
 
 from pathlib import Path
 
@@ -18,11 +19,20 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     study = learned.build(Path(tmp_path_factory.mktemp("learned"), "artifacts"))
     folder = study.artifacts / "report"
     report.write(folder, study.artifacts, {"campus": learned.WORDS}, study.table, FEW, pytest.fail)
-    return {one.name: one for one in records(Source("campus", "10m", learned.WORDS, True, study.rows, folder / "campus/10m"))}
+    return {
+        one.name: one
+        for one in records(
+            Source("campus", "10m", learned.WORDS, True, study.rows, folder / "campus/10m")
+        )
+    }
 
 
 def test_a_run_is_a_strategy_and_a_point_the_mean_of_a_step(found: dict[str, RunRecord]) -> None:
-    assert [name for name in found if name.startswith("sad")] == ["sad days frozen", "sad days grown", "sad streets grown"]
+    assert [name for name in found if name.startswith("sad")] == [
+        "sad days frozen",
+        "sad days grown",
+        "sad streets grown",
+    ]
     tuned = found["sci days tuned"]
     assert tuned.series["cells/recall_of_all"] == [(0, 0.5), (1, 0.625)]  # 2/4 and 3/4 of two seeds
     assert tuned.series["recall_by_cells/2012-02-04"] == [(0, 0.5), (1, 0.25)]
@@ -30,14 +40,26 @@ def test_a_run_is_a_strategy_and_a_point_the_mean_of_a_step(found: dict[str, Run
     assert found["sci updates trusting"].series["cost/wrong"] == [(1, 3.5)]
     assert tuned.params["seeds"] == 2
     assert tuned.tags["data"] == "simulated"
-    for said in ("the strategy `tuned`", "**Simulated data**", "Steps: 2012-01-15, 2012-03-17.", "Means over 2 seeds"):
+    for said in (
+        "the strategy `tuned`",
+        "**Simulated data**",
+        "Steps: 2012-01-15, 2012-03-17.",
+        "Means over 2 seeds",
+    ):
         assert said in tuned.about
-    assert [(one.name, one.context) for one in tuned.used][:2] == [("campus 2012-01-15", "train"), ("campus 2012-03-17", "train")]
+    assert [(one.name, one.context) for one in tuned.used][:2] == [
+        ("campus 2012-01-15", "train"),
+        ("campus 2012-03-17", "train"),
+    ]
 
 
-def test_a_strategy_has_one_colour_in_every_order_and_its_models_figures(found: dict[str, RunRecord]) -> None:
+def test_a_strategy_has_one_colour_in_every_order_and_its_models_figures(
+    found: dict[str, RunRecord],
+) -> None:
     colours = {name.rpartition(" ")[2]: one.tags[page.COLOUR] for name, one in found.items()}
-    assert all(one.tags[page.COLOUR] == colours[name.rpartition(" ")[2]] for name, one in found.items())
+    assert all(
+        one.tags[page.COLOUR] == colours[name.rpartition(" ")[2]] for name, one in found.items()
+    )
     assert len({*colours.values()}) == len(colours)
     files = {path.name for path in found["sad days grown"].figures}
     assert "lifelong_steps_sad.svg" in files
@@ -45,13 +67,21 @@ def test_a_strategy_has_one_colour_in_every_order_and_its_models_figures(found: 
 
 
 def test_the_page_shows_what_the_runs_have(found: dict[str, RunRecord]) -> None:
-    shown = [name for one in page.FURTHER_DAYS.sections.values() for chart in one.charts for name in chart.split()]
+    shown = [
+        name
+        for one in page.FURTHER_DAYS.sections.values()
+        for chart in one.charts
+        for name in chart.split()
+    ]
     assert {*shown, *page.FURTHER_DAYS.metrics} <= found["sci days grown"].series.keys()
     assert all(len(value) <= page.LIMIT for value in page.tags(page.FURTHER_DAYS).values())
 
 
-@pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated", "ignore::ResourceWarning")  # as in test_runs
+@pytest.mark.filterwarnings(
+    "ignore:The ``noload`` loader strategy is deprecated", "ignore::ResourceWarning"
+)  # as in test_runs
 def test_published_twice_nothing_changes(found: dict[str, RunRecord], tmp_path: Path) -> None:
-    database, runs = tmp_path / "mlflow.db", list(found.values())
+    database = tmp_path / "mlflow.db"
+    runs = list(found.values())
     assert publish(database, "learned", runs, page.FURTHER_DAYS).written == len(runs)
     assert publish(database, "learned", runs, page.FURTHER_DAYS).kept == len(runs)

@@ -24,13 +24,23 @@ def view() -> Any:
 
 def test_the_first_chart_is_auc_over_days(view: Any) -> None:
     first = view["compareRunSections"][0]
-    chart = next(chart for chart in view["compareRunCharts"] if chart["metricSectionId"] == first["uuid"])
-    expected = {"type": "LINE", "metricKey": "cells/auc_top1", "xAxisKey": "step", "useGlobalXaxisKey": False}
+    chart = next(
+        chart for chart in view["compareRunCharts"] if chart["metricSectionId"] == first["uuid"]
+    )
+    expected = {
+        "type": "LINE",
+        "metricKey": "cells/auc_top1",
+        "xAxisKey": "step",
+        "useGlobalXaxisKey": False,
+    }
     assert chart.items() >= expected.items()
 
 
-def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_to_folded_ones(view: Any) -> None:
-    """The page puts a metric that no chart names first into the section named like its prefix, in sight if it must make one."""
+def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_to_folded_ones(
+    view: Any,
+) -> None:
+    """The page puts a metric that no chart names first into the section named like its prefix, in
+    sight if it must make one."""
     assert view["isAccordionReordered"]
     shown = [section["name"] for section in view["compareRunSections"] if section["display"]]
     assert shown == [
@@ -45,23 +55,40 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
         "Training curves over epochs",
     ]
     folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
-    assert folded == {"mean", "cells", "distance", "rejection", "ageing", "train", "viewpoints", "cost", "System metrics"} | {
-        f"recall_by_{protocol}" for protocol in ("cells", "distance")
-    }
+    assert folded == {
+        "mean",
+        "cells",
+        "distance",
+        "rejection",
+        "ageing",
+        "train",
+        "viewpoints",
+        "cost",
+        "System metrics",
+    } | {f"recall_by_{protocol}" for protocol in ("cells", "distance")}
 
 
 def test_single_numbers_are_bars_over_the_runs_and_what_has_days_is_lines(view: Any) -> None:
     bars = {chart["metricKey"] for chart in view["compareRunCharts"] if chart["type"] == "BAR"}
-    assert {name for name in bars if name.startswith("mean/")} == {"mean/cells_auc_top1", "mean/distance_recall_at_1"}
+    assert {name for name in bars if name.startswith("mean/")} == {
+        "mean/cells_auc_top1",
+        "mean/distance_recall_at_1",
+    }
     assert all(name.startswith("mean/") or name.endswith("_per_100_days") for name in bars)
     lines = {chart["metricKey"] for chart in view["compareRunCharts"]} - bars
-    assert not [name for name in lines if name.startswith("mean/") or name.endswith("_per_100_days")]
+    assert not [
+        name for name in lines if name.startswith("mean/") or name.endswith("_per_100_days")
+    ]
 
 
 def test_lines_have_the_whole_width_for_their_legend(view: Any) -> None:
     """A legend has two lines, whatever the chart's height."""
     wide = {section["uuid"]: section["columns"] for section in view["compareRunSections"]}
-    assert {wide[chart["metricSectionId"]] for chart in view["compareRunCharts"] if chart["type"] == "LINE"} == {1}
+    assert {
+        wide[chart["metricSectionId"]]
+        for chart in view["compareRunCharts"]
+        if chart["type"] == "LINE"
+    } == {1}
 
 
 def test_the_table_of_runs_shows_data_sets_models_descriptions_and_means(view: Any) -> None:
@@ -76,7 +103,9 @@ def test_the_table_of_runs_shows_data_sets_models_descriptions_and_means(view: A
 
 
 def test_every_chart_is_in_a_section_and_no_two_share_an_id(view: Any) -> None:
-    sections, charts = ([one["uuid"] for one in view[kind]] for kind in ("compareRunSections", "compareRunCharts"))
+    sections, charts = (
+        [one["uuid"] for one in view[kind]] for kind in ("compareRunSections", "compareRunCharts")
+    )
     assert len(set(sections)) == len(sections)
     assert len(set(charts)) == len(charts)
     assert {chart["metricSectionId"] for chart in view["compareRunCharts"]} <= {*sections}
@@ -105,5 +134,6 @@ def test_the_address_opens_the_charts_of_the_view_and_not_the_assistant() -> Non
     [(0, 1, "#440154"), (0, 5, "#440154"), (2, 5, "#21918c"), (4, 5, "#d8b000"), (1, 9, "#402a70")],
 )
 def test_children_are_shaded_from_first_to_last(place: int, count: int, colour: str) -> None:
-    # (1, 9): halfway from (68, 1, 84) to (59, 82, 139) = (63.5, 41.5, 111.5), each half rounded to even: 64, 42, 112
+    # (1, 9): halfway from (68, 1, 84) to (59, 82, 139) = (63.5, 41.5, 111.5), each half rounded to
+    # even: 64, 42, 112
     assert page.shade(place, count) == colour

@@ -1,4 +1,5 @@
-"""The runs that MLflow shows follow from the table of results, the list of figures and the records of a sweep."""
+"""The runs that MLflow shows follow from the table of results, the list of figures and the records
+of a sweep."""
 
 import json
 from pathlib import Path
@@ -18,7 +19,12 @@ from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
 
 TESTS = {"june": 20.0, "may": 10.0}
-OWNERS = {"curves.svg": ("", ""), "sci.svg": ("sci", ""), "m2dp.svg": ("m2dp", ""), "sci-may.svg": ("sci", "may")}
+OWNERS = {
+    "curves.svg": ("", ""),
+    "sci.svg": ("sci", ""),
+    "m2dp.svg": ("m2dp", ""),
+    "sci-may.svg": ("sci", "may"),
+}
 
 
 @pytest.fixture
@@ -27,28 +33,53 @@ def record(tmp_path: Path) -> RunRecord:
     rows: list[dict[str, Any]] = []
     for sequence, days in TESTS.items():
         at = {"sequence": sequence, "days": days}
-        rows += [at | row("auc_top1", "cells", days / 100), at | row("turned_share", "cells", np.nan)]
-        rows += [at | row("auroc", "cells", 0.75) | {"kind": "cost"}, at | row("ece", "cells", 0.125)]
+        rows += [
+            at | row("auc_top1", "cells", days / 100),
+            at | row("turned_share", "cells", np.nan),
+        ]
+        rows += [
+            at | row("auroc", "cells", 0.75) | {"kind": "cost"},
+            at | row("ece", "cells", 0.125),
+        ]
         rows += [at | row("auc_top1", "cells", 0.01) | {"change": "turned"}]
-        rows += [at | row("auc_top1", "cells", 0.02) | {"variant": "4way"}, at | row("auc_top1", "cells", 0.03) | {"seed": 1}]
-    rows += [row("auc_top1_per_100_days", "cells", -0.5, -0.75, -0.25), row("auc_top1_retrain_after_days", "cells", np.inf)]
-    rows += [{"sequence": "may", "days": 10.0, "change": "viewpoint", "level": 22.5} | row("accuracy", "", 1.0)]
-    figures = [{"file": file, "model": model, "sequence": sequence} for file, (model, sequence) in OWNERS.items()]
+        rows += [
+            at | row("auc_top1", "cells", 0.02) | {"variant": "4way"},
+            at | row("auc_top1", "cells", 0.03) | {"seed": 1},
+        ]
+    rows += [
+        row("auc_top1_per_100_days", "cells", -0.5, -0.75, -0.25),
+        row("auc_top1_retrain_after_days", "cells", np.inf),
+    ]
+    rows += [
+        {"sequence": "may", "days": 10.0, "change": "viewpoint", "level": 22.5}
+        | row("accuracy", "", 1.0)
+    ]
+    figures = [
+        {"file": file, "model": model, "sequence": sequence}
+        for file, (model, sequence) in OWNERS.items()
+    ]
     (tmp_path / "figures.json").write_text(json.dumps(figures))
     for file in OWNERS:
         (tmp_path / file).touch()
     found = table(rows, study="campus", grid="10m", method="sci", simulated=True)
     words = {"train": "april", "tests": [*TESTS], "grids": ["10m"], "budget": "demo"}
-    lock = DvcLock({"submaps@campus": {"outs": [{"path": "artifacts/submaps/campus", "md5": "0123.dir"}]}})
+    lock = DvcLock(
+        {"submaps@campus": {"outs": [{"path": "artifacts/submaps/campus", "md5": "0123.dir"}]}}
+    )
     source = Source("campus", "10m", words, True, found, tmp_path, lock)
     arrays = {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3), "place_xy_m": np.zeros((7, 2))}
     recipe = {"_target_": "pipeline.methods.sci.Sci", "budget": "0.1"}
     return source.record(ModelName("sci"), arrays, recipe, {"cost/s": [(0, 9.0)]})
 
 
-def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(record: RunRecord) -> None:
+def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(
+    record: RunRecord,
+) -> None:
     assert record.name == "sci"
-    assert record.params.items() >= {"dataset": "campus", "grid": "10m", "train": "april", "budget": "0.1"}.items()
+    assert (
+        record.params.items()
+        >= {"dataset": "campus", "grid": "10m", "train": "april", "budget": "0.1"}.items()
+    )
     assert record.tags["data"] == "simulated"
     assert record.series == {
         "cells/auc_top1": [(10, 0.1), (20, 0.2)],
@@ -64,9 +95,17 @@ def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(recor
     }
 
 
-def test_a_run_says_what_it_is_what_it_was_trained_on_and_that_the_data_is_simulated(record: RunRecord) -> None:
+def test_a_run_says_what_it_is_what_it_was_trained_on_and_that_the_data_is_simulated(
+    record: RunRecord,
+) -> None:
     assert record.about.startswith("SCI localisation")
-    for said in ("**Simulated data**", "Trained on april (7 places)", "budget `demo`: 0.1", "2 days: june, may", "($page)"):
+    for said in (
+        "**Simulated data**",
+        "Trained on april (7 places)",
+        "budget `demo`: 0.1",
+        "2 days: june, may",
+        "($page)",
+    ):
         assert said in record.about
     assert record.registered == "campus-sci-simulated"
     may = record.children[1]
@@ -91,7 +130,10 @@ def test_a_digest_changes_with_the_submaps_that_dvc_recorded() -> None:
     def digest(lock: DvcLock) -> str:
         return used("campus", words, ["may"], lock)[0].digest
 
-    locks = [DvcLock({"s": {"outs": [{"path": "artifacts/submaps/campus", "md5": md5}]}}) for md5 in ("12", "34")]
+    locks = [
+        DvcLock({"s": {"outs": [{"path": "artifacts/submaps/campus", "md5": md5}]}})
+        for md5 in ("12", "34")
+    ]
     assert len({digest(locks[0]), digest(locks[1]), digest(DvcLock({}))}) == 3
     assert digest(DvcLock({})) == digest(DvcLock({}))
 
@@ -115,10 +157,23 @@ def test_each_day_is_a_child_with_its_own_numbers_and_figures(record: RunRecord)
 
 def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
     given = {"dataset": "campus", "simulated": False, "method": "sci"}
-    found = [row("auc_top1", "cells", 0.5), row("recall_at_1", "cells", np.nan), row("recall_at_1", "distance", 0.25)]
-    found += [row("queries", "cells", 9), row("ece", "cells", 0.125), row("auroc", "cells", 0.75) | {"kind": "cost"}]
+    found = [
+        row("auc_top1", "cells", 0.5),
+        row("recall_at_1", "cells", np.nan),
+        row("recall_at_1", "distance", 0.25),
+    ]
+    found += [
+        row("queries", "cells", 9),
+        row("ece", "cells", 0.125),
+        row("auroc", "cells", 0.75) | {"kind": "cost"},
+    ]
     rows = [{"sequence": "may", "days": 7} | one for one in found]
-    done = Record(0, {"grid.cell_m": "5", "method": "sci"}, **given, rows=[*rows, row("held_out_auc", "cells", 0.625)])
+    done = Record(
+        0,
+        {"grid.cell_m": "5", "method": "sci"},
+        **given,
+        rows=[*rows, row("held_out_auc", "cells", 0.625)],
+    )
     failed = Record(1, {"grid.cell_m": "7", "method": "sci"}, **given, error="7 is odd")
     run = of_sweep([done, failed], {"method": "sci"}, [])
     assert run.name == "sweep cell_m=5,7"
@@ -137,22 +192,46 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
     assert (run.children[1].series, run.children[1].tags["error"]) == ({}, "7 is odd")
 
 
-def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(tmp_path: Path) -> None:
+def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "figures.json").write_text("[]")
     rows = []
     for variant, share in (("", 0.5), ("pose", 0.75)):
-        place = {"grid": "10m", "method": "sci", "variant": variant, "sequence": "2012-02-04", "days": 20}
+        place = {
+            "grid": "10m",
+            "method": "sci",
+            "variant": variant,
+            "sequence": "2012-02-04",
+            "days": 20,
+        }
         rows.append(place | row("recall_at_1", "distance", share))
     words = {"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"]}
-    source = Source("nclt", "10m", words, False, table(rows, study="nclt", dataset="nclt"), tmp_path)
-    plain, posed = (source.record(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True))
+    source = Source(
+        "nclt", "10m", words, False, table(rows, study="nclt", dataset="nclt"), tmp_path
+    )
+    plain, posed = (
+        source.record(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True)
+    )
     assert (plain.name, posed.name) == ("sci", "sci-pose")
-    assert (plain.series["mean/distance_recall_at_1"], posed.series["mean/distance_recall_at_1"]) == ([(0, 0.5)], [(0, 0.75)])
+    assert (
+        plain.series["mean/distance_recall_at_1"],
+        posed.series["mean/distance_recall_at_1"],
+    ) == ([(0, 0.5)], [(0, 0.75)])
     assert (plain.registered, posed.registered) == ("nclt-sci", "")
     assert plain.tags[COLOUR] != posed.tags[COLOUR]
 
 
 def test_a_report_that_was_interrupted_is_named(tmp_path: Path) -> None:
-    source = Source("campus", "10m", {"train": "april", "tests": []}, True, table([]), tmp_path / "report/campus/10m")
-    with pytest.raises(ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"):
+    source = Source(
+        "campus",
+        "10m",
+        {"train": "april", "tests": []},
+        True,
+        table([]),
+        tmp_path / "report/campus/10m",
+    )
+    with pytest.raises(
+        ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"
+    ):
         source.files("sci")

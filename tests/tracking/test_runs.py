@@ -20,8 +20,12 @@ from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, pub
 from pipeline.tracking.served import Served
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:The ``noload`` loader strategy is deprecated"),  # SQLAlchemy 2.1 about MLflow 3.17
-    pytest.mark.filterwarnings("ignore::ResourceWarning"),  # MLflow keeps its engines, and their connections, for ever
+    pytest.mark.filterwarnings(
+        "ignore:The ``noload`` loader strategy is deprecated"
+    ),  # SQLAlchemy 2.1 about MLflow 3.17
+    pytest.mark.filterwarnings(
+        "ignore::ResourceWarning"
+    ),  # MLflow keeps its engines, and their connections, for ever
 ]
 
 
@@ -29,15 +33,24 @@ class Experiment:
     """One of a database; figures that its runs show lie in a folder."""
 
     def __init__(self, database: Path, name: str, folder: Path = Path()) -> None:
-        self.database, self.name, self.folder = database, name, folder
+        self.database = database
+        self.name = name
+        self.folder = folder
 
     def record(self, auc: float = 0.9, picture: str = "<svg/>", name: str = "sci") -> RunRecord:
         """A run of 2 points with a figure, and a child of 1,500 points."""
         figure = self.folder / f"{name}.svg"
         figure.write_text(picture)
-        child = RunRecord("2012-02-04", {}, {}, {"train/loss": [(epoch, 1.0 / (epoch + 1)) for epoch in range(1_500)]})
+        child = RunRecord(
+            "2012-02-04",
+            {},
+            {},
+            {"train/loss": [(epoch, 1.0 / (epoch + 1)) for epoch in range(1_500)]},
+        )
         series = {"test/auc_top1": [(20, auc), (62, 0.8)]}
-        return RunRecord(name, {"mlflow.runColor": "#0072B2"}, {"cell_m": 10.0}, series, [figure], [child])
+        return RunRecord(
+            name, {"mlflow.runColor": "#0072B2"}, {"cell_m": 10.0}, series, [figure], [child]
+        )
 
     def publish(self, *runs: RunRecord) -> Published:
         return publish(self.database, self.name, runs)
@@ -55,7 +68,9 @@ class Experiment:
     @property
     def runs(self) -> dict[str, Any]:
         """Those that are not deleted, by name."""
-        return {run.info.run_name: run for run in self.client.search_runs([self.found.experiment_id])}
+        return {
+            run.info.run_name: run for run in self.client.search_runs([self.found.experiment_id])
+        }
 
     @property
     def model(self) -> Any:
@@ -88,7 +103,8 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 def test_a_published_run_shows_its_series_parameters_figures_and_children(own: Experiment) -> None:
     done = own.publish(own.record())
     assert (done.written, done.kept) == (2, 0)
-    parent, child = own.runs["sci"], own.runs["2012-02-04"]
+    parent = own.runs["sci"]
+    child = own.runs["2012-02-04"]
     points = own.client.get_metric_history(parent.info.run_id, "test/auc_top1")
     year_2000 = 30 * 365.25 * 86_400_000 - 43_200_000  # 7 leap days since 1970, not 7.5
     times = [(p.step, p.value, p.timestamp - year_2000) for p in points]
@@ -98,26 +114,40 @@ def test_a_published_run_shows_its_series_parameters_figures_and_children(own: E
     assert parent.info.status == child.info.status == "FINISHED"
     assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
     assert len(own.client.get_metric_history(child.info.run_id, "train/loss")) == 1_500
-    figure = own.database.parent / "mlruns" / parent.info.run_id / "artifacts" / "figures" / "sci.svg"
+    figure = (
+        own.database.parent / "mlruns" / parent.info.run_id / "artifacts" / "figures" / "sci.svg"
+    )
     assert figure.read_text() == "<svg/>"
-    assert own.found.tags.items() >= page.tags(page.YEAR).items()  # it opens on the view of the dashboard
+    assert (
+        own.found.tags.items() >= page.tags(page.YEAR).items()
+    )  # it opens on the view of the dashboard
 
 
 def test_publishing_twice_changes_nothing(own: Experiment) -> None:
-    first, before = own.publish(own.record()), own.runs
+    first = own.publish(own.record())
+    before = own.runs
     assert own.publish(own.record()) == Published(first.experiment_id, written=0, kept=2)
-    assert {name: run.info.run_id for name, run in own.runs.items()} == {name: run.info.run_id for name, run in before.items()}
+    assert {name: run.info.run_id for name, run in own.runs.items()} == {
+        name: run.info.run_id for name, run in before.items()
+    }
     assert len(own.client.get_metric_history(before["sci"].info.run_id, "test/auc_top1")) == 2
 
 
 @pytest.mark.parametrize("change", [{"auc": 0.7}, {"picture": "<svg></svg>"}])
-def test_a_changed_run_replaces_the_old_one_and_its_children(own: Experiment, change: dict[str, Any]) -> None:
+def test_a_changed_run_replaces_the_old_one_and_its_children(
+    own: Experiment, change: dict[str, Any]
+) -> None:
     own.publish(own.record(), own.record(name="m2dp"))
     before = own.runs
     done = own.publish(own.record(**change))
     assert (done.written, done.kept) == (2, 0)
     runs = own.client.search_runs([done.experiment_id])
-    assert sorted(run.info.run_name for run in runs) == ["2012-02-04", "2012-02-04", "m2dp", "sci"]  # m2dp is left alone
+    assert sorted(run.info.run_name for run in runs) == [
+        "2012-02-04",
+        "2012-02-04",
+        "m2dp",
+        "sci",
+    ]  # m2dp is left alone
     after = own.runs
     assert after["sci"].info.run_id != before["sci"].info.run_id
     assert after["m2dp"].info.run_id == before["m2dp"].info.run_id
@@ -148,10 +178,14 @@ def test_an_experiment_in_the_bin_is_brought_back(own: Experiment) -> None:
     assert set(own.runs) == {"sci", "2012-02-04"}
 
 
-def test_a_moved_folder_publishes_again_and_leaves_the_files_where_they_were(own: Experiment, tiny: Any, tmp_path: Path) -> None:
-    """As if the project had been copied: the database names the old folder, which the old copy still shows."""
+def test_a_moved_folder_publishes_again_and_leaves_the_files_where_they_were(
+    own: Experiment, tiny: Any, tmp_path: Path
+) -> None:
+    """As if the project had been copied: the database names the old folder, which the old copy
+    still shows."""
     own.publish(replace(tiny(5), registered="moved-tiny"), own.record())
-    first, model = own.found, own.model
+    first = own.found
+    model = own.model
     copy = Experiment(tmp_path / "copy" / "mlflow.db", own.name, own.folder)
     copy.database.parent.mkdir()
     shutil.copyfile(own.database, copy.database)
@@ -192,15 +226,22 @@ def test_a_run_shows_its_description_with_a_link_back_and_its_data_sets(own: Exp
     done = own.publish(RunRecord("sci", {}, {}, {}, about="SCI. [All]($page)", used=used))
     run = own.runs["sci"]
     view = "viewStateShareKey=yearloc&compareRunsMode=CHART&workflowType=machine_learning"
-    assert run.data.tags["mlflow.note.content"] == f"SCI. [All](#/experiments/{done.experiment_id}/runs?{view})"
+    assert (
+        run.data.tags["mlflow.note.content"]
+        == f"SCI. [All](#/experiments/{done.experiment_id}/runs?{view})"
+    )
     (data,) = run.inputs.dataset_inputs
     assert (data.dataset.name, data.dataset.digest) == ("campus april", "0123abcd")
     assert [(tag.key, tag.value) for tag in data.tags] == [("mlflow.data.context", "train")]
 
 
-def test_a_run_of_the_same_method_and_grid_is_replaced_though_its_name_changed(own: Experiment) -> None:
+def test_a_run_of_the_same_method_and_grid_is_replaced_though_its_name_changed(
+    own: Experiment,
+) -> None:
     tags = {"method": "sci", "grid": "10m"}
-    own.publish(RunRecord("sci 10m", tags, {}, {}), RunRecord("sci 5m", tags | {"grid": "5m"}, {}, {}))
+    own.publish(
+        RunRecord("sci 10m", tags, {}, {}), RunRecord("sci 5m", tags | {"grid": "5m"}, {}, {})
+    )
     own.publish(RunRecord("sci", tags, {}, {}))
     assert set(own.runs) == {"sci", "sci 5m"}
 
@@ -208,10 +249,15 @@ def test_a_run_of_the_same_method_and_grid_is_replaced_though_its_name_changed(o
 def test_a_new_database_is_filled_as_the_old_one_was(own: Experiment, tmp_path: Path) -> None:
     new = Experiment(tmp_path / "mlflow.db", own.name)
     assert own.publish(own.record()).written == new.publish(own.record()).written == 2
-    there, here = own.runs, new.runs
+    there = own.runs
+    here = new.runs
     assert there.keys() == here.keys() == {"sci", "2012-02-04"}
-    assert [run.data.tags[KEY] for run in there.values()] == [here[name].data.tags[KEY] for name in there]
-    assert [run.data.metrics for run in there.values()] == [here[name].data.metrics for name in there]
+    assert [run.data.tags[KEY] for run in there.values()] == [
+        here[name].data.tags[KEY] for name in there
+    ]
+    assert [run.data.metrics for run in there.values()] == [
+        here[name].data.metrics for name in there
+    ]
 
 
 @pytest.mark.parametrize(
@@ -233,16 +279,36 @@ def test_mlflow_is_loaded_only_to_publish() -> None:
     assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0
 
 
-def test_a_parent_started_after_all_children_so_that_the_page_loads_it_first(own: Experiment) -> None:
-    """The page loads the 100 newest runs: of two families the parents, in the order given, and only then the children."""
+def test_a_parent_started_after_all_children_so_that_the_page_loads_it_first(
+    own: Experiment,
+) -> None:
+    """The page loads the 100 newest runs: of two families the parents, in the order given, and only
+    then the children."""
     family = [own.record(name="sci"), own.record(name="m2dp")]
-    done = own.publish(*(replace(one, children=[*one.children, RunRecord("later", {}, {}, {})]) for one in family))
+    done = own.publish(
+        *(replace(one, children=[*one.children, RunRecord("later", {}, {}, {})]) for one in family)
+    )
     newest = own.client.search_runs([done.experiment_id], order_by=["attributes.start_time DESC"])
-    assert [run.info.run_name for run in newest] == ["sci", "m2dp", "2012-02-04", "2012-02-04", "later", "later"]
+    assert [run.info.run_name for run in newest] == [
+        "sci",
+        "m2dp",
+        "2012-02-04",
+        "2012-02-04",
+        "later",
+        "later",
+    ]
 
 
 def test_a_sweep_s_jobs_have_colours_of_their_own(own: Experiment) -> None:
-    own.publish(RunRecord("sweep", {}, {}, {}, children=[RunRecord(f"job {number}", {}, {}, {}) for number in range(9)]))
+    own.publish(
+        RunRecord(
+            "sweep",
+            {},
+            {},
+            {},
+            children=[RunRecord(f"job {number}", {}, {}, {}) for number in range(9)],
+        )
+    )
     colours = {name: run.data.tags["mlflow.runColor"] for name, run in own.runs.items()}
     assert len(set(colours.values())) == 10
     assert colours["sweep"] == "#808080"
@@ -250,7 +316,10 @@ def test_a_sweep_s_jobs_have_colours_of_their_own(own: Experiment) -> None:
 
 
 def test_a_run_lasts_as_long_as_its_system_metrics(own: Experiment) -> None:
-    series = {"system/process_memory_megabytes": [(1, 50.0), (90, 60.0)], "cells/auc_top1": [(400, 0.5)]}
+    series = {
+        "system/process_memory_megabytes": [(1, 50.0), (90, 60.0)],
+        "cells/auc_top1": [(400, 0.5)],
+    }
     own.publish(RunRecord("sci", {}, {}, series))
     info = own.runs["sci"].info
     assert info.end_time - info.start_time == 90_000
@@ -278,13 +347,20 @@ class Tiny:
 
 @pytest.fixture
 def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], RunRecord]:
-    """Makes a run whose model ranks places first, first + 3 …; a parameter that its class does not know is left out."""
+    """Makes a run whose model ranks places first, first + 3 …; a parameter that its class does not
+    know is left out."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "tiny_method.py").write_text(TINY)
 
     def make(first: int) -> RunRecord:
         write_model(tmp_path / "tiny.safetensors", {"first": np.array(first)}, {})
-        served = Served(tmp_path / "tiny.safetensors", "tiny_method:Tiny", {"step": 3, "budget": 0.25}, (4, 12), k=3)
+        served = Served(
+            tmp_path / "tiny.safetensors",
+            "tiny_method:Tiny",
+            {"step": 3, "budget": 0.25},
+            (4, 12),
+            k=3,
+        )
         return RunRecord("tiny", {}, {}, {}, model=served)
 
     return make
@@ -297,15 +373,21 @@ def load(database: Path) -> Iterator[Any]:
 
     path = list(sys.path)
     mlflow.set_tracking_uri(f"sqlite:///{database}")
-    yield lambda uri: mlflow.pyfunc.load_model(uri)  # only then imported, which warns; `publish` has done so
+    yield lambda uri: mlflow.pyfunc.load_model(
+        uri
+    )  # only then imported, which warns; `publish` has done so
     mlflow.set_tracking_uri(None)
     sys.path[:] = path  # MLflow puts the model's code first
 
 
-def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(own: Experiment, tiny: Any, load: Any) -> None:
+def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(
+    own: Experiment, tiny: Any, load: Any
+) -> None:
     own.publish(tiny(5))
     files = [
-        path for path in (own.database.parent / "mlruns/models" / own.model.model_id).rglob("*") if path.is_file()
+        path
+        for path in (own.database.parent / "mlruns/models" / own.model.model_id).rglob("*")
+        if path.is_file()
     ]  # before loading compiles the code
     loaded = load(f"models:/{own.model.model_id}")
     heights_m = np.full((2, 4, 12), 1.5, np.float32)
@@ -318,14 +400,18 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(own: Expe
     assert loaded.metadata.signature.outputs.input_names() == list(answer)
     assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".safetensors", ""}
     assert [path.name for path in files if path.suffix == ".safetensors"] == ["tiny.safetensors"]
-    assert all(path.read_bytes()[:1] != b"\x80" for path in files)  # as every pickle since protocol 2 begins
+    assert all(
+        path.read_bytes()[:1] != b"\x80" for path in files
+    )  # as every pickle since protocol 2 begins
     (root,) = [path.parent for path in files if path.name == "MLmodel"]
     assert (root / "code" / "pipeline" / "store.py").is_file()
     assert "torch==" in (root / "requirements.txt").read_text()
     assert "float32 (query, 4, 12)" in own.model.tags["mlflow.note.content"]
 
 
-def test_a_model_is_logged_once_and_anew_where_it_changed_or_somebody_deleted_it(own: Experiment, tiny: Any) -> None:
+def test_a_model_is_logged_once_and_anew_where_it_changed_or_somebody_deleted_it(
+    own: Experiment, tiny: Any
+) -> None:
     own.publish(tiny(5))
     first = own.model.model_id
     assert own.publish(tiny(5)).kept == 1
@@ -344,13 +430,19 @@ def versions(own: Experiment, name: str) -> list[Any]:
     return list(own.client.search_model_versions(f"name='{name}'"))
 
 
-def test_a_model_is_registered_once_and_its_version_follows_the_run(own: Experiment, tiny: Any, load: Any) -> None:
+def test_a_model_is_registered_once_and_its_version_follows_the_run(
+    own: Experiment, tiny: Any, load: Any
+) -> None:
     own.publish(replace(tiny(5), registered="tiny-model"))
     own.publish(replace(tiny(5), registered="tiny-model"))
     (first,) = versions(own, "tiny-model")
     assert (first.version, first.run_id) == (1, own.runs["tiny"].info.run_id)
-    assert json.loads(own.model.tags["mlflow.modelVersions"]) == [{"name": "tiny-model", "version": 1}]
-    assert load("models:/tiny-model/1").predict(np.zeros((1, 4, 12), np.float32))["places"].tolist() == [[5, 8, 11]]
+    assert json.loads(own.model.tags["mlflow.modelVersions"]) == [
+        {"name": "tiny-model", "version": 1}
+    ]
+    assert load("models:/tiny-model/1").predict(np.zeros((1, 4, 12), np.float32))[
+        "places"
+    ].tolist() == [[5, 8, 11]]
     own.publish(replace(tiny(6), registered="tiny-model"))
     (second,) = versions(own, "tiny-model")
     assert (second.version, second.run_id) == (2, own.runs["tiny"].info.run_id)
@@ -363,8 +455,13 @@ def test_a_version_that_somebody_deleted_comes_back(own: Experiment, tiny: Any) 
     assert len(versions(own, "tiny-back")) == 1
 
 
-def test_no_version_is_left_of_a_model_that_is_gone_and_others_versions_stay(own: Experiment, tiny: Any) -> None:
-    both = [replace(tiny(5), registered="tiny-gone"), replace(tiny(5), name="other", registered="tiny-shared")]
+def test_no_version_is_left_of_a_model_that_is_gone_and_others_versions_stay(
+    own: Experiment, tiny: Any
+) -> None:
+    both = [
+        replace(tiny(5), registered="tiny-gone"),
+        replace(tiny(5), name="other", registered="tiny-shared"),
+    ]
     own.publish(*both)
     theirs = own.client.create_model_version("tiny-shared", "file:///somewhere/else")
     own.publish(*(RunRecord(one.name, {}, {}, {}) for one in both))
@@ -384,7 +481,9 @@ publish(Path(sys.argv[1]), "together", [RunRecord(f"run {n}", {}, {}, {"cells/au
 def test_two_processes_that_publish_at_once_write_each_run_once(database: Path) -> None:
     """Neither finds the experiment when it starts."""
     Experiment(database, "apart").publish()  # the database is there
-    both = [subprocess.Popen([sys.executable, "-c", PUBLISH_THREE, str(database)]) for _ in range(2)]
+    both = [
+        subprocess.Popen([sys.executable, "-c", PUBLISH_THREE, str(database)]) for _ in range(2)
+    ]
     assert [process.wait() for process in both] == [0, 0]
     together = Experiment(database, "together")
     runs = together.client.search_runs([together.found.experiment_id])
@@ -396,7 +495,9 @@ def test_an_experiment_says_in_its_name_that_the_data_is_simulated() -> None:
     assert experiment_of("nclt", simulated=False) == "yearloc nclt"
 
 
-def test_a_kill_while_mlflow_makes_its_tables_leaves_no_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kill_while_mlflow_makes_its_tables_leaves_no_database(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from mlflow.store.db import utils
 
     def killed(engine: Any) -> None:

@@ -34,7 +34,9 @@ def test_a_model_that_does_not_name_its_class_is_not_served(tmp_path: Path) -> N
     assert Served.read(write(tmp_path / "sci.safetensors", {"n_way": 2})) is None
 
 
-def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     library = tmp_path / "pipeline"
     shutil.copytree(served.LIBRARY, library, ignore=shutil.ignore_patterns("__pycache__", ".numba"))
     monkeypatch.setattr(served, "LIBRARY", library)
@@ -44,8 +46,13 @@ def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(tmp_pat
     assert model.content() == before
     store.write_model(model.arrays, {"image_shape": np.array([40, 60])}, RECIPE)
     assert model.content() != before
-    for name, changes in {"report/figures/style.py": False, "matching/nearest.py": True, "tracking/pyfunc.py": True}.items():
-        path, before = library / name, model.content()
+    for name, changes in {
+        "report/figures/style.py": False,
+        "matching/nearest.py": True,
+        "tracking/pyfunc.py": True,
+    }.items():
+        path = library / name
+        before = model.content()
         path.write_text(path.read_text() + "\n")
         assert (model.content() != before) == changes
 
@@ -55,8 +62,13 @@ def test_all_that_a_method_answers_is_served() -> None:
     assert [*OUTPUTS, "kinds"] == [field.name for field in fields(Ranking)]
 
 
-@pytest.mark.parametrize(("name", "method"), [("sci.pkl", "m:C"), ("gone.safetensors", "m:C"), ("sci.safetensors", "m.C")])
-def test_only_a_safetensors_file_and_a_class_are_served(tmp_path: Path, name: str, method: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("sci.pkl", "m:C"), ("gone.safetensors", "m:C"), ("sci.safetensors", "m.C")],
+)
+def test_only_a_safetensors_file_and_a_class_are_served(
+    tmp_path: Path, name: str, method: str
+) -> None:
     write(tmp_path / "sci.safetensors", RECIPE)
     (tmp_path / "sci.pkl").touch()
     with pytest.raises(InputError):
@@ -72,11 +84,23 @@ def imported() -> set[str]:
 
 
 def test_a_model_requires_what_the_methods_import(imported: set[str]) -> None:
-    of_the_store = {"botocore", "s3fs"}  # an artifact in an object store needs them, a model does not
-    packages = {module.partition(".")[0] for module in imported} - {"pipeline"} - of_the_store - sys.stdlib_module_names
-    assert {"faiss-cpu" if package == "faiss" else package for package in packages} == set(REQUIREMENTS)
+    of_the_store = {
+        "botocore",
+        "s3fs",
+    }  # an artifact in an object store needs them, a model does not
+    packages = (
+        {module.partition(".")[0] for module in imported}
+        - {"pipeline"}
+        - of_the_store
+        - sys.stdlib_module_names
+    )
+    assert {"faiss-cpu" if package == "faiss" else package for package in packages} == set(
+        REQUIREMENTS
+    )
 
 
 def test_a_model_ships_what_the_methods_import(imported: set[str]) -> None:
-    ours = {module.split(".")[1] for module in imported if module.startswith("pipeline.")} - {"tracking"}
+    ours = {module.split(".")[1] for module in imported if module.startswith("pipeline.")} - {
+        "tracking"
+    }
     assert ours | {"__init__"} == {*served.MODULES, *served.FOLDERS}

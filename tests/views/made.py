@@ -13,10 +13,15 @@ from pipeline.views.birdview import BirdView
 
 Artifacts = tuple[store.Artifact, store.Artifact]
 
-BIRDVIEW = BirdView(octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0)
+BIRDVIEW = BirdView(
+    octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0
+)
 """A leaf is half a metre, a pixel a metre."""
 POLES_M = np.array([[4.25, 0.25], [-0.25, 3.25], [0.25, -5.25]])
-"""In the world: ahead, to the left and to the right of where the robot starts. Scan i sees pole i alone."""
+"""In the world: ahead, to the left and to the right of where the robot starts.
+
+Scan i sees pole i alone.
+"""
 SUITED = {"azimuth_deg": 360.0, "ground_m": 0.0, "highest_m": 9.0}
 """What submaps look like that suit every view."""
 ALONG = pose(np.arange(3)[:, None] * (0.5, 0, 0), np.zeros((3, 3)))
@@ -36,8 +41,11 @@ def artifacts(
     **attrs: Any,
 ) -> Artifacts:
     """Scans, and a submap at each, or of the scans `first` to `last`."""
-    stamps, rows = np.array(stamps_ns or range(len(points))), np.array(last or range(len(points)))
-    with store.write(folder / "scans.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+    stamps = np.array(stamps_ns or range(len(points)))
+    rows = np.array(last or range(len(points)))
+    with store.write(
+        folder / "scans.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0
+    ) as draft:
         draft.put("points", np.rint(np.concatenate(points) / 0.005).astype(np.int16))
         draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
         draft.put("stamps_ns", stamps)
@@ -51,14 +59,18 @@ def artifacts(
         draft.put("ground_m", np.full(len(rows), ground_m))
         draft.put("used", np.ones(len(points), bool))
         draft.put("world_T_anchor", world_T_scan[rows])
-    return store.read(folder / "scans.zarr", schemas.SCANS), store.read(folder / "submaps.zarr", schemas.SUBMAPS)
+    return store.read(folder / "scans.zarr", schemas.SCANS), store.read(
+        folder / "submaps.zarr", schemas.SUBMAPS
+    )
 
 
 def poles(folder: Path, odom_T_scan: np.ndarray | None = None, **settings: object) -> Artifacts:
     """Three scans half a metre apart, each a submap, that see a pole each."""
     heights_m = np.arange(0.75, 3.0, 0.25)
     poles_m = POLES_M - ALONG[:, :2, 3]
-    points = [np.column_stack([np.tile(pole_m, (len(heights_m), 1)), heights_m]) for pole_m in poles_m]
+    points = [
+        np.column_stack([np.tile(pole_m, (len(heights_m), 1)), heights_m]) for pole_m in poles_m
+    ]
     return artifacts(folder, points, ALONG, odom_T_scan, **settings)
 
 

@@ -44,13 +44,16 @@ class Summary(Points):
 
 @dataclass(frozen=True)
 class Fixed:
-    """Turns every robot by so many degrees; in another case it has every scan miss everything that draws below a half."""
+    """Turns every robot by so many degrees; in another case it has every scan miss everything that
+    draws below a half."""
 
     left_deg: float = 0.0
     seed: int = 0
     cases: Sequence[Case] = (Case(), Case(TURNED), Case("missed"))
 
-    def alter(self, case: Case, points_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    def alter(
+        self, case: Case, points_m: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, float]:
         if case.change == TURNED:
             return turned(points_m, math.radians(self.left_deg)), math.radians(self.left_deg)
         return points_m[: 0 if case.change != AS_DRIVEN and rng.random() < 0.5 else None], 0.0
@@ -61,7 +64,9 @@ def driven(tmp_path: Path, request: pytest.FixtureRequest) -> Artifacts:
     """Six scans of 200 points, along a bend."""
     rng = np.random.default_rng(4)
     clouds = [rng.uniform((-30, -30, 0), (30, 30, 9), (200, 3)) for _ in range(6)]
-    bend = pose(np.cumsum(rng.uniform(0, 2, (6, 3)), axis=0), np.cumsum(rng.normal(0, 0.2, (6, 3)), axis=0))
+    bend = pose(
+        np.cumsum(rng.uniform(0, 2, (6, 3)), axis=0), np.cumsum(rng.normal(0, 0.2, (6, 3)), axis=0)
+    )
     rows = range(request.param, 6)
     return artifacts(tmp_path, clouds, bend, first=[row - request.param for row in rows], last=rows)
 
@@ -70,7 +75,9 @@ def driven(tmp_path: Path, request: pytest.FixtureRequest) -> Artifacts:
 class Nothing(Fixed):
     """Does nothing in any case."""
 
-    def alter(self, case: Case, points_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    def alter(
+        self, case: Case, points_m: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, float]:
         return points_m, 0.0
 
 
@@ -93,13 +100,21 @@ def test_each_case_is_drawn_of_the_altered_points(driven: Artifacts) -> None:
     submaps = list(Drawing(*driven, Summary()).points())
     for case, rows in altered(*driven, Summary(), ALL).items():
         rngs = [np.random.default_rng((0, stamp)) for stamp in rows.stamps_ns]
-        wanted = [Summary()(ALL.alter(case, points, rng)[0]) for points, rng in zip(submaps, rngs, strict=True)]
+        wanted = [
+            Summary()(ALL.alter(case, points, rng)[0])
+            for points, rng in zip(submaps, rngs, strict=True)
+        ]
         np.testing.assert_array_equal(rows.images, wanted)
 
 
-def test_points_are_gathered_once_for_all_cases(driven: Artifacts, monkeypatch: pytest.MonkeyPatch) -> None:
-    gathered, plain = [], gathering._moved
-    monkeypatch.setattr(gathering, "_moved", lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1])
+def test_points_are_gathered_once_for_all_cases(
+    driven: Artifacts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gathered = []
+    plain = gathering._moved
+    monkeypatch.setattr(
+        gathering, "_moved", lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1]
+    )
     counts = []
     for alteration in (Turned(repeats=1), ALL):
         gathered.clear()
@@ -110,39 +125,59 @@ def test_points_are_gathered_once_for_all_cases(driven: Artifacts, monkeypatch: 
 
 def test_a_turned_robot_sees_the_same_world(driven: Artifacts) -> None:
     as_driven = AlteredRows(
-        np.stack(list(Drawing(*driven, Points()).points())), *map(driven[1].load, ("stamps_ns", "world_T_anchor"))
+        np.stack(list(Drawing(*driven, Points()).points())),
+        *map(driven[1].load, ("stamps_ns", "world_T_anchor")),
     )
     drawn = [as_driven, *altered(*driven, Points(), Turned()).values()]
     headings = [yaw(rows.world_T_anchor) for rows in drawn]
     assert len({heading for case in headings for heading in case}) == 6 * len(headings[0])
-    worlds = [rows.images @ rows.world_T_anchor[:, :3, :3].swapaxes(1, 2) + rows.world_T_anchor[:, None, :3, 3] for rows in drawn]
+    worlds = [
+        rows.images @ rows.world_T_anchor[:, :3, :3].swapaxes(1, 2)
+        + rows.world_T_anchor[:, None, :3, 3]
+        for rows in drawn
+    ]
     for rows, world in zip(drawn[1:], worlds[1:], strict=True):
         assert np.abs(rows.images - drawn[0].images).max() > 1
         np.testing.assert_allclose(world, worlds[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("case", [Case(TURNED), Case("missed")])
-def test_bird_views_of_a_case_that_changes_nothing_are_what_the_stage_draws(tmp_path: Path, case: Case) -> None:
+def test_bird_views_of_a_case_that_changes_nothing_are_what_the_stage_draws(
+    tmp_path: Path, case: Case
+) -> None:
     scans, submaps = poles(tmp_path)
-    drawn, stage = altered(scans, submaps, BIRDVIEW, Nothing()), np.stack(list(MappedViews(scans, submaps, BIRDVIEW)))
+    drawn = altered(scans, submaps, BIRDVIEW, Nothing())
+    stage = np.stack(list(MappedViews(scans, submaps, BIRDVIEW)))
     assert lit(stage) == [1, 2, 3]
     np.testing.assert_array_equal(drawn[case].images, stage)
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
-def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(tmp_path: Path, quarters: int) -> None:
-    """Of eight images a quarter turn is two: image h shows what image h + 2 showed of the robot as driven."""
-    still, left = (altered(*poles(tmp_path), BIRDVIEW, Fixed(angle)) for angle in (0.0, 90.0 * quarters))
-    straight, turned = still[Case(TURNED)].images, left[Case(TURNED)].images
+def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(
+    tmp_path: Path, quarters: int
+) -> None:
+    """Of eight images a quarter turn is two: image h shows what image h + 2 showed of the robot as
+    driven."""
+    still, left = (
+        altered(*poles(tmp_path), BIRDVIEW, Fixed(angle)) for angle in (0.0, 90.0 * quarters)
+    )
+    straight = still[Case(TURNED)].images
+    turned = left[Case(TURNED)].images
     rolled = np.roll(straight, -2 * quarters, axis=1)
     assert (rolled != straight).any()
-    np.testing.assert_allclose(turned.astype(int), rolled.astype(int), atol=16)  # one of a pixel's sixteen samples
-    np.testing.assert_allclose(yaw(left[Case(TURNED)].world_T_anchor) % (2 * math.pi), math.pi / 2 * quarters)
+    np.testing.assert_allclose(
+        turned.astype(int), rolled.astype(int), atol=16
+    )  # one of a pixel's sixteen samples
+    np.testing.assert_allclose(
+        yaw(left[Case(TURNED)].world_T_anchor) % (2 * math.pi), math.pi / 2 * quarters
+    )
 
 
 def test_every_scan_of_a_map_is_altered_by_its_own_draw(tmp_path: Path) -> None:
     draws = {stamp: np.random.default_rng((0, stamp)).random() for stamp in range(20)}
-    kept, missed = (next(stamp for stamp, draw in draws.items() if (draw < 0.5) is low) for low in (False, True))
+    kept, missed = (
+        next(stamp for stamp, draw in draws.items() if (draw < 0.5) is low) for low in (False, True)
+    )
     later = next(stamp for stamp, draw in draws.items() if stamp > kept and draw >= 0.5)
     drawn = altered(*poles(tmp_path, stamps_ns=[kept, missed, later]), BIRDVIEW, Fixed())
     # the second scan's pole is missed, also by the third submap

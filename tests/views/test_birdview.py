@@ -41,9 +41,12 @@ def brightest(image: np.ndarray) -> tuple[float, float]:
     return float((row * weight).sum() / weight.sum()), float((col * weight).sum() / weight.sum())
 
 
-@pytest.mark.parametrize(("x", "y", "row", "col"), [(10.5, 3.5, 5, 12), (-10.5, 3.5, 26, 12), (3.5, -12.5, 12, 28)])
+@pytest.mark.parametrize(
+    ("x", "y", "row", "col"), [(10.5, 3.5, 5, 12), (-10.5, 3.5, 26, 12), (3.5, -12.5, 12, 28)]
+)
 def test_front_is_up_and_left_is_left(x: float, y: float, row: int, col: int) -> None:
-    # The robot is between rows 15 and 16: 10.5 m ahead is row 16 − 11, 3.5 m left column 16 − 4, 12.5 m right 16 + 12.
+    # The robot is between rows 15 and 16: 10.5 m ahead is row 16 − 11, 3.5 m left column 16 − 4,
+    # 12.5 m right 16 + 12.
     image = VIEW(post(x, y))[0]
     expected = np.zeros((32, 32), np.uint8)
     expected[row, col] = 255
@@ -52,10 +55,13 @@ def test_front_is_up_and_left_is_left(x: float, y: float, row: int, col: int) ->
 
 @pytest.mark.parametrize("heading", range(16))
 def test_a_robot_turned_to_the_left_sees_things_further_to_the_right(heading: int) -> None:
-    # The post stands 10 m ahead; turned by a to the left the robot has it at 10 cos a ahead and 10 sin a to the right.
+    # The post stands 10 m ahead; turned by a to the left the robot has it at 10 cos a ahead and 10
+    # sin a to the right.
     angle = heading * math.pi / 8
     row, col = brightest(VIEW(post(10.0, 0.0))[heading])
-    assert (15.5 - row, col - 15.5) == pytest.approx((10 * math.cos(angle), 10 * math.sin(angle)), abs=0.3)
+    assert (15.5 - row, col - 15.5) == pytest.approx(
+        (10 * math.cos(angle), 10 * math.sin(angle)), abs=0.3
+    )
 
 
 def test_a_quarter_turn_is_exactly_a_turned_image() -> None:
@@ -71,7 +77,8 @@ def test_a_quarter_turn_is_exactly_a_turned_image() -> None:
 
 
 def test_heading_h_is_what_a_robot_so_turned_draws_as_its_heading_0() -> None:
-    grown, here = VIEW.octree.grow(), pose(3.3, -2.1, 0.37)
+    grown = VIEW.octree.grow()
+    here = pose(3.3, -2.1, 0.37)
     grown.insert(scene(), here)
     images = VIEW.draw(grown, here)
     for h in range(16):
@@ -87,28 +94,43 @@ def test_the_image_follows_the_robot_wherever_odometry_has_it() -> None:
         grown = VIEW.octree.grow()
         grown.insert(scene(), at)
         image = VIEW.draw(grown, at)[0].astype(float)
-        inner = np.hypot(*(np.indices((32, 32)) - 15.5)) < 15  # corners may be beyond the turned window
+        inner = (
+            np.hypot(*(np.indices((32, 32)) - 15.5)) < 15
+        )  # corners may be beyond the turned window
         assert np.corrcoef(plain[inner], image[inner])[0, 1] > 0.7
         assert np.corrcoef(plain[inner], image[::-1][inner])[0, 1] < 0.4
 
 
 def test_only_what_stands_between_the_two_heights_above_the_ground_is_drawn() -> None:
     def drawn(z: float, ground: float = 0.0) -> bool:
-        grown, points = VIEW.octree.grow(), np.array([[8.2, 3.2, z]])
+        grown = VIEW.octree.grow()
+        points = np.array([[8.2, 3.2, z]])
         grown.insert(points, pose(0.0, 0.0, z=ground))
         return bool(VIEW.draw(grown, pose(0.0, 0.0, z=ground))[0].any())
 
     # Leaves of 0.5 m: their middles are at 0.25, below 0.3, then 0.75 … 4.75, and at 5.25, above 5.
-    assert [drawn(z) for z in (-0.1, 0.1, 0.4, 0.6, 4.9, 5.1)] == [False, False, False, True, True, False]
+    assert [drawn(z) for z in (-0.1, 0.1, 0.4, 0.6, 4.9, 5.1)] == [
+        False,
+        False,
+        False,
+        True,
+        True,
+        False,
+    ]
     assert [drawn(z, ground=12.0) for z in (0.4, 0.6, 4.9, 5.1)] == [False, True, True, False]
 
 
-@pytest.mark.parametrize(("upright", "drawn"), [("ground", False), ("vehicle", False), ("odometry", True)])
+@pytest.mark.parametrize(
+    ("upright", "drawn"), [("ground", False), ("vehicle", False), ("odometry", True)]
+)
 def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn: bool) -> None:
-    # 5° up: 14 m ahead the ground is 1.2 m above the robot's, in odometry's eyes. A wall on it is seen either way.
+    # 5° up: 14 m ahead the ground is 1.2 m above the robot's, in odometry's eyes. A wall on it is
+    # seen either way.
     view = BirdView(**vars(VIEW) | {"upright": upright})
     climb = pose(0.0, 0.0, pitch=-math.radians(5))
-    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
+    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(
+        -1, 3
+    )
     grown = view.octree.grow()
     grown.insert(ground, climb)
     standing = view.standing(ground, climb)
@@ -117,11 +139,18 @@ def test_the_ground_of_a_slope_is_ground_to_the_robot_on_it(upright: str, drawn:
     assert view.draw(grown, standing)[0, 4:8, 11:15].max() > 100
 
 
-@pytest.mark.parametrize(("upright", "drawn"), [("ground", False), ("vehicle", True), ("odometry", True)])
+@pytest.mark.parametrize(
+    ("upright", "drawn"), [("ground", False), ("vehicle", True), ("odometry", True)]
+)
 def test_the_ground_stays_ground_to_a_robot_that_pitches_over_it(upright: str, drawn: bool) -> None:
-    """The robot leans back by 5° on a slope of 3° and its scans count heights from 0.4 m too high; a post tells of no ground."""
-    view, lean, slope = BirdView(**vars(VIEW) | {"upright": upright}), math.radians(5), math.tan(math.radians(3))
-    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(-1, 3)
+    """The robot leans back by 5° on a slope of 3° and its scans count heights from 0.4 m too high;
+    a post tells of no ground."""
+    view = BirdView(**vars(VIEW) | {"upright": upright})
+    lean = math.radians(5)
+    slope = math.tan(math.radians(3))
+    ground = np.stack(np.meshgrid(np.arange(2, 14, 0.3), np.arange(-5, 5, 0.3), [0.0]), -1).reshape(
+        -1, 3
+    )
     ground[:, 2] = slope * ground[:, 0] + 0.4
     leaning = pose(0.0, 0.0, pitch=-lean)
     seen = ground @ leaning[:3, :3]
@@ -171,7 +200,8 @@ def test_odd_headings_stand_off_by_a_seeded_offset_and_even_ones_do_not() -> Non
 
 def test_what_was_seen_before_is_drawn_until_it_fades() -> None:
     view = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
-    grown, wall = view.octree.grow(), post(10.25, 3.25)
+    grown = view.octree.grow()
+    wall = post(10.25, 3.25)
     grown.insert(wall, pose(0.0, 0.0))
     lit = []
     for x in (1.0, 3.0, 5.0):
@@ -182,18 +212,26 @@ def test_what_was_seen_before_is_drawn_until_it_fades() -> None:
 
 
 def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
-    # A metre a scan. The car's leaves: L = .847, then .882 L + .847 = 1.595, 2.255, then .882 L − .405 = 1.584, .993, .470, .010.
-    # P > .6 means L > .405: the car is drawn for three scans more, and not in the fourth.
+    # A metre a scan. The car's leaves: L = .847, then .882 L + .847 = 1.595, 2.255, then .882 L −
+    # .405 = 1.584, .993, .470, .010. P > .6 means L > .405: the car is drawn for three scans more,
+    # and not in the fourth.
     view = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
-    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-3, 3, 0.05), np.arange(0.55, 2.5, 0.05)))
+    y, z = (
+        axis.ravel() for axis in np.meshgrid(np.arange(-3, 3, 0.05), np.arange(0.55, 2.5, 0.05))
+    )
     wall = np.stack([np.full(y.size, 12.2), y, z], axis=1)
-    car = np.stack(np.meshgrid([6.2], np.arange(-0.4, 0.5, 0.1), np.arange(1.05, 1.9, 0.1)), axis=-1).reshape(-1, 3)
-    grown, told = view.octree.grow(), []
+    car = np.stack(
+        np.meshgrid([6.2], np.arange(-0.4, 0.5, 0.1), np.arange(1.05, 1.9, 0.1)), axis=-1
+    ).reshape(-1, 3)
+    grown = view.octree.grow()
+    told = []
     for scan in range(7):
         at = pose(-0.5 + scan % 2, 0.0)  # a metre on, a metre back
         seen = np.concatenate([car, wall[np.abs(wall[:, 1]) > 2]]) if scan < 3 else wall
         grown.insert(seen - at[:3, 3], at)
-        cells = np.floor((np.array([[6.2, 0.2], [12.2, 2.7]]) - grown.corner_m[:2]) / grown.leaf_m).astype(int)
+        cells = np.floor(
+            (np.array([[6.2, 0.2], [12.2, 2.7]]) - grown.corner_m[:2]) / grown.leaf_m
+        ).astype(int)
         told.append(view.columns(grown, at)[tuple(cells.T)].tolist())
     assert told == 6 * [[1, 1]] + [[0, 1]]
 
@@ -202,19 +240,33 @@ def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:
     ("octree", "sha256"),
     [
         ({}, "d0a5b14056f4c29f7bba535cf132fb0129a42a9b01b6f255ff0eeeeaa509ac9a"),
-        ({"rays": "all", "motion": "per_metre"}, "ce6551c3a82d1b17b2d2f76fa794b0c58ff05cca4695a674b438b12f014ec112"),
+        (
+            {"rays": "all", "motion": "per_metre"},
+            "ce6551c3a82d1b17b2d2f76fa794b0c58ff05cca4695a674b438b12f014ec112",
+        ),
         (
             {"edge_m": 102.4, "depth": 8, "max_range_m": 30.0, "motion": "none"},
             "6885c1c28cc65d5433e4e3301bc95de85e314ee374d89cc9e7d9170b40567c57",
         ),
     ],
 )
-def test_bird_views_of_a_made_up_drive_have_the_bytes_that_a_dense_map_gave(octree: dict[str, Any], sha256: str) -> None:
+def test_bird_views_of_a_made_up_drive_have_the_bytes_that_a_dense_map_gave(
+    octree: dict[str, Any], sha256: str
+) -> None:
     """Recorded from the map that was one dense array, before its leaves were kept in bricks."""
-    view, rng, digest = BirdView(Octree(**octree)), np.random.default_rng(6), hashlib.sha256()
-    grown, posts = view.octree.grow(), rng.uniform(-60, 60, (300, 2))
+    view = BirdView(Octree(**octree))
+    rng = np.random.default_rng(6)
+    digest = hashlib.sha256()
+    grown = view.octree.grow()
+    posts = rng.uniform(-60, 60, (300, 2))
     for number in range(20):
-        here = pose(-20.0 + 1.3 * number, 9.0 - 0.9 * number, 0.15 * number, 0.02 * number, 0.03 * math.sin(number))
+        here = pose(
+            -20.0 + 1.3 * number,
+            9.0 - 0.9 * number,
+            0.15 * number,
+            0.02 * number,
+            0.03 * math.sin(number),
+        )
         points = np.concatenate([post(*xy) for xy in posts + rng.normal(0, 0.05, posts.shape)])
         grown.insert((points - here[:3, 3]) @ here[:3, :3], here)
         digest.update(view.draw(grown, here, number).tobytes())
@@ -230,7 +282,9 @@ def test_points_alone_make_a_view() -> None:
         VIEW(np.full((4, 3), np.nan))
 
 
-@pytest.mark.parametrize(("name", "edge_m", "height_m"), [("birdview", 50.0, 1.73), ("birdview_30m", 30.0, 0.957)])
+@pytest.mark.parametrize(
+    ("name", "edge_m", "height_m"), [("birdview", 50.0, 1.73), ("birdview_30m", 30.0, 0.957)]
+)
 def test_its_yaml_makes_the_papers_map(name: str, edge_m: float, height_m: float) -> None:
     conf = yaml.safe_load((ROOT / f"conf/view/{name}.yaml").read_text())
     assert conf.pop("_target_") == "pipeline.views.birdview.BirdView"

@@ -27,14 +27,28 @@ def test_heights_have_the_authors_colours(height_m: float, rgb: tuple[int, int, 
 
 
 def test_jet_of_eight_is_matlabs() -> None:
-    rows = [(0, 0, 1), (0, 0.5, 1), (0, 1, 1), (0.5, 1, 0.5), (1, 1, 0), (1, 0.5, 0), (1, 0, 0), (0.5, 0, 0)]
+    rows = [
+        (0, 0, 1),
+        (0, 0.5, 1),
+        (0, 1, 1),
+        (0.5, 1, 0.5),
+        (1, 1, 0),
+        (1, 0.5, 0),
+        (1, 0, 0),
+        (0.5, 0, 0),
+    ]
     np.testing.assert_array_equal(jet(8), rows)
 
 
 def test_jet_of_255_rises_and_falls_where_matlabs_does() -> None:
-    # 1-based: red from 97 to the end, green from 33 to 223, blue to 159; the first entry is (0, 0, 0.515625).
+    # 1-based: red from 97 to the end, green from 33 to 223, blue to 159; the first entry is (0, 0,
+    # 0.515625).
     table = jet(255)
-    assert [(int(np.flatnonzero(c)[0]) + 1, int(np.flatnonzero(c)[-1]) + 1) for c in table.T] == [(97, 255), (33, 223), (1, 159)]
+    assert [(int(np.flatnonzero(c)[0]) + 1, int(np.flatnonzero(c)[-1]) + 1) for c in table.T] == [
+        (97, 255),
+        (33, 223),
+        (1, 159),
+    ]
     np.testing.assert_array_equal(table[0], [0, 0, 0.515625])
 
 

@@ -21,7 +21,10 @@ def summary(points_m: np.ndarray) -> np.ndarray:
 
 def images(folder: Path, *rows: int, ground_m: float = 0.0, workers: int = 1) -> np.ndarray:
     """The images of submaps of single scans, given as rows."""
-    drawing = Drawing(*artifacts(folder, POINTS_M, np.tile(np.eye(4), (5, 1, 1)), last=rows, ground_m=ground_m), summary)
+    drawing = Drawing(
+        *artifacts(folder, POINTS_M, np.tile(np.eye(4), (5, 1, 1)), last=rows, ground_m=ground_m),
+        summary,
+    )
     assert len(drawing) == len(rows)
     return np.concatenate(list(drawing.blocks(Compute(workers=workers))))
 
@@ -32,7 +35,11 @@ def images(folder: Path, *rows: int, ground_m: float = 0.0, workers: int = 1) ->
         ((0, 2, 3, 4), 0.0, [[3, 3], [5, 15], [2, 8], [4, 20]]),
         ((2, 3), 0.0, [[5, 15], [2, 8]]),
         ((1,), 0.0, [[0, 0]]),  # a scan without points is drawn too
-        ((0, 2, 3, 4), 0.25, [[3, 2.25], [5, 13.75], [2, 7.5], [4, 19]]),  # 0.25 m off each of 3, 5, 2 and 4 points
+        (
+            (0, 2, 3, 4),
+            0.25,
+            [[3, 2.25], [5, 13.75], [2, 7.5], [4, 19]],
+        ),  # 0.25 m off each of 3, 5, 2 and 4 points
     ],
 )
 def test_each_submap_is_drawn_from_its_own_points_above_its_ground(
@@ -42,7 +49,9 @@ def test_each_submap_is_drawn_from_its_own_points_above_its_ground(
 
 
 @pytest.mark.parametrize("block", [1, 2, 5])
-def test_blocks_of_any_size_draw_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+def test_blocks_of_any_size_draw_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
     whole = images(tmp_path / "whole", *range(5))
     monkeypatch.setattr(draw, "BLOCK", block)
     np.testing.assert_array_equal(images(tmp_path / "blocks", *range(5), workers=2), whole)

@@ -9,7 +9,9 @@ from pipeline.views.mapped import MappedViews
 from tests.views.made import ALONG, BIRDVIEW, lit, poles
 
 
-def views(folder: Path, known: tuple[bool, ...] = (True, True, True), ground_m: float = 0.0) -> np.ndarray:
+def views(
+    folder: Path, known: tuple[bool, ...] = (True, True, True), ground_m: float = 0.0
+) -> np.ndarray:
     """Images of three scans, of which some have odometry."""
     odom_T_scan = np.where(np.array(known)[:, None, None], ALONG, np.nan)
     return np.stack(list(MappedViews(*poles(folder, odom_T_scan, ground_m=ground_m), BIRDVIEW)))
@@ -18,7 +20,8 @@ def views(folder: Path, known: tuple[bool, ...] = (True, True, True), ground_m: 
 def test_a_pole_seen_once_stays_and_comes_nearer_as_the_robot_drives(tmp_path: Path) -> None:
     images = views(tmp_path)
     assert lit(images) == [1, 2, 3]
-    # pole 0 is 4.25 m ahead, then 3.25: the image's middle is row 8, so rows 8 − 5 and 8 − 4; y = 0.25 m is left of the middle
+    # pole 0 is 4.25 m ahead, then 3.25: the image's middle is row 8, so rows 8 − 5 and 8 − 4; y =
+    # 0.25 m is left of the middle
     assert images[0, 0].argmax() == 3 * 16 + 7
     assert images[2, 0, 4, 7] == images[0, 0].max()
 
@@ -28,7 +31,9 @@ def test_a_log_without_odometry_is_laid_out_by_its_truth(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("unknown", "seen"), [(0, [1, 1, 2]), (1, [1, 1, 1]), (2, [1, 2, 1])])
-def test_a_break_in_the_odometry_begins_a_new_map(tmp_path: Path, unknown: int, seen: list[int]) -> None:
+def test_a_break_in_the_odometry_begins_a_new_map(
+    tmp_path: Path, unknown: int, seen: list[int]
+) -> None:
     assert lit(views(tmp_path, known=tuple(row != unknown for row in range(3)))) == seen
 
 

@@ -19,7 +19,8 @@ def definition(points: np.ndarray, view: ScanContext) -> np.ndarray:
     """METHODS 1.1 steps 2 to 5, one point at a time in float64."""
     heights: dict[tuple[int, int], list[float]] = {}
     for x, y, z in points.astype(np.float64).tolist():
-        r, theta = math.sqrt(x * x + y * y), math.degrees(math.atan2(y, x))
+        r = math.sqrt(x * x + y * y)
+        theta = math.degrees(math.atan2(y, x))
         ring = math.floor(r / (view.max_range_m / view.rings))
         if r == 0 or (ring >= view.rings and view.beyond == "drop"):
             continue
@@ -33,18 +34,23 @@ def definition(points: np.ndarray, view: ScanContext) -> np.ndarray:
 
 
 def cloud(seed: int, dtype: type, max_range_m: float = 80.0) -> np.ndarray:
-    """Points everywhere, and many exactly on, or one rounding beside, the borders of rings and sectors."""
+    """Points everywhere, and many exactly on, or one rounding beside, the borders of rings and
+    sectors."""
     rng = np.random.default_rng(seed)
     n = 400
     anywhere = rng.uniform(-1.3 * max_range_m, 1.3 * max_range_m, (n, 2))
     whole = (
         rng.integers(-40, 41, (n, 1))
-        * np.array([[3.0, 4.0], [4.0, -3.0], [1.0, 0.0], [0.0, 2.0], [1.0, 1.0]])[rng.integers(0, 5, n)]
+        * np.array([[3.0, 4.0], [4.0, -3.0], [1.0, 0.0], [0.0, 2.0], [1.0, 1.0]])[
+            rng.integers(0, 5, n)
+        ]
     )
     angle = np.deg2rad(3.0 * rng.integers(0, 120, n))
     spokes = rng.uniform(0, max_range_m, (n, 1)) * np.column_stack([np.cos(angle), np.sin(angle)])
     turn = rng.uniform(0, 2 * np.pi, n)
-    circles = (max_range_m / 40 * rng.integers(0, 41, (n, 1))) * np.column_stack([np.cos(turn), np.sin(turn)])
+    circles = (max_range_m / 40 * rng.integers(0, 41, (n, 1))) * np.column_stack(
+        [np.cos(turn), np.sin(turn)]
+    )
     xy = np.concatenate([anywhere, whole, spokes, circles, np.zeros((1, 2))]).astype(dtype)
     xy = np.concatenate([xy, np.nextafter(xy, dtype(np.inf)), np.nextafter(xy, dtype(-np.inf))])
     return rng.permutation(np.column_stack([xy, rng.uniform(-5, 20, len(xy))]).astype(dtype))
@@ -65,7 +71,9 @@ AUTHORS_POINTS = np.array([(x, y, z) for x, y, heights, _ in AUTHORS for z in he
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
 def test_points_fall_into_the_authors_bins(dtype: type) -> None:
-    points = AUTHORS_POINTS if dtype is not np.int16 else AUTHORS_POINTS.round()  # (7, 0.1) becomes (7, 0): the same bin
+    points = (
+        AUTHORS_POINTS if dtype is not np.int16 else AUTHORS_POINTS.round()
+    )  # (7, 0.1) becomes (7, 0): the same bin
     expected = np.zeros((40, 120), np.float32)
     for *_, found in AUTHORS:
         if found:
@@ -73,12 +81,16 @@ def test_points_fall_into_the_authors_bins(dtype: type) -> None:
     image = ScanContext()(points.astype(dtype))
     np.testing.assert_array_equal(image, expected)
     assert image.dtype == np.float32
-    # The ring key, the share of bins that are not empty: 1/120 in six rings (the 1-based 3, 4, 6, 11, 29, 40).
-    np.testing.assert_array_equal(np.flatnonzero((image != 0).mean(axis=1)) + 1, [3, 4, 6, 11, 29, 40])
+    # The ring key, the share of bins that are not empty: 1/120 in six rings (the 1-based 3, 4, 6,
+    # 11, 29, 40).
+    np.testing.assert_array_equal(
+        np.flatnonzero((image != 0).mean(axis=1)) + 1, [3, 4, 6, 11, 29, 40]
+    )
 
 
 def test_mirroring_turns_the_sectors_clockwise() -> None:
-    # +y, sector 29 of (87°, 90°], becomes −y: 270° lies in (267°, 270°], sector 89. The axis x keeps 0 and 59.
+    # +y, sector 29 of (87°, 90°], becomes −y: 270° lies in (267°, 270°], sector 89. The axis x
+    # keeps 0 and 59.
     image = ScanContext(mirror=True)(AUTHORS_POINTS)
     assert image[5, 89] == 1
     assert image[10, 59] == 7
@@ -88,24 +100,34 @@ def test_mirroring_turns_the_sectors_clockwise() -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("beyond", ["last_ring", "drop"])
-@pytest.mark.parametrize("shape", [(40, 120, 80.0), (20, 60, 80.0), (7, 11, 33.3), (1, 1, 10.0), (16, 360, 50.0)])
+@pytest.mark.parametrize(
+    "shape", [(40, 120, 80.0), (20, 60, 80.0), (7, 11, 33.3), (1, 1, 10.0), (16, 360, 50.0)]
+)
 def test_every_bin_is_exact(shape: tuple[int, int, float], beyond: str, dtype: type) -> None:
     view = ScanContext(*shape, beyond=beyond, **RAW)  # type: ignore[arg-type]
     points = cloud(1, dtype, shape[2])
     np.testing.assert_array_equal(view(points), definition(points, view))
 
 
-@given(st.integers(0, 2**32), st.integers(1, 60), st.integers(1, 200), st.floats(1, 120), st.integers(0, 6))
+@given(
+    st.integers(0, 2**32),
+    st.integers(1, 60),
+    st.integers(1, 200),
+    st.floats(1, 120),
+    st.integers(0, 6),
+)
 @settings(max_examples=15, deadline=None)
-def test_every_bin_is_exact_at_any_resolution(seed: int, rings: int, sectors: int, max_range_m: float, least: int) -> None:
+def test_every_bin_is_exact_at_any_resolution(
+    seed: int, rings: int, sectors: int, max_range_m: float, least: int
+) -> None:
     view = ScanContext(rings, sectors, max_range_m, voxel_m=0.0, min_points=least)
     points = cloud(seed, np.float64, max_range_m)
     np.testing.assert_array_equal(view(points), definition(points, view))
 
 
 def test_points_are_averaged_in_cubes_first() -> None:
-    # At (10.1, 0.2): five points in one 0.5 m cube, mean z 0.2; the lowest corner of the cloud starts the grid. As they are,
-    # the highest counts.
+    # At (10.1, 0.2): five points in one 0.5 m cube, mean z 0.2; the lowest corner of the cloud
+    # starts the grid. As they are, the highest counts.
     column = np.array([[10.1, 0.2, z] for z in (0.0, 0.1, 0.2, 0.3, 0.4)])
     assert ScanContext(voxel_m=0.5, min_points=1)(column)[5, 0] == np.float32(0.2)
     assert ScanContext(voxel_m=0.0, min_points=1)(column)[5, 0] == np.float32(0.4)
@@ -124,11 +146,16 @@ def test_beyond_the_range_points_are_clamped_or_dropped() -> None:
 @pytest.mark.parametrize("k", [1, 30, 60, 119])
 def test_turning_the_cloud_by_sectors_rolls_the_columns(k: int) -> None:
     rng = np.random.default_rng(3)
-    theta = np.deg2rad(3 * rng.integers(0, 120, 3000) + rng.uniform(0.01, 2.99, 3000))  # away from the sectors' borders
-    r, z = 2 * rng.integers(0, 40, 3000) + rng.uniform(0.01, 1.99, 3000), rng.uniform(-2, 15, 3000)
+    theta = np.deg2rad(
+        3 * rng.integers(0, 120, 3000) + rng.uniform(0.01, 2.99, 3000)
+    )  # away from the sectors' borders
+    r = 2 * rng.integers(0, 40, 3000) + rng.uniform(0.01, 1.99, 3000)
+    z = rng.uniform(-2, 15, 3000)
     turned = theta + np.deg2rad(3 * k)
     view = ScanContext(voxel_m=0.0, min_points=2)
-    image, rolled = (view(np.column_stack([r * np.cos(a), r * np.sin(a), z])) for a in (theta, turned))
+    image, rolled = (
+        view(np.column_stack([r * np.cos(a), r * np.sin(a), z])) for a in (theta, turned)
+    )
     assert np.count_nonzero(image) > 100
     np.testing.assert_array_equal(rolled, np.roll(image, k, axis=1))
 
@@ -142,14 +169,18 @@ def test_the_order_of_the_points_does_not_matter() -> None:
 @pytest.mark.parametrize("voxel_m", [0.0, 0.5])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("at", [(0, 0), (700, 1), (1999, 2)])
-def test_a_point_that_is_no_number_is_refused(voxel_m: float, bad: float, at: tuple[int, int]) -> None:
+def test_a_point_that_is_no_number_is_refused(
+    voxel_m: float, bad: float, at: tuple[int, int]
+) -> None:
     points = np.random.default_rng(5).uniform(-50, 50, (2000, 3))
     points[at] = bad
     with pytest.raises(InputError, match="NaN or infinite"):
         ScanContext(voxel_m=voxel_m)(points)
 
 
-@pytest.mark.parametrize("view", [ScanContext(), ScanContext(voxel_m=0.0), ScanContext(mirror=True)])
+@pytest.mark.parametrize(
+    "view", [ScanContext(), ScanContext(voxel_m=0.0), ScanContext(mirror=True)]
+)
 def test_an_empty_cloud_is_an_empty_image(view: ScanContext) -> None:
     image = view(np.empty((0, 3)))
     assert image.shape == (40, 120)
@@ -169,7 +200,9 @@ def test_points_need_three_coordinates(shape: tuple[int, ...]) -> None:
 def test_a_real_scan_gives_the_authors_numbers(
     real: Path, mirror: bool, filled: int, lowest: float, mean: float, shades: int, shaded: int
 ) -> None:
-    image = ScanContext(mirror=mirror)(read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin"))
+    image = ScanContext(mirror=mirror)(
+        read_velodyne_sync(real / "nclt/2012-01-15/velodyne_sync/1326652795280148.bin")
+    )
     assert np.count_nonzero(image) == filled
     assert float(image.max()) == pytest.approx(18.26, abs=1e-4)
     assert float(image.min()) == pytest.approx(lowest, abs=5e-5)

@@ -16,7 +16,15 @@ SEQUENCES = {
 
 @pytest.fixture(scope="session")
 def small() -> Simulation:
-    return Simulation(seed=8, blocks=3, route_m=100.0, step_m=4.0, azimuths=120, events_per_km_of_route=40.0, sequences=SEQUENCES)
+    return Simulation(
+        seed=8,
+        blocks=3,
+        route_m=100.0,
+        step_m=4.0,
+        azimuths=120,
+        events_per_km_of_route=40.0,
+        sequences=SEQUENCES,
+    )
 
 
 @pytest.fixture(scope="session")

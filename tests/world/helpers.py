@@ -32,7 +32,13 @@ def preset(name: str) -> Simulation:
     return Simulation(**keys)
 
 
-def record(world: Simulation, sequence: str, root: Path, truth: Path | None = None, compute: Compute = ALONE) -> Recording:
+def record(
+    world: Simulation,
+    sequence: str,
+    root: Path,
+    truth: Path | None = None,
+    compute: Compute = ALONE,
+) -> Recording:
     """Record a sequence into the folder of its name."""
     return world.record(sequence, root / sequence, compute, Progress(), truth)
 
@@ -47,26 +53,40 @@ def refused(match: str | None = None) -> Iterator[None]:
 
 def contents(root: Path) -> list[tuple[str, bytes]]:
     """All files below a folder, by name."""
-    return sorted((str(path.relative_to(root)), path.read_bytes()) for path in root.rglob("*") if path.is_file())
+    return sorted(
+        (str(path.relative_to(root)), path.read_bytes())
+        for path in root.rglob("*")
+        if path.is_file()
+    )
 
 
 def shares(path: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """The shares of poses (n, 4, 4) unseen, further than 10 m from those of training, and of the others against its way."""
+    """The shares of poses (n, 4, 4) unseen, further than 10 m from those of training, and of the
+    others against its way."""
     gaps_m = np.linalg.norm(path[:, None, :2, 3] - training[None, :, :2, 3], axis=2)
     seen = gaps_m.min(1) < 10.0
     same_way = ((path[:, :2, 0] @ training[:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
     return 1 - seen.mean(), (seen & ~same_way).sum() / seen.sum()
 
 
-def off_walls_m(world: Simulation, sequence: str, points_m: np.ndarray, routes: Routes | None = None) -> np.ndarray:
-    """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands on the sequence's day."""
+def off_walls_m(
+    world: Simulation, sequence: str, points_m: np.ndarray, routes: Routes | None = None
+) -> np.ndarray:
+    """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands
+    on the sequence's day."""
     campus, _ = world._year(routes or world.routes(), Entry.of(sequence, world.sequences[sequence]))
     box = shapes_on(campus, world._day(sequence))[0]
     box = box[box["kind"] == Kind.BUILDING]
     east, north, up = points_m.T[..., None]
     ahead = (east - box["x_m"]) * box["cos_yaw"] + (north - box["y_m"]) * box["sin_yaw"]
     left = (north - box["y_m"]) * box["cos_yaw"] - (east - box["x_m"]) * box["sin_yaw"]
-    beyond = np.stack([np.abs(ahead) - box["half_length_m"], np.abs(left) - box["half_width_m"], up - box["top_m"]])
+    beyond = np.stack(
+        [
+            np.abs(ahead) - box["half_length_m"],
+            np.abs(left) - box["half_width_m"],
+            up - box["top_m"],
+        ]
+    )
     # Outside of a box over the positive axes, inside of it to the nearest face.
     outside_m = np.linalg.norm(beyond.clip(min=0), axis=0) - beyond.max(0).clip(max=0)
     return np.asarray(outside_m.min(1))

@@ -1,4 +1,5 @@
-"""The ray caster again, brute force and in numpy: every ray asks every shape, and walks over the ground in small steps."""
+"""The ray caster again, brute force and in numpy: every ray asks every shape, and walks over the
+ground in small steps."""
 
 import numpy as np
 
@@ -11,7 +12,8 @@ GROUND_STEP_M = 0.05
 
 def cast(scene: Scene, movers, origin, directions, max_range_m, seed):
     """Ranges (n,) and kinds (n,) of world-frame rays `directions` (n, 3)."""
-    ranges, kinds = np.full(len(directions), max_range_m), np.zeros(len(directions), int)
+    ranges = np.full(len(directions), max_range_m)
+    kinds = np.zeros(len(directions), int)
     numbers = range(len(scene.boxes) + len(scene.cylinders) + len(scene.crowns))
     for ray, direction in enumerate(directions):
         u = np.array([hash_u(seed, ray, number) for number in numbers])
@@ -23,22 +25,30 @@ def cast(scene: Scene, movers, origin, directions, max_range_m, seed):
             (_crowns(scene.crowns, origin, direction, crowns), scene.crowns["kind"]),
             (_ground(scene, origin, direction, max_range_m), np.array([Kind.GROUND])),
         ]
-        at, kind = np.concatenate([hit[0] for hit in hits]), np.concatenate([hit[1] for hit in hits])
+        at = np.concatenate([hit[0] for hit in hits])
+        kind = np.concatenate([hit[1] for hit in hits])
         first = at.argmin()
         if at[first] < max_range_m:
-            ranges[ray], kinds[ray] = at[first], kind[first]
+            ranges[ray] = at[first]
+            kinds[ray] = kind[first]
     return np.where(kinds > 0, ranges, 0.0), kinds
 
 
 def _boxes(boxes, origin, direction, u):
-    turn = np.stack([boxes["cos_yaw"], boxes["sin_yaw"]]), np.stack([-boxes["sin_yaw"], boxes["cos_yaw"]])
+    turn = (
+        np.stack([boxes["cos_yaw"], boxes["sin_yaw"]]),
+        np.stack([-boxes["sin_yaw"], boxes["cos_yaw"]]),
+    )
     start = np.stack([origin[0] - boxes["x_m"], origin[1] - boxes["y_m"]])
     half_m = np.stack([boxes["half_length_m"], boxes["half_width_m"]])
     local = np.stack([(axis * start).sum(0) for axis in turn])
     step = np.stack([(axis * direction[:2, None]).sum(0) for axis in turn])
-    low = np.concatenate([(-half_m - local) / step, [(boxes["bottom_m"] - origin[2]) / direction[2]]])
+    low = np.concatenate(
+        [(-half_m - local) / step, [(boxes["bottom_m"] - origin[2]) / direction[2]]]
+    )
     high = np.concatenate([(half_m - local) / step, [(boxes["top_m"] - origin[2]) / direction[2]]])
-    enter, leave = np.minimum(low, high).max(0), np.maximum(low, high).min(0)
+    enter = np.minimum(low, high).max(0)
+    leave = np.maximum(low, high).min(0)
     meets = (enter <= leave) & (enter > 0)
     porous = boxes["extinction_per_m"] > 0
     stop = enter - np.where(porous, np.log(u) / np.where(porous, boxes["extinction_per_m"], 1), 0)
@@ -48,11 +58,14 @@ def _boxes(boxes, origin, direction, u):
 def _cylinders(cylinders, origin, direction):
     """Roots of |o + t d − c|² = r² in the plane."""
     off = np.stack([origin[0] - cylinders["x_m"], origin[1] - cylinders["y_m"]])
-    a, b = (direction[:2] ** 2).sum(), (off * direction[:2, None]).sum(0)
+    a = (direction[:2] ** 2).sum()
+    b = (off * direction[:2, None]).sum(0)
     inside = b**2 - a * ((off**2).sum(0) - cylinders["radius_m"] ** 2)
     enter = (-b - np.sqrt(np.maximum(inside, 0))) / a
     z_m = origin[2] + enter * direction[2]
-    meets = (inside > 0) & (enter > 0) & (z_m >= cylinders["bottom_m"]) & (z_m <= cylinders["top_m"])
+    meets = (
+        (inside > 0) & (enter > 0) & (z_m >= cylinders["bottom_m"]) & (z_m <= cylinders["top_m"])
+    )
     return np.where(meets, enter, np.inf)
 
 
@@ -60,7 +73,8 @@ def _crowns(crowns, origin, direction, u):
     size = np.stack([crowns["radius_m"], crowns["radius_m"], crowns["half_height_m"]])
     off = (origin[:, None] - np.stack([crowns["x_m"], crowns["y_m"], crowns["z_m"]])) / size
     way = direction[:, None] / size
-    a, b = (way**2).sum(0), (off * way).sum(0)
+    a = (way**2).sum(0)
+    b = (off * way).sum(0)
     inside = b**2 - a * ((off**2).sum(0) - 1)
     half = np.sqrt(np.maximum(inside, 0))
     stop = np.maximum((-b - half) / a, 0) - np.log(u) / crowns["extinction_per_m"]
@@ -70,13 +84,21 @@ def _crowns(crowns, origin, direction, u):
 def _ground(scene, origin, direction, max_range_m):
     t = np.arange(0, max_range_m, GROUND_STEP_M)
     x, y, z = origin[:, None] + t * direction[:, None]
-    u, v = (x - scene.x0_m) / scene.cell_m, (y - scene.y0_m) / scene.cell_m
+    u = (x - scene.x0_m) / scene.cell_m
+    v = (y - scene.y0_m) / scene.cell_m
     knots = scene.heights_m
     inside = (u >= 0) & (v >= 0) & (u < knots.shape[0] - 1) & (v < knots.shape[1] - 1)
-    u, v, z, t = u[inside], v[inside], z[inside], t[inside]
-    i, j = u.astype(int), v.astype(int)
-    a, b = u - i, v - j
-    height = (knots[i, j] * (1 - a) + knots[i + 1, j] * a) * (1 - b) + (knots[i, j + 1] * (1 - a) + knots[i + 1, j + 1] * a) * b
+    u = u[inside]
+    v = v[inside]
+    z = z[inside]
+    t = t[inside]
+    i = u.astype(int)
+    j = v.astype(int)
+    a = u - i
+    b = v - j
+    height = (knots[i, j] * (1 - a) + knots[i + 1, j] * a) * (1 - b) + (
+        knots[i, j + 1] * (1 - a) + knots[i + 1, j + 1] * a
+    ) * b
     above = z - height
     below = np.flatnonzero(above < 0)
     if not len(below):

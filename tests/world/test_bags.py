@@ -26,7 +26,9 @@ def nclt(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
-def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Log, tmp_path: Path, kind: str):
+def test_a_bag_holds_the_drive_that_nclts_files_hold(
+    small: Simulation, nclt: Log, tmp_path: Path, kind: str
+):
     record(replace(small, logs=kind), SEQUENCE, tmp_path, compute=Compute(workers=2))
     log = READER.open(tmp_path, SEQUENCE)
     assert log.stamps_ns.tolist() == nclt.stamps_ns.tolist()
@@ -39,7 +41,9 @@ def test_a_bag_holds_the_drive_that_nclts_files_hold(small: Simulation, nclt: Lo
 
 
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3", "mcap"])
-def test_a_bags_bytes_are_the_same_however_computed_and_in_order_of_time(small: Simulation, tmp_path: Path, kind: str):
+def test_a_bags_bytes_are_the_same_however_computed_and_in_order_of_time(
+    small: Simulation, tmp_path: Path, kind: str
+):
     world = replace(small, logs=kind, route_m=40.0)
     for name, compute in (("one", Compute(workers=1)), ("processes", Compute("processes", 2))):
         world.record(SEQUENCE, tmp_path / name, compute, Progress())

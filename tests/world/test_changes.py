@@ -15,8 +15,11 @@ from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
 from tests.world.helpers import EVEN, refused
 
-TRAINING, SPRING, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
-HERE, PLAIN = (0.0, 0.0), Entry(0.0, 0.0)
+TRAINING = "2012-01-15"
+SPRING = "2012-02-04"
+SUMMER = "2012-06-15"
+HERE = (0.0, 0.0)
+PLAIN = Entry(0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -28,26 +31,36 @@ def nobody(campus_and_plan: tuple[Campus, object]) -> Campus:
 @pytest.mark.parametrize(
     ("what", "done", "first"),
     [
-        ("construction", 300.4, 191),  # the fence is up 110 days before: 190.4, so it shows on day 191
-        ("construction", 90.0, 20),  # the fence stood on the training day, the mound comes 70 days before
+        (
+            "construction",
+            300.4,
+            191,
+        ),  # the fence is up 110 days before: 190.4, so it shows on day 191
+        (
+            "construction",
+            90.0,
+            20,
+        ),  # the fence stood on the training day, the mound comes 70 days before
         ("construction", 60.0, 60),  # the mound lay there too
         ("demolition", 60.0, 60),
     ],
 )
-def test_a_change_shows_from_its_first_difference(nobody: Campus, what: str, done: float, first: int):
+def test_a_change_shows_from_its_first_difference(
+    nobody: Campus, what: str, done: float, first: int
+):
     events = [Event(what, done, 3.0, 4.0)]
     assert visible_changes(first - 1, nobody, events, HERE) == []
-    assert visible_changes(first, nobody, events, (10.0, 20.0)) == [Change(what, first, int(np.ceil(done)), 13.0, 24.0)]
+    assert visible_changes(first, nobody, events, (10.0, 20.0)) == [
+        Change(what, first, int(np.ceil(done)), 13.0, 24.0)
+    ]
 
 
 def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
     oak = Plant(1.0, 2.0, 10.0, 3.0, 3.0, Species.DECIDUOUS)
-    planted, felled, cleared, bush = (
-        replace(oak, born_day=30.5),
-        replace(oak, x_m=5.0, dead_day=50.0),
-        replace(oak, x_m=6.0, dead_day=190.0),  # 110 days before the building of day 300
-        replace(oak, trunk_m=0.0, dead_day=60.0),
-    )
+    planted = replace(oak, born_day=30.5)
+    felled = replace(oak, x_m=5.0, dead_day=50.0)
+    cleared = replace(oak, x_m=6.0, dead_day=190.0)
+    bush = replace(oak, trunk_m=0.0, dead_day=60.0)
     grown = replace(nobody, plants=(oak, planted, felled, cleared, bush))
     told = visible_changes(400, grown, [Event("construction", 300.0, 3.0, 4.0)], HERE)
     assert told == [
@@ -60,8 +73,11 @@ def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
 def test_every_tree_that_came_or_went_is_told(small: Simulation):
     campus, _ = small._year(small.routes(), PLAIN)
     trees = [(one.x_m, one.y_m) for one in small.changes(TRAINING, SUMMER) if one.what == "tree"]
-    before, after = ({(row["x_m"], row["y_m"]) for row in shapes_on(campus, day)[1]} for day in (0, 152))
-    # 15 January to 15 June 2012 are 152 days; trunks are cylinders, as are the lamp posts that a site takes away.
+    before, after = (
+        {(row["x_m"], row["y_m"]) for row in shapes_on(campus, day)[1]} for day in (0, 152)
+    )
+    # 15 January to 15 June 2012 are 152 days; trunks are cylinders, as are the lamp posts that a
+    # site takes away.
     plants = {(plant.x_m, plant.y_m) for plant in campus.plants}
     assert set(trees) <= before ^ after
     assert len(trees) == len(set(trees)) > 0
@@ -72,11 +88,18 @@ def test_a_building_that_came_or_went_is_where_it_is_told(small: Simulation):
     late = replace(small, sequences={**small.sequences, "2013-03-16": EVEN})
     campus, events = late._year(late.routes(), PLAIN)
     told = [one for one in late.changes(TRAINING, "2013-03-16") if one.what != "tree"]
-    assert {(one.what, one.x_m, one.y_m) for one in told} == {(event.what, event.x_m, event.y_m) for event in events}
-    assert [one.from_day for one in told] == sorted(int(np.ceil(event.from_day)) for event in events)
+    assert {(one.what, one.x_m, one.y_m) for one in told} == {
+        (event.what, event.x_m, event.y_m) for event in events
+    }
+    assert [one.from_day for one in told] == sorted(
+        int(np.ceil(event.from_day)) for event in events
+    )
     before, after = (shapes_on(campus, day)[0] for day in (0, 426))
     for one in told:
-        near = [int((np.hypot(boxes["x_m"] - one.x_m, boxes["y_m"] - one.y_m) < 6).sum()) for boxes in (before, after)]
+        near = [
+            int((np.hypot(boxes["x_m"] - one.x_m, boxes["y_m"] - one.y_m) < 6).sum())
+            for boxes in (before, after)
+        ]
         assert near[0] != near[1]
 
 
@@ -91,10 +114,14 @@ def test_a_town_tells_places_in_the_frame_of_its_ins(small: Simulation):
     drives = {"2014-07-14-14-49-50": EVEN, "2015-06-14-14-00-00": EVEN}
     town = replace(small, robot="push_broom_car", logs="robotcar", sequences=drives)
     campus, _ = town._year(town.routes(), PLAIN)
-    places_m = {(round(thing.x_m, 6), round(thing.y_m, 6)) for thing in (*campus.structures, *campus.plants)}
+    places_m = {
+        (round(thing.x_m, 6), round(thing.y_m, 6)) for thing in (*campus.structures, *campus.plants)
+    }
     changes = town.changes(*drives)
     assert len(changes) > 3
-    assert {(round(one.x_m - ORIGIN_M[0], 6), round(one.y_m - ORIGIN_M[1], 6)) for one in changes} <= places_m
+    assert {
+        (round(one.x_m - ORIGIN_M[0], 6), round(one.y_m - ORIGIN_M[1], 6)) for one in changes
+    } <= places_m
 
 
 def test_a_suburb_of_one_day_changes_nothing():
@@ -104,6 +131,8 @@ def test_a_suburb_of_one_day_changes_nothing():
 
 
 @pytest.mark.parametrize(("train", "sequence"), [(SPRING, SUMMER), (TRAINING, "2012-01-16")])
-def test_changes_are_counted_from_the_worlds_training_day(small: Simulation, train: str, sequence: str):
+def test_changes_are_counted_from_the_worlds_training_day(
+    small: Simulation, train: str, sequence: str
+):
     with refused(f"{SPRING}|2012-01-16"):
         small.changes(train, sequence)

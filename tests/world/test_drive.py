@@ -40,7 +40,9 @@ def test_a_scan_is_taken_every_step_well_inside_the_truth(straight: Drive):
     assert straight.scan_rows[-1] < len(straight.utimes) - 10
 
 
-def test_the_truth_is_interpolated_to_the_poses_of_the_scans_and_known_at_any_moment(straight: Drive):
+def test_the_truth_is_interpolated_to_the_poses_of_the_scans_and_known_at_any_moment(
+    straight: Drive,
+):
     truth = Trajectory(straight.utimes * 1000, straight.world_T_body, 1.0)
     poses, known = truth.at(straight.scan_utimes * 1000)
     assert known.all()
@@ -60,7 +62,9 @@ def test_the_robot_rocks_like_a_segway_and_keeps_right(straight: Drive):
     assert np.abs(aside_m).max() <= 3.0
     assert 0.2 < aside_m.std() < 1.2
     # 0.8 m right of the middle, give or take a bias of 0.5 m / √12.
-    assert np.mean([driven(seed).world_T_body[:, 1, 3].mean() for seed in range(12)]) == pytest.approx(-0.8, abs=0.5)
+    assert np.mean(
+        [driven(seed).world_T_body[:, 1, 3].mean() for seed in range(12)]
+    ) == pytest.approx(-0.8, abs=0.5)
 
 
 def test_the_pilot_walks_behind(straight: Drive):
@@ -73,8 +77,17 @@ def test_the_pilot_walks_behind(straight: Drive):
 
 def test_another_date_or_time_takes_another_line(straight: Drive):
     other = driven(when=date(2012, 2, 4))
-    assert np.abs(other.world_T_body[other.scan_rows, 1, 3] - straight.world_T_body[straight.scan_rows, 1, 3]).mean() > 0.1
-    morning, later = (driven(0, datetime(2014, 7, 14, hour, 16, 36, tzinfo=UTC), CAR, 100.0).world_T_body for hour in (14, 15))
+    assert (
+        np.abs(
+            other.world_T_body[other.scan_rows, 1, 3]
+            - straight.world_T_body[straight.scan_rows, 1, 3]
+        ).mean()
+        > 0.1
+    )
+    morning, later = (
+        driven(0, datetime(2014, 7, 14, hour, 16, 36, tzinfo=UTC), CAR, 100.0).world_T_body
+        for hour in (14, 15)
+    )
     assert np.abs(morning[:, 1, 3] - later[:, 1, 3]).mean() > 0.01
 
 
@@ -85,7 +98,8 @@ def test_a_car_keeps_right_at_eight_metres_a_second():
     assert np.diff(cars[0].scan_utimes).tolist() == [25_000] * 5999
     roll, pitch, _ = np.rad2deg(rpy(cars[0].world_T_body)).T
     assert (roll.std(), pitch.std()) == pytest.approx((0.4, 0.5), rel=0.2)
-    # 1.7 m right of the middle, give or take a bias of 0.15 m / √6; 1200 m / 2 × 25 m = 24 draws of 0.25 m a drive.
+    # 1.7 m right of the middle, give or take a bias of 0.15 m / √6; 1200 m / 2 × 25 m = 24 draws of
+    # 0.25 m a drive.
     aside_m = np.array([car.world_T_body[:, 1, 3] for car in cars])
     assert aside_m.mean() == pytest.approx(-1.7, abs=0.2)
     assert 0.1 < aside_m[0].std() < 0.4
@@ -93,7 +107,8 @@ def test_a_car_keeps_right_at_eight_metres_a_second():
 
 
 def test_a_car_stands_on_the_slope_that_it_climbs():
-    # 4 m up over 100 m to the east, 2 m up over 100 m to the north: atan 0.04 = 2.29° nose up, atan 0.02 = 1.15° left side up.
+    # 4 m up over 100 m to the east, 2 m up over 100 m to the north: atan 0.04 = 2.29° nose up, atan
+    # 0.02 = 1.15° left side up.
     hill = Ground(0.32 * np.arange(200)[:, None] + 0.16 * np.arange(40)[None, :], -100.0, -100.0)
     car, segway = (driven(0, date(2014, 7, 14), motion, ground=hill) for motion in (CAR, SEGWAY))
     roll, pitch, _ = np.rad2deg(rpy(car.world_T_body)).T
@@ -109,8 +124,12 @@ def test_a_drive_departs_when_its_name_says():
 
 @pytest.mark.parametrize("lateral_m", [2.0, -1.0])
 def test_a_lateral_offset_moves_the_whole_drive_and_no_more(lateral_m: float):
-    usual, aside = (driven(0, date(2012, 7, 14), route_m=400.0, lateral_m=offset_m) for offset_m in (0.0, lateral_m))
-    usual_m, aside_m = usual.world_T_body[usual.scan_rows, 1, 3], aside.world_T_body[aside.scan_rows, 1, 3]
+    usual, aside = (
+        driven(0, date(2012, 7, 14), route_m=400.0, lateral_m=offset_m)
+        for offset_m in (0.0, lateral_m)
+    )
+    usual_m = usual.world_T_body[usual.scan_rows, 1, 3]
+    aside_m = aside.world_T_body[aside.scan_rows, 1, 3]
     # The street's 3 m to either side cut a few of the weave's swings, and no more.
     assert np.median(aside_m - usual_m) == pytest.approx(lateral_m, abs=0.1)
     assert np.abs(aside_m).max() <= 3.0

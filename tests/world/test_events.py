@@ -28,20 +28,31 @@ def test_a_mound_gives_way_to_a_new_building(year: tuple[Campus, list[Event]]):
     campus, events = year
     built = _first(events, "construction")
     mound_day = built.day - MOUND_BEFORE_DAYS
-    assert [_boxes_at(campus, built, day, Kind.WORKS) for day in (mound_day - 2, mound_day + 2, built.day + 2)] == [0, 1, 0]
-    assert _boxes_at(campus, built, built.day - 2, Kind.BUILDING) == 0 < _boxes_at(campus, built, built.day + 2, Kind.BUILDING)
+    assert [
+        _boxes_at(campus, built, day, Kind.WORKS)
+        for day in (mound_day - 2, mound_day + 2, built.day + 2)
+    ] == [0, 1, 0]
+    assert (
+        _boxes_at(campus, built, built.day - 2, Kind.BUILDING)
+        == 0
+        < _boxes_at(campus, built, built.day + 2, Kind.BUILDING)
+    )
 
 
 def test_a_site_is_fenced_in_and_no_fence_crosses_a_street(year: tuple[Campus, list[Event]]):
     campus, events = year
     built = _first(events, "construction")
-    boards = [thing for thing in campus.structures if thing.kind == Kind.WORKS and len(thing.parts) == 4]
+    boards = [
+        thing for thing in campus.structures if thing.kind == Kind.WORKS and len(thing.parts) == 4
+    ]
     fence = next(thing for thing in boards if (thing.x_m, thing.y_m) == (built.x_m, built.y_m))
     assert fence.born_day == built.day - FENCE_BEFORE_DAYS
     for board in boards:
         u, v = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
         for part in board.parts:
-            places = np.stack([part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], -1).reshape(-1, 2)
+            places = np.stack(
+                [part.ahead_m + u * part.half_length_m, part.left_m + v * part.half_width_m], -1
+            ).reshape(-1, 2)
             assert campus.streets.clearance_m(board.to_world(places)).min() > 0
 
 
@@ -52,7 +63,9 @@ def test_a_demolished_building_is_gone(year: tuple[Campus, list[Event]]):
     assert _boxes_at(campus, gone, gone.day + 2, Kind.BUILDING) == 0
 
 
-def test_events_near_the_route_are_near_the_route(year: tuple[Campus, list[Event]], campus_and_plan: tuple[Campus, Plan]):
+def test_events_near_the_route_are_near_the_route(
+    year: tuple[Campus, list[Event]], campus_and_plan: tuple[Campus, Plan]
+):
     line_m = campus_and_plan[1].line_m
     places_m = np.array([(event.x_m, event.y_m) for event in year[1]])
     # Sites lie up to 40 m beside the route, demolished buildings up to 45 m.

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from pipeline.world.driving.lidar import Lidar, Returns, hdl32, hdl32_inverted, hdl64, lms151, measure
+from pipeline.world.driving.lidar import (
+    Lidar,
+    Returns,
+    hdl32,
+    hdl32_inverted,
+    hdl64,
+    lms151,
+    measure,
+)
 from pipeline.world.driving.scene import build_scene
 from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.shapes import BOX, CROWN, CYLINDER, Kind, records
@@ -12,14 +20,19 @@ NOTHING = np.zeros(0, BOX)
 FLAT = Ground(np.zeros((30, 30)), -120.0, -120.0)
 
 
-def scan(lidar: Lidar, boxes: np.ndarray = NOTHING, world_T_body: np.ndarray | None = None) -> Returns:
+def scan(
+    lidar: Lidar, boxes: np.ndarray = NOTHING, world_T_body: np.ndarray | None = None
+) -> Returns:
     scene = build_scene(boxes, np.zeros(0, CYLINDER), np.zeros(0, CROWN), FLAT)
-    return lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4) if world_T_body is None else world_T_body, SEED)
+    return lidar.scan(
+        scene, np.zeros(0, CYLINDER), np.eye(4) if world_T_body is None else world_T_body, SEED
+    )
 
 
 @pytest.mark.parametrize(("range_m", "share"), [(50.0, 0.9394), (100.0, 0.3679), (120.0, 0.1257)])
 def test_returns_fade_with_the_fourth_power_of_the_range(range_m: float, share: float):
-    # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257; 3 % drop out besides.
+    # Brightness 0.1 gives rm = 100 m: exp(−0.5⁴) = 0.9394, exp(−1) = 0.3679, exp(−1.2⁴) = 0.1257; 3
+    # % drop out besides.
     back = measure(np.full(RAYS, range_m), np.full(RAYS, 0.1), 0.02, 0.03, 100.0, SEED) > 0
     assert back.mean() == pytest.approx(0.97 * share, abs=0.01)
 
@@ -39,9 +52,11 @@ def test_ground_rings_end_near_thirty_metres():
 
 
 def test_a_tilted_body_sees_level_ground_tilted():
-    # Nose down by 10°: the ground 5 m ahead of the body's origin lies 5 tan 10° = 0.88 m above its x axis.
+    # Nose down by 10°: the ground 5 m ahead of the body's origin lies 5 tan 10° = 0.88 m above its
+    # x axis.
     pitch = np.deg2rad(10.0)
-    c, s = np.cos(pitch), np.sin(pitch)
+    c = np.cos(pitch)
+    s = np.sin(pitch)
     world_T_body = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1.0]])
     points_m = scan(hdl32(720), world_T_body=world_T_body).points_m
     ahead = points_m[(np.abs(points_m[:, 1]) < 0.5) & (np.abs(points_m[:, 0] - 5) < 0.4)]
@@ -49,7 +64,14 @@ def test_a_tilted_body_sees_level_ground_tilted():
     assert np.median((ahead[:, 2] + 1.3) / ahead[:, 0]) == pytest.approx(np.tan(pitch), abs=0.01)
 
 
-WALL = {"half_length_m": 30.0, "half_width_m": 1.0, "x_m": 0.0, "cos_yaw": 1.0, "reflectance": 0.4, "kind": Kind.BUILDING}
+WALL = {
+    "half_length_m": 30.0,
+    "half_width_m": 1.0,
+    "x_m": 0.0,
+    "cos_yaw": 1.0,
+    "reflectance": 0.4,
+    "kind": Kind.BUILDING,
+}
 
 
 def test_lasers_are_numbered_from_the_lowest_beam():
@@ -63,17 +85,22 @@ def test_lasers_are_numbered_from_the_lowest_beam():
 
 def test_upside_down_most_beams_look_up():
     returns = scan(hdl32_inverted(360), records(BOX, y_m=9.0, top_m=9.0, **WALL))
-    elevation_deg = np.rad2deg(np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T)))
+    elevation_deg = np.rad2deg(
+        np.arctan2(returns.points_m[:, 2], np.hypot(*returns.points_m[:, :2].T))
+    )
     # −10.67° + laser × 41.34° / 31
     assert elevation_deg == pytest.approx(-10.67 + returns.laser * 41.34 / 31, abs=1e-3)
     # Of the wall's 9 m, 8 m away from a sensor 0.96 m up, 0.96 + 8 tan 30.67° = 5.7 m are seen.
     heights_m = returns.points_m[returns.kind == Kind.BUILDING, 2] + 0.96
-    assert heights_m[np.abs(returns.points_m[returns.kind == Kind.BUILDING, 0]) < 0.5].max() == pytest.approx(5.7, abs=0.1)
+    assert heights_m[
+        np.abs(returns.points_m[returns.kind == Kind.BUILDING, 0]) < 0.5
+    ].max() == pytest.approx(5.7, abs=0.1)
 
 
 def test_a_push_broom_hangs_as_robotcar_publishes_it():
-    # METHODS 7.2: lms_front's (1, 0, 0) and (0, 1, 0) lie at (1.872180, 0.230834, 2.034655) and (1.766719, 1.226757, 1.036148) of
-    # the z-down vehicle, whose origin is 0.9 + 1.0411 m above the ground; the body is z up, with its origin on the ground.
+    # METHODS 7.2: lms_front's (1, 0, 0) and (0, 1, 0) lie at (1.872180, 0.230834, 2.034655) and
+    # (1.766719, 1.226757, 1.036148) of the z-down vehicle, whose origin is 0.9 + 1.0411 m above the
+    # ground; the body is z up, with its origin on the ground.
     placed = lms151(541).body_T_sensor @ np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [1.0, 1.0]])
     assert placed[:3, 0] == pytest.approx([1.872180, -0.230834, 1.9411 - 2.034655], abs=1e-6)
     assert placed[:3, 1] == pytest.approx([1.766719, -1.226757, 1.9411 - 1.036148], abs=1e-6)
@@ -84,7 +111,8 @@ def test_a_sweep_sees_the_ground_below_and_walls_on_both_sides():
     returns = scan(lidar, records(BOX, y_m=[11.0, -6.0], top_m=[9.0, 9.0], **WALL))
     assert (returns.points_m[:, 2] == 0).all()
     points_m = returns.points_m @ lidar.body_T_sensor[:3, :3].T + lidar.body_T_sensor[:3, 3]
-    ground, wall = returns.kind == Kind.GROUND, returns.kind == Kind.BUILDING
+    ground = returns.kind == Kind.GROUND
+    wall = returns.kind == Kind.BUILDING
     assert abs(points_m[ground, 2].mean()) < 0.01
     assert points_m[ground, 2].std() < 0.05
     # Walls 10 m to the left and 5 m to the right, of which the fan sees all 9 m of height.

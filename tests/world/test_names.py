@@ -17,7 +17,10 @@ def test_names_tell_when_a_drive_was():
     ("when", "name"),
     [
         *((nclt_date, name) for name in ("summer", "2014-07-14-14-49-50", "2012-13-01", 2012)),
-        *((robotcar_time, name) for name in ("2014-07-14", "2014-07-14-24-49-50", "2014-07-14-14-49-50-", None)),
+        *(
+            (robotcar_time, name)
+            for name in ("2014-07-14", "2014-07-14-24-49-50", "2014-07-14-14-49-50-", None)
+        ),
         *((kitti_date, name) for name in ("0", "000", "00-a", "2012-01-15", 0)),
         *((kitti_log, name) for name in ("00-c", "00-", "-a", "00-a-b")),
     ],

@@ -15,7 +15,9 @@ WINDOW = 160
 @pytest.fixture(scope="module")
 def driven() -> Poses:
     """4 km, an image every half metre."""
-    return drive(0, date(2014, 7, 14), np.array([[0.0, 0.0], [4200.0, 0.0]]), FLAT, 4000.0, 0.5, CAR).world_T_body
+    return drive(
+        0, date(2014, 7, 14), np.array([[0.0, 0.0], [4200.0, 0.0]]), FLAT, 4000.0, 0.5, CAR
+    ).world_T_body
 
 
 def test_odometry_starts_at_the_origin_and_drifts_a_few_per_cent(driven: Poses):
@@ -31,8 +33,10 @@ def test_odometry_starts_at_the_origin_and_drifts_a_few_per_cent(driven: Poses):
 
 def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
     """Medians over sixty drives, of which each has one scale and one bias."""
-    drifts_m, turns_deg = [], []
-    start, end = np.arange(0, 1000 - WINDOW, 80), np.arange(WINDOW, 1000, 80)
+    drifts_m = []
+    turns_deg = []
+    start = np.arange(0, 1000 - WINDOW, 80)
+    end = np.arange(WINDOW, 1000, 80)
     true = np.linalg.inv(driven[end]) @ driven[start]
     for seed in range(60):
         chained = [np.eye(4)]
@@ -42,8 +46,9 @@ def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
         off = told @ np.linalg.inv(true)
         drifts_m.append(np.median(np.linalg.norm(told[:, :3, 3] - true[:, :3, 3], axis=1)))
         turns_deg.append(np.median(np.abs(np.rad2deg(np.arctan2(off[:, 1, 0], off[:, 0, 0])))))
-    # The scale alone, sd 1 % of 80 m, has a median of 0.67 × 0.8 = 0.54 m; the yaw bias 0.67 × 0.008 × 80 = 0.43°, the white
-    # noise 0.67 × 0.03 × √80 = 0.18°. A spike saw 0.41 m and 0.52° on one drive.
+    # The scale alone, sd 1 % of 80 m, has a median of 0.67 × 0.8 = 0.54 m; the yaw bias 0.67 ×
+    # 0.008 × 80 = 0.43°, the white noise 0.67 × 0.03 × √80 = 0.18°. A spike saw 0.41 m and 0.52° on
+    # one drive.
     assert 0.4 < np.median(drifts_m) < 1.0
     assert 0.3 < np.median(turns_deg) < 0.7
 
@@ -54,7 +59,9 @@ def test_visual_odometry_begins_anew_with_every_image(driven: Poses):
     assert motion.shape == (99, 4, 4)
     # 1 % of half a metre, and 1 cm × √0.5
     assert np.abs(motion[:, :3, 3] - true[:, :3, 3]).max() < 0.06
-    assert motion[:, :3, :3] @ motion[:, :3, :3].transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (99, 1, 1)), abs=1e-9)
+    assert motion[:, :3, :3] @ motion[:, :3, :3].transpose(0, 2, 1) == pytest.approx(
+        np.tile(np.eye(3), (99, 1, 1)), abs=1e-9
+    )
 
 
 def test_an_ins_is_true_but_for_a_few_outages_in_a_kilometre(driven: Poses):
@@ -67,7 +74,8 @@ def test_an_ins_is_true_but_for_a_few_outages_in_a_kilometre(driven: Poses):
     places_m = driven[:, 0, 3]
     for start, end in zip(starts, ends, strict=False):
         assert 18 < places_m[end] - places_m[start] < 62
-        # Creeping by a tenth to three tenths of the way: nobody who ignored the status would be right.
+        # Creeping by a tenth to three tenths of the way: nobody who ignored the status would be
+        # right.
         off_m = np.linalg.norm(told[start:end, :3, 3] - driven[start:end, :3, 3], axis=1)
         assert off_m[0] < 0.5
         assert 1.8 < off_m[-1] < 18

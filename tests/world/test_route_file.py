@@ -30,7 +30,10 @@ def test_a_route_is_centred_on_the_campus(loop: Path):
 def test_tum_rows_give_the_same_route(loop: Path, tmp_path: Path):
     rows = np.loadtxt(loop, delimiter=",", skiprows=1)
     tum = tmp_path / "loop.tum"
-    tum.write_text("# stamp x y z qx qy qz qw\n" + "\n".join(f"{i} {x} {y} 1.5 0 0 0 1" for i, (x, y) in enumerate(rows)))
+    tum.write_text(
+        "# stamp x y z qx qy qz qw\n"
+        + "\n".join(f"{i} {x} {y} 1.5 0 0 0 1" for i, (x, y) in enumerate(rows))
+    )
     assert read_route(tum) == pytest.approx(read_route(loop))
 
 
@@ -62,7 +65,9 @@ def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
         (None, "cannot be read"),
     ],
 )
-def test_a_bad_route_file_is_one_line_of_error(small: Simulation, tmp_path: Path, text: str | None, complaint: str):
+def test_a_bad_route_file_is_one_line_of_error(
+    small: Simulation, tmp_path: Path, text: str | None, complaint: str
+):
     path = tmp_path / "route.csv"
     if text is not None:
         path.write_text(text)

@@ -13,14 +13,17 @@ from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from tests.world.helpers import EVEN, contents, off_walls_m, preset, record, refused
 
-TRAINING, TEST, SUMMER = "2012-01-15", "2012-02-04", "2012-06-15"
+TRAINING = "2012-01-15"
+TEST = "2012-02-04"
+SUMMER = "2012-06-15"
 Logs = tuple[Path, Path, Recording]
 """The folders of the logs and of the truth, and what was recorded."""
 
 
 @pytest.fixture(scope="module")
 def logs(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
-    root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
+    root = tmp_path_factory.mktemp("logs")
+    truth = tmp_path_factory.mktemp("truth")
     return root, truth, record(small, SUMMER, root, truth=truth)
 
 
@@ -34,7 +37,10 @@ def truth(logs: Logs) -> np.ndarray:
 def scans(logs: Logs) -> dict[int, np.ndarray]:
     """The records of each scan by its stamp, in order."""
     record = np.dtype([("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
-    return {int(path.stem): np.fromfile(path, record) for path in sorted((logs[0] / SUMMER / "velodyne_sync").iterdir())}
+    return {
+        int(path.stem): np.fromfile(path, record)
+        for path in sorted((logs[0] / SUMMER / "velodyne_sync").iterdir())
+    }
 
 
 def test_the_logs_have_the_layout_of_nclt(logs: Logs):
@@ -47,7 +53,9 @@ def test_the_logs_have_the_layout_of_nclt(logs: Logs):
     assert sum(path.stat().st_size for path in scans) == 8 * recording.points
 
 
-def test_the_truth_opens_with_gaps_and_spans_the_scans(truth: np.ndarray, scans: dict[int, np.ndarray]):
+def test_the_truth_opens_with_gaps_and_spans_the_scans(
+    truth: np.ndarray, scans: dict[int, np.ndarray]
+):
     assert truth.shape[1] == 7
     assert np.isnan(truth[:5, 1:]).all()
     assert np.isfinite(truth[5:]).all()
@@ -65,8 +73,11 @@ def test_scans_lie_on_the_ground_in_the_forward_right_down_frame(scans: dict[int
     for raw in scans.values():
         points = raw["xyz"] * 0.005 - 100.0
         low = points[(np.hypot(points[:, 0], points[:, 1]) < 5.0) & (points[:, 2] > -0.5)]
-        # The robot rocks on a slope, so the ground is a tilted plane: its height at the origin is what counts.
-        plane = np.linalg.lstsq(np.column_stack([low[:, :2], np.ones(len(low))]), low[:, 2], rcond=None)[0]
+        # The robot rocks on a slope, so the ground is a tilted plane: its height at the origin is
+        # what counts.
+        plane = np.linalg.lstsq(
+            np.column_stack([low[:, :2], np.ones(len(low))]), low[:, 2], rcond=None
+        )[0]
         heights_m.append(plane[2])
         # z is down: what stands on the ground is at negative z.
         assert points[:, 2].min() < -1.0
@@ -82,7 +93,9 @@ def test_the_truth_puts_every_wall_point_on_a_wall(
     for stamp, raw in scans.items():
         row = truth[np.searchsorted(truth[:, 0], stamp)]
         walls = np.load(logs[1] / SUMMER / "kinds" / f"{stamp}.npy") == Kind.BUILDING
-        ned = Rotation.from_euler("xyz", row[4:]).apply(raw["xyz"][walls] * 0.005 - 100.0) + row[1:4]
+        ned = (
+            Rotation.from_euler("xyz", row[4:]).apply(raw["xyz"][walls] * 0.005 - 100.0) + row[1:4]
+        )
         points_m.append(ned * (1, -1, -1))
     assert sum(map(len, points_m)) > 500
     # Range noise has an sd of 2 cm and never helps: 5 sds, and the grain of 5 mm.
@@ -102,10 +115,20 @@ def test_the_truth_folder_tells_what_each_point_is(logs: Logs):
 
 @pytest.mark.parametrize(
     ("compute", "block"),
-    [(Compute(workers=2), 25), (Compute(workers=1), 7), (Compute(workers=2), 4), (Compute("processes", 2), None)],
+    [
+        (Compute(workers=2), 25),
+        (Compute(workers=1), 7),
+        (Compute(workers=2), 4),
+        (Compute("processes", 2), None),
+    ],
 )
 def test_neither_workers_nor_blocks_nor_other_sequences_change_a_byte(
-    small: Simulation, logs: Logs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compute: Compute, block: int | None
+    small: Simulation,
+    logs: Logs,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    compute: Compute,
+    block: int | None,
 ):
     if block:
         monkeypatch.setattr(simulation, "BLOCK_RAYS", block * 32 * small.azimuths)

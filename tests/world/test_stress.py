@@ -13,26 +13,34 @@ from pipeline.world.layout.streets import distance_to_segments_m
 from pipeline.world.simulation import Simulation
 from tests.world.helpers import contents, preset, record
 
-TRAINING, TEST = "2012-01-15", "2012-02-04"
+TRAINING = "2012-01-15"
+TEST = "2012-02-04"
 HEAVY = Entry(0.08, 0.0, events_per_km=120.0)
 """Over the small world's 100 m: 12 events, 8 beyond the world's own 4."""
 
 
 @pytest.fixture(scope="module")
-def default_and_heavy(small: Simulation) -> tuple[tuple[Campus, list[Event]], tuple[Campus, list[Event]]]:
+def default_and_heavy(
+    small: Simulation,
+) -> tuple[tuple[Campus, list[Event]], tuple[Campus, list[Event]]]:
     return small._year(small.routes(), Entry(0.08, 0.0)), small._year(small.routes(), HEAVY)
 
 
 def _looks(campus: Campus, day: int) -> list[np.ndarray]:
-    """All that stands on a day, but for the days that it came and goes, and the slots that are open."""
+    """All that stands on a day, but for the days that it came and goes, and the slots that are
+    open."""
     shapes = [
-        np.stack([shapes[name] for name in shapes.dtype.names if name not in ("born_day", "dead_day")])
+        np.stack(
+            [shapes[name] for name in shapes.dtype.names if name not in ("born_day", "dead_day")]
+        )
         for shapes in shapes_on(campus, day)
     ]
     return [*shapes, np.array([slot.dead_day > day for slot in campus.slots])]
 
 
-def test_a_heavy_year_begins_on_the_same_training_day(default_and_heavy: tuple[tuple[Campus, list[Event]], ...]):
+def test_a_heavy_year_begins_on_the_same_training_day(
+    default_and_heavy: tuple[tuple[Campus, list[Event]], ...],
+):
     (default, _), (heavy, _) = default_and_heavy
     for one, other in zip(_looks(default, 0), _looks(heavy, 0), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -54,7 +62,10 @@ def test_a_heavy_year_keeps_the_worlds_own_events_and_has_more_near_the_route(
 
 
 def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Path):
-    table = {**small.sequences, "2013-03-16": {"unseen": 0.08, "reversed": 0.0, "events_per_km": 120.0, "lateral_m": 2.0}}
+    table = {
+        **small.sequences,
+        "2013-03-16": {"unseen": 0.08, "reversed": 0.0, "events_per_km": 120.0, "lateral_m": 2.0},
+    }
     for name, world in (("without", small), ("with", replace(small, sequences=table))):
         for sequence in (TRAINING, TEST):
             record(world, sequence, tmp_path / name)
@@ -62,19 +73,37 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
     assert len(contents(tmp_path / "with")) == 2 * 27  # 25 scans, the truth, the odometry
 
 
-@pytest.mark.parametrize(("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")])
+@pytest.mark.parametrize(
+    ("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")]
+)
 def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
     plan = preset(name)._plan(reverse)[1]
-    # At a corner of its route the way across comes within 10 m: about 20 m of each 95 m, when it leads in a like direction.
+    # At a corner of its route the way across comes within 10 m: about 20 m of each 95 m, when it
+    # leads in a like direction.
     assert plan.reversed > 0.9
     assert 0.02 < plan.unseen < 0.15
 
 
 @pytest.mark.parametrize(
-    "name", ["campus_tiny", "campus_demo", "campus_nclt", "campus_year", "town_tiny", "town_demo", "town_year"]
+    "name",
+    [
+        "campus_tiny",
+        "campus_demo",
+        "campus_nclt",
+        "campus_year",
+        "town_tiny",
+        "town_demo",
+        "town_year",
+    ],
 )
 def test_stress_is_the_same_in_every_preset(name: str):
     heavy = {"unseen": 0.08, "reversed": 0.0, "events_per_km": 14.0, "near_route": 1.0}
-    stress = [{"unseen": 0.08, "reversed": 1.0}, {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5}, heavy]
-    stress += [heavy] if name.startswith("campus") else []  # a second such day, to learn one and to ask about the other
+    stress = [
+        {"unseen": 0.08, "reversed": 1.0},
+        {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5},
+        heavy,
+    ]
+    stress += (
+        [heavy] if name.startswith("campus") else []
+    )  # a second such day, to learn one and to ask about the other
     assert list(preset(name).sequences.values())[-len(stress) :] == stress

@@ -23,12 +23,15 @@ LOGS = {"00": {"unseen": 0.1, "reversed": 0.3}, "01": {"unseen": 0.1, "reversed"
 
 @pytest.fixture(scope="module")
 def suburb() -> Simulation:
-    return Simulation(2, 4, 960.0, 8.0, 120, LOGS, events_per_km_of_route=0.0, robot="scanner_car", logs="kitti")
+    return Simulation(
+        2, 4, 960.0, 8.0, 120, LOGS, events_per_km_of_route=0.0, robot="scanner_car", logs="kitti"
+    )
 
 
 @pytest.fixture(scope="module")
 def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
-    root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
+    root = tmp_path_factory.mktemp("logs")
+    truth = tmp_path_factory.mktemp("truth")
     return root, truth, record(suburb, "00-a", root, truth, Compute(workers=2))
 
 
@@ -44,8 +47,13 @@ def true_poses(suburb: Simulation) -> np.ndarray:
 
 
 def test_a_log_is_a_kitti_root_in_its_own_folder(logs: Logs):
-    folder, recording = logs[0] / "00-a", logs[2]
-    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and path.suffix == ".txt") == [
+    folder = logs[0] / "00-a"
+    recording = logs[2]
+    assert sorted(
+        str(path.relative_to(folder))
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix == ".txt"
+    ) == [
         "poses/00.txt",
         "sequences/00/calib.txt",
         "sequences/00/times.txt",
@@ -54,10 +62,14 @@ def test_a_log_is_a_kitti_root_in_its_own_folder(logs: Logs):
     assert [path.name for path in scans] == [f"{scan:06d}.bin" for scan in range(recording.scans)]
     assert sum(path.stat().st_size for path in scans) == 16 * recording.points
     # 8 m at 8 m/s
-    assert (folder / "sequences" / "00" / "times.txt").read_text().splitlines()[:2] == ["0.000000e+00", "1.000000e+00"]
-    assert [line.split(":")[0] for line in (folder / "sequences" / "00" / "calib.txt").read_text().splitlines()] == [
-        *("P0", "P1", "P2", "P3", "Tr")
+    assert (folder / "sequences" / "00" / "times.txt").read_text().splitlines()[:2] == [
+        "0.000000e+00",
+        "1.000000e+00",
     ]
+    assert [
+        line.split(":")[0]
+        for line in (folder / "sequences" / "00" / "calib.txt").read_text().splitlines()
+    ] == [*("P0", "P1", "P2", "P3", "Tr")]
 
 
 def test_poses_are_those_of_the_camera_in_its_first_frame(logs: Logs, true_poses: np.ndarray):
@@ -70,7 +82,9 @@ def test_poses_are_those_of_the_camera_in_its_first_frame(logs: Logs, true_poses
     assert found == pytest.approx(np.linalg.inv(true_poses[0]) @ true_poses, abs=1e-6)
 
 
-def test_the_poses_put_every_wall_point_on_a_wall(suburb: Simulation, logs: Logs, true_poses: np.ndarray):
+def test_the_poses_put_every_wall_point_on_a_wall(
+    suburb: Simulation, logs: Logs, true_poses: np.ndarray
+):
     log = READER.open(logs[0], "00-a")
     kinds = sorted((logs[1] / "00-a" / "kinds").iterdir())
     down = np.array([0, 0, 1.73])
@@ -88,7 +102,10 @@ def test_the_poses_put_every_wall_point_on_a_wall(suburb: Simulation, logs: Logs
 
 def test_scans_lie_on_the_road(logs: Logs):
     log = READER.open(logs[0], "00-a")
-    heights_m = [np.median(p[np.hypot(p[:, 0], p[:, 1]) < 6, 2]) for p in map(log.points, range(len(log.stamps_ns)))]
+    heights_m = [
+        np.median(p[np.hypot(p[:, 0], p[:, 1]) < 6, 2])
+        for p in map(log.points, range(len(log.stamps_ns)))
+    ]
     assert abs(np.median(heights_m)) < 0.03
 
 
@@ -104,7 +121,9 @@ def test_the_second_half_revisits_the_first(suburb: Simulation, logs: Logs):
     assert shares(second, first) == pytest.approx((recording.unseen, recording.reversed), abs=0.1)
 
 
-def test_both_parts_are_the_same_bytes_however_computed(suburb: Simulation, logs: Logs, tmp_path: Path):
+def test_both_parts_are_the_same_bytes_however_computed(
+    suburb: Simulation, logs: Logs, tmp_path: Path
+):
     record(suburb, "00-b", tmp_path, compute=Compute("processes", 2))
     assert contents(tmp_path / "00-b") == contents(logs[0] / "00-a")
 

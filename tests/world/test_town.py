@@ -15,19 +15,31 @@ from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M
 from tests.world.helpers import CONF, contents, off_walls_m, preset, record, refused
 
-TRAINING, TEST = "2014-07-14-14-49-50", "2014-11-25-09-18-32"
+TRAINING = "2014-07-14-14-49-50"
+TEST = "2014-11-25-09-18-32"
 SEQUENCES = {TRAINING: {"unseen": 0.0, "reversed": 0.0}, TEST: {"unseen": 0.1, "reversed": 0.0}}
 CAMERA_M = 1.9411
 
 
 @pytest.fixture(scope="module")
 def town() -> Simulation:
-    return Simulation(1, 3, 400.0, 0.4, 181, SEQUENCES, events_per_km_of_route=40.0, robot="push_broom_car", logs="robotcar")
+    return Simulation(
+        1,
+        3,
+        400.0,
+        0.4,
+        181,
+        SEQUENCES,
+        events_per_km_of_route=40.0,
+        robot="push_broom_car",
+        logs="robotcar",
+    )
 
 
 @pytest.fixture(scope="module")
 def logs(town: Simulation, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    root, truth = tmp_path_factory.mktemp("logs"), tmp_path_factory.mktemp("truth")
+    root = tmp_path_factory.mktemp("logs")
+    truth = tmp_path_factory.mktemp("truth")
     record(town, TEST, root, truth)
     return root, truth
 
@@ -39,11 +51,17 @@ def log(logs: tuple[Path, Path]) -> Log:
 
 def test_a_sequence_is_whole_in_its_own_folder(logs: tuple[Path, Path], log: Log):
     folder = logs[0] / TEST
-    assert sorted(path.name for path in folder.iterdir()) == ["extrinsics", "gps", "lms_front", "lms_front.timestamps", "vo"]
-    sweeps = sorted(path.stem for path in (folder / "lms_front").iterdir())
-    assert [line.split() for line in (folder / "lms_front.timestamps").read_text().splitlines()] == [
-        [stem, "1"] for stem in sweeps
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "extrinsics",
+        "gps",
+        "lms_front",
+        "lms_front.timestamps",
+        "vo",
     ]
+    sweeps = sorted(path.stem for path in (folder / "lms_front").iterdir())
+    assert [
+        line.split() for line in (folder / "lms_front.timestamps").read_text().splitlines()
+    ] == [[stem, "1"] for stem in sweeps]
     # 25 November 2014, 9:18:32 UTC, and 2 s until the first sweep
     assert sweeps[0] == "1416907114000000"
     assert log.stamps_ns.tolist() == [int(stem) * 1000 for stem in sweeps]
@@ -51,7 +69,9 @@ def test_a_sequence_is_whole_in_its_own_folder(logs: tuple[Path, Path], log: Log
 
 
 def test_a_sweep_lies_in_the_plane_about_straight_down(logs: tuple[Path, Path]):
-    seen = [decode_sweep(path.read_bytes()) for path in sorted((logs[0] / TEST / "lms_front").iterdir())]
+    seen = [
+        decode_sweep(path.read_bytes()) for path in sorted((logs[0] / TEST / "lms_front").iterdir())
+    ]
     x, y, reflectance = np.concatenate(seen).T
     bearing = np.rad2deg(np.arctan2(y, x))
     # 181 rays over 270° are 1.5° apart.
@@ -65,16 +85,21 @@ def test_a_sweep_lies_in_the_plane_about_straight_down(logs: tuple[Path, Path]):
     assert 1 < np.median(reflectance) < 255
 
 
-def test_the_ins_puts_every_wall_point_on_a_wall(town: Simulation, logs: tuple[Path, Path], log: Log):
+def test_the_ins_puts_every_wall_point_on_a_wall(
+    town: Simulation, logs: tuple[Path, Path], log: Log
+):
     walls_m = []
     for row in np.flatnonzero(np.isfinite(log.world_T_scan).all((1, 2))):
         kinds = np.load(logs[1] / TEST / "kinds" / f"{log.stamps_ns[row] // 1000}.npy")
         points_m = log.points(int(row))[kinds == Kind.BUILDING]
-        walls_m.append(points_m @ log.world_T_scan[row, :3, :3].T + log.world_T_scan[row, :3, 3] - ORIGIN_M)
+        walls_m.append(
+            points_m @ log.world_T_scan[row, :3, :3].T + log.world_T_scan[row, :3, 3] - ORIGIN_M
+        )
     walls_m = np.concatenate(walls_m)
     assert len(walls_m) > 500
     off_m = off_walls_m(town, TEST, walls_m)
-    # Range noise has an sd of 3 cm and never helps: 5 sds; rows 20 ms apart add some centimetres of interpolation far away.
+    # Range noise has an sd of 3 cm and never helps: 5 sds; rows 20 ms apart add some centimetres of
+    # interpolation far away.
     assert np.percentile(off_m, 99) < 0.1
     assert off_m.max() < 0.3
 
@@ -85,9 +110,15 @@ def test_the_ground_lies_below_the_stereo_camera(log: Log):
     assert np.median(points_m[near, 2]) == pytest.approx(-CAMERA_M, abs=0.03)
 
 
-def test_the_place_is_unknown_in_outages_and_only_there(town: Simulation, logs: tuple[Path, Path], log: Log):
-    header, *rows = [line.split(",") for line in (logs[0] / TEST / "gps" / "ins.csv").read_text().splitlines()]
-    status, north = (np.array([row[header.index(name)] for row in rows]) for name in ("ins_status", "northing"))
+def test_the_place_is_unknown_in_outages_and_only_there(
+    town: Simulation, logs: tuple[Path, Path], log: Log
+):
+    header, *rows = [
+        line.split(",") for line in (logs[0] / TEST / "gps" / "ins.csv").read_text().splitlines()
+    ]
+    status, north = (
+        np.array([row[header.index(name)] for row in rows]) for name in ("ins_status", "northing")
+    )
     stamps_ns = 1000 * np.array([int(row[0]) for row in rows])
     blind = status == "INS_BAD_GPS_AGREEMENT"
     assert set(status) == {"INS_SOLUTION_GOOD", "INS_BAD_GPS_AGREEMENT"}
@@ -107,7 +138,10 @@ def test_odometry_drifts_little_over_a_submap(log: Log):
     placed = np.isfinite(log.world_T_scan).all((1, 2))
     end = np.arange(200, len(log.stamps_ns), 10)
     end = end[placed[end] & placed[end - 200]]  # 80 m
-    true, told = (np.linalg.inv(poses[end]) @ poses[end - 200] for poses in (log.world_T_scan, log.odom_T_scan))
+    true, told = (
+        np.linalg.inv(poses[end]) @ poses[end - 200]
+        for poses in (log.world_T_scan, log.odom_T_scan)
+    )
     drift_m = np.linalg.norm(true[:, :3, 3] - told[:, :3, 3], axis=1)
     assert len(end) > 20
     assert 0.05 < np.median(drift_m) < 1.5
@@ -116,7 +150,9 @@ def test_odometry_drifts_little_over_a_submap(log: Log):
 
 
 @pytest.mark.parametrize("compute", [Compute(workers=2), Compute("processes", 2)])
-def test_no_way_of_computing_changes_a_byte(town: Simulation, logs: tuple[Path, Path], tmp_path: Path, compute: Compute):
+def test_no_way_of_computing_changes_a_byte(
+    town: Simulation, logs: tuple[Path, Path], tmp_path: Path, compute: Compute
+):
     recording = record(town, TEST, tmp_path, compute=compute)
     assert contents(tmp_path) == contents(logs[0])
     assert str(recording).startswith("1000 sweeps, ")

@@ -1,4 +1,5 @@
-"""Training that plays the adversarial game of place features, and what tells how it goes (METHODS 5.1)."""
+"""Training that plays the adversarial game of place features, and what tells how it goes (METHODS
+5.1)."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,17 +25,25 @@ Health = dict[str, float]  # numbers that tell how a training goes besides its l
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
-    """What held-out images (n, 1, 64, 64) show: the mean squared error of their reconstructions, the codes' variance (mean over
-    the dimensions) and their mean distance from each other; the last two near 0 are a collapse."""
+    """What held-out images (n, 1, 64, 64) show: the mean squared error of their reconstructions,
+    the codes' variance (mean over the dimensions) and their mean distance from each other; the last
+    two near 0 are a collapse."""
     codes = encoder(images).float()
-    numbers = mse_loss(decoder(codes).float(), images), codes.var(0).mean(), torch.pdist(codes).mean()
-    return dict(zip(("held_out_error", "code_variance", "code_distance"), map(float, numbers), strict=True))
+    numbers = (
+        mse_loss(decoder(codes).float(), images),
+        codes.var(0).mean(),
+        torch.pdist(codes).mean(),
+    )
+    return dict(
+        zip(("held_out_error", "code_variance", "code_distance"), map(float, numbers), strict=True)
+    )
 
 
 @torch.no_grad()
 def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) -> None:
-    """Give the batch norms the running statistics of images (batch, 1, 64, 64) and their reconstructions: those of training mix
-    both with the fakes of half a round, and a variance that is too small or too large by far looks like a collapse."""
+    """Give the batch norms the running statistics of images (batch, 1, 64, 64) and their
+    reconstructions: those of training mix both with the fakes of half a round, and a variance that
+    is too small or too large by far looks like a collapse."""
     for part in (encoder, decoder):
         part.train()
         for layer in part.modules():
@@ -56,17 +65,25 @@ class Training(SequenceMethod):
 
     view: str = "birdview"
     contrast_rows: int = 30
-    width: Count = 64  # filters of the first convolution; every hidden layer scales with it. A model is used at its own width
+    # filters of the first convolution; every hidden layer scales with it. A model is used at its
+    # own width
+    width: Count = 64
     code: Count = 512  # numbers in a code: 1 KB as they are stored
     epochs: Count = 30
-    """Passes over all headings of the training rows. Neither the paper nor its code says how many; BiGAN's authors make 400 over
-    MNIST's 50,000 images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations."""
+    """Passes over all headings of the training rows.
+
+    Neither the paper nor its code says how many; BiGAN's authors make 400 over MNIST's 50,000
+    images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations.
+    """
     batch: int = 64
     learning_rate: Positive = 0.0002
     schedule: loop.Schedule = "constant"
-    """The authors' is constant; a short training needs the rate to fall at its end, and then `learning_rate` is the peak."""
+    """The authors' is constant; a short training needs the rate to fall at its end, and then
+    `learning_rate` is the peak."""
     beta1: float = 0.5
-    generator_steps: Count = 4  # of the generators in an iteration, on the same batch; the discriminators and the cycles have one
+    # of the generators in an iteration, on the same batch; the discriminators and the cycles have
+    # one
+    generator_steps: Count = 4
     precision: loop.Precision = "auto"
     threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
     seed: Seed = 0
@@ -87,51 +104,80 @@ class Training(SequenceMethod):
         iterations: int,
         progress: Progress,
     ) -> dict[str, NDArray[np.float64]]:
-        """Train the game's networks on images (n, 64, 64); returns every term's mean and the judge's numbers of each round.
+        """Train the game's networks on images (n, 64, 64); returns every term's mean and the
+        judge's numbers of each round.
 
-        Each turn has an Adam of its own, as in the authors' code. The makers end with their weights of the round that knew the
-        most held-out places, of equals the last: no loss of such a game says which are best, and it swings to its end. Every
-        random draw of a round follows from the seed and the round's number, so a run that goes on from `progress.checkpoint`
-        gives the weights of one that was never interrupted.
+        Each turn has an Adam of its own, as in the authors' code. The makers end with their weights
+        of the round that knew the most held-out places, of equals the last: no loss of such a game
+        says which are best, and it swings to its end. Every random draw of a round follows from the
+        seed and the round's number, so a run that goes on from `progress.checkpoint` gives the
+        weights of one that was never interrupted.
         """
-        where, turns = next(game.parameters()).device, game.turns()
-        share, optimizers = loop.SCHEDULES[self.schedule], {}
+        where = next(game.parameters()).device
+        turns = game.turns()
+        share = loop.SCHEDULES[self.schedule]
+        optimizers = {}
         for turn in turns:
             weights = [weight for player in turn.players for weight in player.parameters()]
-            optimizers[f"adam/{turn.name}"] = torch.optim.Adam(weights, self.learning_rate, (self.beta1, 0.999), fused=True)
-        data, curves = torch.from_numpy(images), dict[str, list[float]]()
-        done, best = 0, _makers(game)
+            optimizers[f"adam/{turn.name}"] = torch.optim.Adam(
+                weights, self.learning_rate, (self.beta1, 0.999), fused=True
+            )
+        data = torch.from_numpy(images)
+        curves = dict[str, list[float]]()
+        done = 0
+        best = _makers(game)
         if kept := loop.resume(progress.checkpoint, game, optimizers):
             curves = {name: value.tolist() for name, value in loop.taken(kept, "curves/").items()}
-            done, best = len(curves["joint_generator"]), loop.taken(kept, loop.BEST)
+            done = len(curves["joint_generator"])
+            best = loop.taken(kept, loop.BEST)
         for number in progress.track(range(done, rounds), rounds - done, "train"):
             torch.manual_seed((self.seed << 20) + number)
-            passes = torch.cat([torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))])
+            passes = torch.cat(
+                [torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))]
+            )
             order = passes[: iterations * self.batch].view(iterations, self.batch)
             sums: dict[str, Tensor] = {}
             game.train()
             for step, rows in enumerate(order):
                 rate = self.learning_rate * share((number + step / iterations) / rounds)
-                seen, codes = pixels(data[rows], where), torch.randn(self.batch, self.code).to(where)
-                for turn in [*(t for t in turns if not t.repeated), *[t for t in turns if t.repeated] * self.generator_steps]:
+                seen = pixels(data[rows], where)
+                codes = torch.randn(self.batch, self.code).to(where)
+                for turn in [
+                    *(t for t in turns if not t.repeated),
+                    *[t for t in turns if t.repeated] * self.generator_steps,
+                ]:
                     with loop.autocast(where, self.precision):
                         terms = turn.terms(seen, codes)
-                    _move(optimizers[f"adam/{turn.name}"], rate, sum(terms.values(), torch.zeros((), device=where)))
+                    _move(
+                        optimizers[f"adam/{turn.name}"],
+                        rate,
+                        sum(terms.values(), torch.zeros((), device=where)),
+                    )
                     for name, term in terms.items():
                         times = iterations * (self.generator_steps if turn.repeated else 1)
-                        sums[name] = sums.get(name, torch.zeros((), device=where)) + term.detach() / times
-            settle(game.encoder, game.decoder, (pixels(data[rows], where) for rows in order[:SETTLED]))
+                        sums[name] = (
+                            sums.get(name, torch.zeros((), device=where)) + term.detach() / times
+                        )
+            settle(
+                game.encoder, game.decoder, (pixels(data[rows], where) for rows in order[:SETTLED])
+            )
             game.eval()
             row = {name: float(value) for name, value in sums.items()} | judge(game)
             for name, value in row.items():
                 if not math.isfinite(value):
-                    raise ConfigError(f"training diverged: {name} in round {number + 1} is {value}; lower method.learning_rate")
+                    raise ConfigError(
+                        f"training diverged: {name} in round {number + 1} is {value}; lower "
+                        "method.learning_rate"
+                    )
                 curves.setdefault(name, []).append(value)
             if best_round(curves) == number:
                 best = _makers(game)
             progress.note(epoch=number + 1, **row)
             if progress.checkpoint is not None:
-                columns = {f"curves/{name}": torch.tensor(column, dtype=torch.float64) for name, column in curves.items()}
+                columns = {
+                    f"curves/{name}": torch.tensor(column, dtype=torch.float64)
+                    for name, column in curves.items()
+                }
                 columns |= {f"{loop.BEST}{name}": value for name, value in best.items()}
                 loop.keep(progress.checkpoint, game, optimizers, columns)
         game.load_state_dict(best, strict=False)
@@ -146,7 +192,11 @@ def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> i
 
 def _makers(game: Game) -> dict[str, Tensor]:
     """The weights of encoder and decoder, as they are now."""
-    return {name: one.clone() for name, one in game.state_dict().items() if name.startswith(("encoder.", "decoder."))}
+    return {
+        name: one.clone()
+        for name, one in game.state_dict().items()
+        if name.startswith(("encoder.", "decoder."))
+    }
 
 
 def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:

@@ -1,4 +1,5 @@
-"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (Yin et al., IROS 2018; METHODS 5.1)."""
+"""AFL: place features learned by the joint adversarial game alone, which PFL stabilises (Yin et
+al., IROS 2018; METHODS 5.1)."""
 
 from dataclasses import dataclass
 

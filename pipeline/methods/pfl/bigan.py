@@ -1,8 +1,9 @@
 """The four networks of place feature learning, on bird-views in [−1, 1] (METHODS 5.2).
 
-Yin et al., IROS 2018, by their code; the game is BiGAN's (Donahue et al., 2017), also called ALI (Dumoulin et al., 2017).
-`width` is the number of filters of the first convolution, the authors' 64; all hidden layers scale with it. TensorFlow pads a
-stride of 2 by one pixel before and two behind, here it is two and two: the same shapes and counts.
+Yin et al., IROS 2018, by their code; the game is BiGAN's (Donahue et al., 2017), also called ALI
+(Dumoulin et al., 2017). `width` is the number of filters of the first convolution, the authors' 64;
+all hidden layers scale with it. TensorFlow pads a stride of 2 by one pixel before and two behind,
+here it is two and two: the same shapes and counts.
 """
 
 from copy import deepcopy
@@ -15,14 +16,17 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 SIDE = 64  # pixels along a side of an image
 Head = Literal["scalar", "vector"]
-"""An image's score is one number, or as in the authors' code the 16 · width features themselves, each of them judged."""
+"""An image's score is one number, or as in the authors' code the 16 · width features themselves,
+each of them judged."""
 
 
 def halvings(width: int, channels: int) -> nn.Sequential:
     """Features (batch, 128 · width) of images (batch, channels, 64, 64)."""
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise((channels, width, 2 * width, 4 * width, 8 * width)):
-        convolution = nn.Sequential(nn.Conv2d(inputs, outputs, 5, stride=2, padding=2), nn.BatchNorm2d(outputs))
+        convolution = nn.Sequential(
+            nn.Conv2d(inputs, outputs, 5, stride=2, padding=2), nn.BatchNorm2d(outputs)
+        )
         layers += [convolution, nn.LeakyReLU(0.2, inplace=True)]
     return nn.Sequential(*layers, nn.Flatten())
 
@@ -30,21 +34,31 @@ def halvings(width: int, channels: int) -> nn.Sequential:
 def features(width: int, channels: int) -> nn.Sequential:
     """What a discriminator sees in images (batch, channels, 64, 64): (batch, 16 · width)."""
     return nn.Sequential(
-        halvings(width, channels), nn.Linear(128 * width, 16 * width), nn.BatchNorm1d(16 * width), nn.LeakyReLU(0.2)
+        halvings(width, channels),
+        nn.Linear(128 * width, 16 * width),
+        nn.BatchNorm1d(16 * width),
+        nn.LeakyReLU(0.2),
     )
 
 
 def start(net: nn.Module) -> None:
     """Initialise as the authors do: weights N(0, 0.02), batch norms N(1, 0.02), zero biases."""
     for layer in net.modules():
-        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear | nn.BatchNorm1d | nn.BatchNorm2d):
-            nn.init.normal_(layer.weight, 1.0 if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d) else 0.0, 0.02)
+        if isinstance(
+            layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear | nn.BatchNorm1d | nn.BatchNorm2d
+        ):
+            nn.init.normal_(
+                layer.weight,
+                1.0 if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d) else 0.0,
+                0.02,
+            )
             nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
     net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 class Encoder(nn.Module):
-    """Codes (batch, code) of images (batch, channels, 64, 64): 8,503,296 numbers for three channels."""
+    """Codes (batch, code) of images (batch, channels, 64, 64): 8,503,296 numbers for three
+    channels."""
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
@@ -59,7 +73,8 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Images (batch, channels, 64, 64) in (−1, 1) of codes (batch, code): 8,510,467 numbers for three channels."""
+    """Images (batch, channels, 64, 64) in (−1, 1) of codes (batch, code): 8,510,467 numbers for
+    three channels."""
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
@@ -72,7 +87,11 @@ class Decoder(nn.Module):
         start(self)
 
     def forward(self, codes: Tensor) -> Tensor:
-        small = self.dense(codes).view(len(codes), -1, 4, 4).contiguous(memory_format=torch.channels_last)
+        small = (
+            self.dense(codes)
+            .view(len(codes), -1, 4, 4)
+            .contiguous(memory_format=torch.channels_last)
+        )
         images: Tensor = self.doublings(self.norm(small))
         return images
 
@@ -83,7 +102,8 @@ def doubling(inputs: int, outputs: int) -> nn.ConvTranspose2d:
 
 
 class ImageDiscriminator(nn.Module):
-    """Scores (batch, 1), or (batch, 16 · width) without a head, of images: 12,700,160 numbers for three channels and no head."""
+    """Scores (batch, 1), or (batch, 16 · width) without a head, of images: 12,700,160 numbers for
+    three channels and no head."""
 
     def __init__(self, width: int = 64, channels: int = 1, head: Head = "scalar") -> None:
         super().__init__()
@@ -92,26 +112,38 @@ class ImageDiscriminator(nn.Module):
         start(self)
 
     def forward(self, images: Tensor) -> Tensor:
-        scores: Tensor = self.head(self.features(images.contiguous(memory_format=torch.channels_last)))
+        scores: Tensor = self.head(
+            self.features(images.contiguous(memory_format=torch.channels_last))
+        )
         return scores
 
 
 class JointDiscriminator(nn.Module):
-    """Scores (batch, 1) of images and codes that belong together: 22,669,825 numbers for three channels.
+    """Scores (batch, 1) of images and codes that belong together: 22,669,825 numbers for three
+    channels.
 
-    The output is linear; the authors' code has a leaky ReLU there, which would hide half of a score.
+    The output is linear; the authors' code has a leaky ReLU there, which would hide half of a
+    score.
     """
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
-        one, two = 16 * width, 32 * width
+        one = 16 * width
+        two = 32 * width
         self.features = features(width, channels)
-        self.code = nn.Sequential(nn.Dropout(0.2), nn.Linear(code, one), nn.Dropout(0.2), nn.Linear(one, one))
+        self.code = nn.Sequential(
+            nn.Dropout(0.2), nn.Linear(code, one), nn.Dropout(0.2), nn.Linear(one, one)
+        )
         self.head = nn.Sequential(
-            nn.Dropout(0.2), nn.Linear(two, two), nn.LeakyReLU(0.2),
-            nn.Dropout(0.2), nn.Linear(two, two), nn.LeakyReLU(0.2),
-            nn.Dropout(0.2), nn.Linear(two, 1),
-        )  # fmt: skip
+            nn.Dropout(0.2),
+            nn.Linear(two, two),
+            nn.LeakyReLU(0.2),
+            nn.Dropout(0.2),
+            nn.Linear(two, two),
+            nn.LeakyReLU(0.2),
+            nn.Dropout(0.2),
+            nn.Linear(two, 1),
+        )
         start(self)
 
     def forward(self, images: Tensor, codes: Tensor) -> Tensor:
@@ -121,7 +153,8 @@ class JointDiscriminator(nn.Module):
 
 
 def folded(encoder: Encoder, kind: torch.dtype = torch.float32) -> Encoder:
-    """A copy for encoding alone: batch norms folded into the convolutions before them, and weights of this kind."""
+    """A copy for encoding alone: batch norms folded into the convolutions before them, and weights
+    of this kind."""
     encoder = deepcopy(encoder).eval()
     for index, block in enumerate(encoder.halvings):
         if isinstance(block, nn.Sequential):

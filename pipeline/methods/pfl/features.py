@@ -1,6 +1,8 @@
-"""Place feature learning: codes of bird-views, learned by an adversarial game and matched in sequences (METHODS 5).
+"""Place feature learning: codes of bird-views, learned by an adversarial game and matched in
+sequences (METHODS 5).
 
-Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one; the distance is the least of the eight.
+Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one; the
+distance is the least of the eight.
 """
 
 from abc import ABC, abstractmethod
@@ -18,19 +20,32 @@ from pipeline.matching.database import Database
 from pipeline.matching.headings import nearest_heading
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
 from pipeline.methods.pfl.adversarial import RIGHT, Health, Training, best_round, health, pixels
-from pipeline.methods.pfl.bigan import SIDE, Decoder, Encoder, ImageDiscriminator, JointDiscriminator, folded
+from pipeline.methods.pfl.bigan import (
+    SIDE,
+    Decoder,
+    Encoder,
+    ImageDiscriminator,
+    JointDiscriminator,
+    folded,
+)
 from pipeline.methods.pfl.game import Game, Objective
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 
-ROUNDS, LEAST_ITERATIONS, MOST_ITERATIONS = 8, 10, 2000
-"""Rounds of a training, and bounds on the iterations of each; after a round the networks are judged and kept."""
+ROUNDS = 8
+LEAST_ITERATIONS = 10
+MOST_ITERATIONS = 2000
+"""Rounds of a training, and bounds on the iterations of each; after a round the networks are judged
+and kept."""
 REFERENCE = slice(0, None, 2)
-"""Headings of a view whose codes are a reference place's: 0°, 45°, … (METHODS 5.4); a query is heading 0."""
-ENCODER, DECODER = "net/encoder.", "net/decoder."
+"""Headings of a view whose codes are a reference place's: 0°, 45°, … (METHODS 5.4); a query is
+heading 0."""
+ENCODER = "net/encoder."
+DECODER = "net/decoder."
 AT_ONCE = 256  # images encoded at a time
-HELD, PICTURES = 256, 16
+HELD = 256
+PICTURES = 16
 """Held-out images used at most for judging a round, and stored as pictures."""
 
 
@@ -44,8 +59,12 @@ class FeatureMethod(Training, ABC):
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on all headings of the rows that are not held out; the database has all rows."""
-        images, database, held = _images(views), Database.learned(views, places), self.held_out(views)
-        shown = images[held if held.any() else ~held]  # a path too short for blocks is judged on its trained rows
+        images = _images(views)
+        database = Database.learned(views, places)
+        held = self.held_out(views)
+        shown = images[
+            held if held.any() else ~held
+        ]  # a path too short for blocks is judged on its trained rows
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             objective = self.terms()
@@ -56,28 +75,44 @@ class FeatureMethod(Training, ABC):
                 ImageDiscriminator(self.width, head=objective.head) if objective.image else None,
                 objective,
             ).to(device())
-            judge = self._judge(game, images, views, database, _spread(shown.reshape(-1, SIDE, SIDE), HELD))
+            judge = self._judge(
+                game, images, views, database, _spread(shown.reshape(-1, SIDE, SIDE), HELD)
+            )
             data = images[~held].reshape(-1, SIDE, SIDE)
             total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
-            iterations = min(total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS))))
+            iterations = min(
+                total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
+            )
             curves = self.play(game, data, judge, round(total / iterations), iterations, progress)
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
             model = {**nets, **columns, "best_epoch": np.array(best_round(curves))}
             seen = _spread(shown[:, 0], PICTURES)
-            pictures = {"pictures/seen": seen, "pictures/reconstructed": self.reconstructed(model, seen)}
+            pictures = {
+                "pictures/seen": seen,
+                "pictures/reconstructed": self.reconstructed(model, seen),
+            }
             codes = self._codes(model, images)
         evidence = self.evidence(database, views, _difference(codes))
         return {**model, **pictures, "codes": codes, **database.arrays(), **evidence.arrays()}
 
     def _judge(
-        self, game: Game, images: NDArray[np.uint8], views: Rows, database: Database, sample: NDArray[np.uint8]
+        self,
+        game: Game,
+        images: NDArray[np.uint8],
+        views: Rows,
+        database: Database,
+        sample: NDArray[np.uint8],
     ) -> Callable[[Game], Health]:
-        """How many held-out rows a round's encoder knows, and its health on some images (n, 64, 64)."""
-        codes, held_out = _batched(game.encoder), pixels(sample, device())
+        """How many held-out rows a round's encoder knows, and its health on some images (n, 64,
+        64)."""
+        codes = _batched(game.encoder)
+        held_out = pixels(sample, device())
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(len(rows), -1, self.code)
+            reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(
+                len(rows), -1, self.code
+            )
             return nearest_heading(reference, codes(images[queries, 0]))[0]
 
         @torch.inference_mode()
@@ -88,8 +123,11 @@ class FeatureMethod(Training, ABC):
         return judge
 
     def localizer(self, model: Model) -> Localizer:
-        """The reference rows whose nearest heading is nearest to the query, over a sequence of them."""
-        encode, database, codes = self.encoder(model), Database.of(model), model["codes"]
+        """The reference rows whose nearest heading is nearest to the query, over a sequence of
+        them."""
+        encode = self.encoder(model)
+        database = Database.of(model)
+        codes = model["codes"]
 
         def rank(views: Rows, k: int) -> Ranking:
             differences, bins = nearest_heading(codes, encode(_images(views, 0)))
@@ -98,18 +136,29 @@ class FeatureMethod(Training, ABC):
         return rank
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The same networks with another database; the evidence stays that of the training sequence."""
-        kept = {name: array for name, array in model.items() if not name.startswith(("codes", DATABASE))}
-        return {**kept, "codes": self._codes(model, _images(views)), **Database.learned(views, places).arrays()}
+        """The same networks with another database; the evidence stays that of the training
+        sequence."""
+        kept = {
+            name: array for name, array in model.items() if not name.startswith(("codes", DATABASE))
+        }
+        return {
+            **kept,
+            "codes": self._codes(model, _images(views)),
+            **Database.learned(views, places).arrays(),
+        }
 
     def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
         """The networks stay as they are; the database holds the new codes too."""
         both = TrainingSet.joined([known, new])
         grown = self.moved(model, *both)
-        return {**grown, **self.evidence(Database.of(grown), both.views, _difference(grown["codes"])).arrays()}
+        return {
+            **grown,
+            **self.evidence(Database.of(grown), both.views, _difference(grown["codes"])).arrays(),
+        }
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-        """A function from images (n, 64, 64) to codes (n, code), each independent of the others in the batch."""
+        """A function from images (n, 64, 64) to codes (n, code), each independent of the others in
+        the batch."""
         encode = _batched(self._folded(model))
 
         def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -120,7 +169,8 @@ class FeatureMethod(Training, ABC):
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Images (n, 64, 64) decoded from the codes of images (n, 64, 64)."""
-        encoder, decoder = self._folded(model), _trained(Decoder, model, DECODER)
+        encoder = self._folded(model)
+        decoder = _trained(Decoder, model, DECODER)
         with loop.reproducible(self.threads):
             decoded = _batched(lambda images: decoder(encoder(images).float()))(images)
         return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
@@ -135,8 +185,11 @@ class FeatureMethod(Training, ABC):
         return folded(_trained(Encoder, model, ENCODER), loop.dtype(device(), self.precision))
 
 
-def _difference(codes: NDArray[np.float16]) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """The distance between some rows of codes (n, 8, code) and the robot's own heading of others."""
+def _difference(
+    codes: NDArray[np.float16],
+) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
+    """The distance between some rows of codes (n, 8, code) and the robot's own heading of
+    others."""
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
         return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
@@ -161,7 +214,9 @@ def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], N
     @torch.inference_mode()
     def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
         starts = range(0, max(len(images), 1), AT_ONCE)
-        return torch.cat([net(pixels(images[i : i + AT_ONCE], device())).float().cpu() for i in starts]).numpy()
+        return torch.cat(
+            [net(pixels(images[i : i + AT_ONCE], device())).float().cpu() for i in starts]
+        ).numpy()
 
     return answer
 
@@ -176,5 +231,8 @@ def _images(views: Rows, headings: int | slice = slice(None)) -> NDArray[np.uint
     """Bird-views (n, heading, 64, 64), or (n, 64, 64) at one heading."""
     shape = views.images.shape
     if len(shape) != 4 or shape[1] % 2 or shape[2:] != (SIDE, SIDE):
-        raise InputError(f"views of shape {shape[1:]}: expected bird-views, an even number of headings × {SIDE} × {SIDE}")
+        raise InputError(
+            f"views of shape {shape[1:]}: expected bird-views, an even number of headings × {SIDE} "
+            f"× {SIDE}"
+        )
     return np.asarray(views.images[:, headings]).astype(np.uint8, copy=False)

@@ -1,8 +1,9 @@
 """The game that place features are learned by: who plays, and for which terms (METHODS 5.1).
 
-Yin et al., IROS 2018, eq. 7–11, and their code where it says otherwise. A joint discriminator tells pairs of an image and its
-code from pairs of an image made of a code and that code; encoder and decoder learn to be mistaken for each other. PFL stabilises
-this by a discriminator of images alone and by reconstructing images and codes.
+Yin et al., IROS 2018, eq. 7–11, and their code where it says otherwise. A joint discriminator tells
+pairs of an image and its code from pairs of an image made of a code and that code; encoder and
+decoder learn to be mistaken for each other. PFL stabilises this by a discriminator of images alone
+and by reconstructing images and codes.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,12 +19,14 @@ from pipeline.methods.pfl.bigan import Head
 
 @dataclass(frozen=True)
 class Objective:
-    """Which terms there are, and the weight of each besides the joint discriminator's; a term of weight 0 is not computed."""
+    """Which terms there are, and the weight of each besides the joint discriminator's; a term of
+    weight 0 is not computed."""
 
     loss: Literal["least_squares", "bce"] = "least_squares"
     image: float = 0.1  # of the game on images alone
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
-    """What the image discriminator takes for fakes: images of random codes, of images' own codes, or half and half."""
+    """What the image discriminator takes for fakes: images of random codes, of images' own codes,
+    or half and half."""
     image_cycle: float = 0.1
     code_cycle: float = 0.1
     head: Head = "scalar"
@@ -48,17 +51,28 @@ OBJECTIVES: Mapping[str, Objective] = {
     "both_fakes": Objective(fakes="both"),
     "afl": Objective(image=0.0, image_cycle=0.0, code_cycle=0.0),
 }
-"""`paper` is the text; `author_code` dropped the cycle of codes and judges feature vectors; `afl` is the joint game alone."""
+"""`paper` is the text; `author_code` dropped the cycle of codes and judges feature vectors; `afl`
+is the joint game alone."""
 
 
 class Game(nn.Module):
-    """The players, and each one's loss on images (batch, 1, 64, 64) and random codes (batch, code), term by term."""
+    """The players, and each one's loss on images (batch, 1, 64, 64) and random codes (batch, code),
+    term by term."""
 
     def __init__(
-        self, encoder: nn.Module, decoder: nn.Module, joint: nn.Module, image: nn.Module | None, objective: Objective
+        self,
+        encoder: nn.Module,
+        decoder: nn.Module,
+        joint: nn.Module,
+        image: nn.Module | None,
+        objective: Objective,
     ) -> None:
         super().__init__()
-        self.encoder, self.decoder, self.joint, self.image, self.objective = encoder, decoder, joint, image, objective
+        self.encoder = encoder
+        self.decoder = decoder
+        self.joint = joint
+        self.image = image
+        self.objective = objective
 
     def turns(self) -> list["Turn"]:
         """In the order in which they are taken; those of the generators are repeated."""
@@ -75,13 +89,23 @@ class Game(nn.Module):
     def judge_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
         """The joint discriminator's: 1 for an image and its code, 0 for a code and its image."""
         with torch.no_grad():
-            own, fakes = self.encoder(images), self.decoder(codes)
-        return {"joint_discriminator": self.objective.halves(self.joint(images, own), self.joint(fakes, codes))}
+            own = self.encoder(images)
+            fakes = self.decoder(codes)
+        return {
+            "joint_discriminator": self.objective.halves(
+                self.joint(images, own), self.joint(fakes, codes)
+            )
+        }
 
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
         """Encoder's and decoder's: the same with 0 and 1 exchanged."""
-        own, fakes = self.encoder(images), self.decoder(codes)
-        return {"joint_generator": self.objective.halves(self.joint(fakes, codes), self.joint(images, own))}
+        own = self.encoder(images)
+        fakes = self.decoder(codes)
+        return {
+            "joint_generator": self.objective.halves(
+                self.joint(fakes, codes), self.joint(images, own)
+            )
+        }
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
         """The image discriminator's: 1 for an image that was seen, 0 for one that was made."""
@@ -102,13 +126,20 @@ class Game(nn.Module):
         """Encoder's and decoder's: mean squares of what a pass through both changes."""
         terms = {}
         if self.objective.image_cycle:
-            terms["image_cycle"] = self.objective.image_cycle * mse_loss(self.decoder(self.encoder(images)).float(), images)
+            terms["image_cycle"] = self.objective.image_cycle * mse_loss(
+                self.decoder(self.encoder(images)).float(), images
+            )
         if self.objective.code_cycle:
-            terms["code_cycle"] = self.objective.code_cycle * mse_loss(self.encoder(self.decoder(codes)).float(), codes)
+            terms["code_cycle"] = self.objective.code_cycle * mse_loss(
+                self.encoder(self.decoder(codes)).float(), codes
+            )
         return terms
 
     def _fakes(self, images: Tensor, codes: Tensor) -> list[Tensor]:
-        made = {"prior": lambda: self.decoder(codes), "reconstruction": lambda: self.decoder(self.encoder(images))}
+        made = {
+            "prior": lambda: self.decoder(codes),
+            "reconstruction": lambda: self.decoder(self.encoder(images)),
+        }
         return [made[kind]() for kind in made if self.objective.fakes in (kind, "both")]
 
 

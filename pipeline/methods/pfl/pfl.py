@@ -1,4 +1,5 @@
-"""PFL: place features that two discriminators and two cycles learn together, which keeps them stable (Yin et al., IROS 2018).
+"""PFL: place features that two discriminators and two cycles learn together, which keeps them
+stable (Yin et al., IROS 2018).
 
 "Stabilize an Unsupervised Feature Learning for LiDAR-based Place Recognition"; METHODS 5.
 """
@@ -12,10 +13,14 @@ from pipeline.methods.pfl.game import OBJECTIVES, Objective
 
 @dataclass(frozen=True)
 class Pfl(FeatureMethod):
-    """Place feature learning, with the objective of the paper's text, of its authors' code, or between the two."""
+    """Place feature learning, with the objective of the paper's text, of its authors' code, or
+    between the two."""
 
-    objective: Literal["least_squares", "bce", "paper", "author_code", "both_fakes"] = "least_squares"
-    """See pipeline.methods.pfl.game; `least_squares` and `bce` have the code's weights and the paper's terms."""
+    objective: Literal["least_squares", "bce", "paper", "author_code", "both_fakes"] = (
+        "least_squares"
+    )
+    """See pipeline.methods.pfl.game; `least_squares` and `bce` have the code's weights and the
+    paper's terms."""
 
     def terms(self) -> Objective:
         """All four of eq. 7 to 11."""

@@ -1,6 +1,8 @@
-"""PointNet's trunk as PointNetVLAD uses it: each point by itself, after two learned changes of base (METHODS 3.2).
+"""PointNet's trunk as PointNetVLAD uses it: each point by itself, after two learned changes of base
+(METHODS 3.2).
 
-Qi et al., CVPR 2017; Uy and Lee, CVPR 2018. As in the latter's own code the trunk has no batch norm and no pooling.
+Qi et al., CVPR 2017; Uy and Lee, CVPR 2018. As in the latter's own code the trunk has no batch norm
+and no pooling.
 """
 
 from itertools import pairwise
@@ -12,23 +14,29 @@ EPS = 1e-3  # of every batch norm, as in TensorFlow
 
 
 def dense(*widths: int, momentum: float | None = None) -> nn.Sequential:
-    """Dense layers from each width to the next and a ReLU after each; with a momentum, a batch norm between the two."""
+    """Dense layers from each width to the next and a ReLU after each; with a momentum, a batch norm
+    between the two."""
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise(widths):
         layer = nn.Linear(inputs, outputs)
         nn.init.xavier_uniform_(layer.weight)
         nn.init.zeros_(layer.bias)
         plain = momentum is None
-        layers.append(layer if plain else nn.Sequential(layer, nn.BatchNorm1d(outputs, eps=EPS, momentum=momentum)))
+        layers.append(
+            layer
+            if plain
+            else nn.Sequential(layer, nn.BatchNorm1d(outputs, eps=EPS, momentum=momentum))
+        )
         layers.append(nn.ReLU(inplace=True))
     return nn.Sequential(*layers)
 
 
 class TNet(nn.Module):
-    """A change of base (cloud, width, width) of points (cloud, point, width): the identity before training.
+    """A change of base (cloud, width, width) of points (cloud, point, width): the identity before
+    training.
 
-    `momentum` is the weight of a new batch in the batch norms' running statistics. 803,081 trained numbers for a width of 3,
-    1,857,344 for 64.
+    `momentum` is the weight of a new batch in the batch norms' running statistics. 803,081 trained
+    numbers for a width of 3, 1,857,344 for 64.
     """
 
     def __init__(self, width: int, momentum: float) -> None:
@@ -42,13 +50,18 @@ class TNet(nn.Module):
     def forward(self, points: Tensor) -> Tensor:
         clouds, number, width = points.shape
         features = self.points(points.flatten(0, 1)).unflatten(0, (clouds, number))
-        highest = features.max(1).values if self.training else features.amax(1)  # one is faster backwards, the other forwards
-        base: Tensor = self.base(self.cloud(highest.relu()))  # the highest of the ReLUs is the ReLU of the highest
+        highest = (
+            features.max(1).values if self.training else features.amax(1)
+        )  # one is faster backwards, the other forwards
+        base: Tensor = self.base(
+            self.cloud(highest.relu())
+        )  # the highest of the ReLUs is the ReLU of the highest
         return base.view(clouds, width, width)
 
 
 class PointNet(nn.Module):
-    """A feature (cloud, point, features) of every point of clouds (cloud, point, xyz): 148,992 numbers and two TNets."""
+    """A feature (cloud, point, features) of every point of clouds (cloud, point, xyz): 148,992
+    numbers and two TNets."""
 
     def __init__(self, features: int = 1024, momentum: float = 0.1) -> None:
         super().__init__()

@@ -1,4 +1,5 @@
-"""PointNetVLAD: places recognised by a learned descriptor of the cloud around the sensor (Uy and Lee, CVPR 2018; METHODS 3.2)."""
+"""PointNetVLAD: places recognised by a learned descriptor of the cloud around the sensor (Uy and
+Lee, CVPR 2018; METHODS 3.2)."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,21 +24,30 @@ from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 from pipeline.running.settings import Count, NotNegative, Positive, Seed, Whole
 
-ROUNDS, LEAST_STEPS, MOST_STEPS = 4, 10, 700
-"""A training has so many rounds, each of at least and at most so many steps; the authors' have 700. Between rounds the
-descriptors are computed anew, to judge the network by the held-out blocks and to find the hardest negatives."""
-WARM_UP = 0.25  # share of the training with random negatives alone: the authors' first 5 of 20 epochs
+ROUNDS = 4
+LEAST_STEPS = 10
+MOST_STEPS = 700
+"""A training has so many rounds, each of at least and at most so many steps; the authors' have 700.
+
+Between rounds the descriptors are computed anew, to judge the network by the held-out blocks and to
+find the hardest negatives.
+"""
+WARM_UP = (
+    0.25  # share of the training with random negatives alone: the authors' first 5 of 20 epochs
+)
 AT_ONCE = 16_384  # points described at a time: few enough for a processor's cache
 
 
 @dataclass(frozen=True)
 class PointNetVlad(DescriptorMethod):
-    """The authors' network, loss and mining, learned from the training sequence: not their pretrained network."""
+    """The authors' network, loss and mining, learned from the training sequence: not their
+    pretrained network."""
 
     view: str = "cloud"
     weights: str = ""
-    """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method, or tensors under its names,
-    with or without net/. Of a TensorFlow checkpoint, every kernel but the centres is transposed to (outputs, inputs)."""
+    """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method,
+    or tensors under its names, with or without net/. Of a TensorFlow checkpoint, every kernel but
+    the centres is transposed to (outputs, inputs)."""
     epochs: Whole = 20
     batch: Count = 2  # queries a step; each brings its positives, its negatives and one cloud more
     positives: Count = 2
@@ -49,13 +59,18 @@ class PointNetVlad(DescriptorMethod):
     margin_star: NotNegative = 0.2
     train_points: Count = 4096  # random points of each cloud while training
     points: Count = 4096
-    """Of each cloud that make its descriptor, the first ones: a cloud comes in random order. The model keeps this number."""
+    """Of each cloud that make its descriptor, the first ones: a cloud comes in random order.
+
+    The model keeps this number.
+    """
     turn_deg: NotNegative = 0.0
-    """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an option of theirs."""
+    """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an
+    option of theirs."""
     learning_rate: Positive = 0.00005
     schedule: loop.Schedule = "one_cycle"  # the authors' is stepped
     batch_norm_momentum: Positive = 0.1
-    """Weight of a new batch in the running statistics; the authors' .001 would not forget the first ones in a short training."""
+    """Weight of a new batch in the running statistics; the authors' .001 would not forget the first
+    ones in a short training."""
     precision: loop.Precision = "auto"
     threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
     seed: Seed = 0
@@ -64,14 +79,23 @@ class PointNetVlad(DescriptorMethod):
         super().__post_init__()
         if self.epochs == 0 and not self.weights:
             said = f"method.epochs={self.epochs}"
-            raise ConfigError(f"{said}: expected 1 or more, or 0 with method.weights to use them as they are")
+            raise ConfigError(
+                f"{said}: expected 1 or more, or 0 with method.weights to use them as they are"
+            )
         if not self.positive_m < self.negative_m:
-            raise ConfigError(f"method.negative_m={self.negative_m}: expected more than positive_m={self.positive_m}")
+            raise ConfigError(
+                f"method.negative_m={self.negative_m}: expected more than "
+                f"positive_m={self.positive_m}"
+            )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the training sequence's clouds (n, point, xyz) but those of its held-out blocks; the database has all."""
-        clouds, database = _clouds(views), Database.learned(views, places)
-        held = holdout.blocks(views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m)
+        """Train on the training sequence's clouds (n, point, xyz) but those of its held-out blocks;
+        the database has all."""
+        clouds = _clouds(views)
+        database = Database.learned(views, places)
+        held = holdout.blocks(
+            views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
+        )
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
             net = Describer(momentum=self.batch_norm_momentum).to(device())
@@ -91,7 +115,8 @@ class PointNetVlad(DescriptorMethod):
 
     def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
         """The network stays as it is; the database describes the new clouds too."""
-        both, clouds = TrainingSet.joined([known, new]), _clouds(new.views)[:, : int(model["points"])]
+        both = TrainingSet.joined([known, new])
+        clouds = _clouds(new.views)[:, : int(model["points"])]
         with loop.reproducible(self.threads):
             descriptors = np.concatenate([model["descriptors"], self._trained(model)(clouds)])
         database = Database.learned(*both)
@@ -106,8 +131,10 @@ class PointNetVlad(DescriptorMethod):
 
     def localizer(self, model: Model) -> Localizer:
         """The nearest training clouds by Euclidean distance between descriptors."""
-        describe, database = self._trained(model), Database.of(model)
-        descriptors, points = model["descriptors"], int(model["points"])
+        describe = self._trained(model)
+        database = Database.of(model)
+        descriptors = model["descriptors"]
+        points = int(model["points"])
 
         def rank(views: Rows, k: int) -> Ranking:
             with loop.reproducible(self.threads):
@@ -117,13 +144,25 @@ class PointNetVlad(DescriptorMethod):
         return rank
 
     def _train(
-        self, net: Describer, clouds: NDArray[np.float16], database: Database, held: NDArray[np.bool_], progress: Progress
+        self,
+        net: Describer,
+        clouds: NDArray[np.float16],
+        database: Database,
+        held: NDArray[np.bool_],
+        progress: Progress,
     ) -> dict[str, NDArray[Any]]:
         """Leave the weights of the best round in the network; returns its number and the curves."""
         rows = np.flatnonzero(~held)
-        judged = np.flatnonzero(held) if held.any() else rows  # a path too short for blocks is judged on what it trained
+        judged = (
+            np.flatnonzero(held) if held.any() else rows
+        )  # a path too short for blocks is judged on what it trained
         tuples = Tuples(
-            database.xy_m[rows], self.positive_m, self.negative_m, self.positives, self.negatives, self.hard_negatives
+            database.xy_m[rows],
+            self.positive_m,
+            self.negative_m,
+            self.positives,
+            self.negatives,
+            self.hard_negatives,
         )
         queries = tuples.queries()
         total = max(1, round(self.epochs * progress.budget * len(queries) / self.batch))
@@ -140,17 +179,24 @@ class PointNetVlad(DescriptorMethod):
             descriptors = None
             if done >= WARM_UP * rounds * steps:
                 descriptors = (latest[-1] if latest else self._describer(net)(part))[rows]
-            chosen = np.concatenate([rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))])
+            chosen = np.concatenate(
+                [rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))]
+            )
             for few in chosen[: steps * self.batch].reshape(steps, self.batch):
-                chosen_rows = rows[np.concatenate([tuples.draw(query, rng, descriptors) for query in few])]
+                chosen_rows = rows[
+                    np.concatenate([tuples.draw(query, rng, descriptors) for query in few])
+                ]
                 yield self._points(clouds, chosen_rows, rng)
 
         def step(answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
             descriptors = answer(batch).view(self.batch, 2 + self.positives + self.negatives, -1)
-            return *lazy_quadruplet(descriptors, self.positives, self.margin, self.margin_star), self.batch
+            return *lazy_quadruplet(
+                descriptors, self.positives, self.margin, self.margin_star
+            ), self.batch
 
         def judge(net: Describer) -> tuple[float, float]:
-            """How held-out rows fare against all the trained ones: the loss's first term, and the place of the nearest."""
+            """How held-out rows fare against all the trained ones: the loss's first term, and the
+            place of the nearest."""
             latest[:] = [self._describer(net)(part)]
             distances = cdist(latest[0][judged], latest[0][rows], "sqeuclidean")
             distances[judged[:, None] == rows] = np.inf
@@ -175,14 +221,20 @@ class PointNetVlad(DescriptorMethod):
             fused=True,
         )
 
-    def _points(self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
+    def _points(
+        self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator
+    ) -> Tensor:
         """Training's clouds (row, train_points, xyz), each turned as `turn_deg` allows."""
         points = rng.choice(clouds.shape[1], min(self.train_points, clouds.shape[1]), replace=False)
         batch = torch.from_numpy(clouds[rows[:, None], points]).float()
         if self.turn_deg:
-            turn = torch.from_numpy(np.deg2rad(rng.uniform(-self.turn_deg, self.turn_deg, (len(rows), 1)))).float()
-            x, y = batch[..., 0].clone(), batch[..., 1].clone()
-            batch[..., 0], batch[..., 1] = turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y
+            turn = torch.from_numpy(
+                np.deg2rad(rng.uniform(-self.turn_deg, self.turn_deg, (len(rows), 1)))
+            ).float()
+            x = batch[..., 0].clone()
+            y = batch[..., 1].clone()
+            batch[..., 0] = turn.cos() * x - turn.sin() * y
+            batch[..., 1] = turn.sin() * x + turn.cos() * y
         return batch.to(device())
 
     def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
@@ -194,7 +246,10 @@ class PointNetVlad(DescriptorMethod):
         def describe(clouds: NDArray[np.float16]) -> NDArray[np.float32]:
             at_once = max(1, AT_ONCE // clouds.shape[1])
             with loop.autocast(where, self.precision):
-                parts = [fast(part.to(where).float()) for part in torch.split(torch.from_numpy(clouds), at_once)]
+                parts = [
+                    fast(part.to(where).float())
+                    for part in torch.split(torch.from_numpy(clouds), at_once)
+                ]
             return torch.cat(parts).cpu().numpy()
 
         return describe

@@ -12,16 +12,22 @@ from pipeline.networks import loop
 def load(net: nn.Module, path: Path) -> None:
     """Read tensors under the network's own names, with or without net/ before them.
 
-    Raises ConfigError naming the file and the first tensor that is missing, unknown or of another shape.
+    Raises ConfigError naming the file and the first tensor that is missing, unknown or of another
+    shape.
     """
     try:
         given = store.read_foreign_model(path)
     except ArtifactError as error:
         raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
-    own, found = net.state_dict(), loop.tensors(given) or loop.tensors(given, "")
-    found = {name: value for name, value in own.items() if name.endswith("num_batches_tracked")} | found
+    own = net.state_dict()
+    found = loop.tensors(given) or loop.tensors(given, "")
+    found = {
+        name: value for name, value in own.items() if name.endswith("num_batches_tracked")
+    } | found
     for name in [*own, *found]:
         if name not in own or name not in found or found[name].shape != own[name].shape:
-            has, wants = (tuple(part[name].shape) if name in part else "none" for part in (found, own))
+            has, wants = (
+                tuple(part[name].shape) if name in part else "none" for part in (found, own)
+            )
             raise ConfigError(f"method.weights: {path}: tensor {name} is {has}, expected {wants}")
     net.load_state_dict(found)

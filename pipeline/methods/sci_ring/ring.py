@@ -1,7 +1,8 @@
 """SCI's network closed into a ring: turning the image turns what it answers, exactly (METHODS 8.1).
 
-Kim, Park and Kim's layers (RA-L 2019; METHODS 2.4) but that the sectors' last is a neighbour of their first, that kernels span
-few sectors, and that the dense layers run at every heading with the same weights.
+Kim, Park and Kim's layers (RA-L 2019; METHODS 2.4) but that the sectors' last is a neighbour of
+their first, that kernels span few sectors, and that the dense layers run at every heading with the
+same weights.
 """
 
 from itertools import pairwise
@@ -12,48 +13,65 @@ from torch import Tensor, nn
 from pipeline.errors import InputError
 from pipeline.networks.lenet import FILTERS, start, trunk
 
-POOLED = 8  # three poolings by two: columns of the image to a sector of the features, and so to a heading
+# three poolings by two: columns of the image to a sector of the features, and so to a heading
+POOLED = 8
 
 
 SPANS = 3, 3, 1
-"""Sectors that the convolutions' kernels span, and 5 rings: a feature sees 42°, so that one new wall reaches few of them."""
+"""Sectors that the convolutions' kernels span, and 5 rings: a feature sees 42°, so that one new
+wall reaches few of them."""
 
 
 class RingConv(nn.Conv2d):
-    """A convolution of 5 rings × `span` sectors that wraps around the sectors, and sees zeros beyond the rings."""
+    """A convolution of 5 rings × `span` sectors that wraps around the sectors, and sees zeros
+    beyond the rings."""
 
     def __init__(self, channels: int, filters: int, span: int) -> None:
         super().__init__(channels, filters, (5, span), padding=(2, 0))
 
     def forward(self, images: Tensor) -> Tensor:
-        beyond, sectors = self.kernel_size[1] // 2, images.shape[3]
-        return super().forward(torch.cat([images[..., sectors - beyond :], images, images[..., :beyond]], dim=3))
+        beyond = self.kernel_size[1] // 2
+        sectors = images.shape[3]
+        return super().forward(
+            torch.cat([images[..., sectors - beyond :], images, images[..., :beyond]], dim=3)
+        )
 
 
 class Ring(nn.Module):
     """Logits over headings and places of images (batch, channels, rings, sectors) in [0, 1].
 
-    Heading h is that of a sensor which is turned by h · 8 columns, counter-clockwise, against the one that looks along +x: its
-    image is turned back by as much before FC1 looks at it. An image rolled by 8 columns is answered bit for bit as before, its
-    headings rolled by −1. Initialised as LeNet is. Raises InputError where 8 does not divide the
-    sectors.
+    Heading h is that of a sensor which is turned by h · 8 columns, counter-clockwise, against the
+    one that looks along +x: its image is turned back by as much before FC1 looks at it. An image
+    rolled by 8 columns is answered bit for bit as before, its headings rolled by −1. Initialised as
+    LeNet is. Raises InputError where 8 does not divide the sectors.
     """
 
     last = "fc2"
     """The layer with a row a place."""
-    by_slice: Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
+    by_slice: (
+        Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
+    )
     by_sector: Tensor  # (heading, sector): the same, in the order of the image's sectors
 
     def __init__(
-        self, places: int, rings: int = 40, sectors: int = 120, channels: int = 3, dropout: float = 0.7, momentum: float = 0.01
+        self,
+        places: int,
+        rings: int = 40,
+        sectors: int = 120,
+        channels: int = 3,
+        dropout: float = 0.7,
+        momentum: float = 0.01,
     ) -> None:
         super().__init__()
         if places < 1 or rings < POOLED or sectors < POOLED or sectors % POOLED:
             expected = f"a place or more, {POOLED} rings or more and a multiple of {POOLED} sectors"
-            raise InputError(f"places={places} rings={rings} sectors={sectors}: expected {expected}")
+            raise InputError(
+                f"places={places} rings={rings} sectors={sectors}: expected {expected}"
+            )
         sizes = zip(pairwise((channels, *FILTERS)), SPANS, strict=True)
         self.features = trunk((RingConv(*filters, span) for filters, span in sizes), momentum)
-        self.headings, column = sectors // POOLED, 256 * (rings // POOLED)
+        self.headings = sectors // POOLED
+        column = 256 * (rings // POOLED)
         self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column))
         """FC1's slice of each sector, the rings' channels one after the other."""
         self.fc1_bias = nn.Parameter(torch.zeros(64))
@@ -65,16 +83,24 @@ class Ring(nn.Module):
         one = torch.arange(self.headings)
         seen = (one - one[:, None]) % self.headings
         self.register_buffer("by_slice", seen * self.headings + one, persistent=False)
-        self.register_buffer("by_sector", one * self.headings + (one + one[:, None]) % self.headings, persistent=False)
+        self.register_buffer(
+            "by_sector",
+            one * self.headings + (one + one[:, None]) % self.headings,
+            persistent=False,
+        )
 
     def forward(self, images: Tensor, arc: int = 0) -> Tensor:
-        """Logits (batch, 1 + arcs, heading, places): of whole images, then without each arc of so many sectors of the features.
+        """Logits (batch, 1 + arcs, heading, places): of whole images, then without each arc of so
+        many sectors of the features.
 
-        All are from one pass, since FC1 is linear and an arc can be taken off its sum; no arcs with 0.
+        All are from one pass, since FC1 is linear and an arc can be taken off its sum; no arcs with
+        0.
         """
         if not arc:
             return self.place(self.embed(images))[:, None]
-        upto = nn.functional.pad(self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1).cumsum(2), (0, 0, 1, 0))
+        upto = nn.functional.pad(
+            self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1).cumsum(2), (0, 0, 1, 0)
+        )
         whole = upto[:, :, self.headings, None]
         left = whole - upto[:, :, arc : arc + self.headings] + upto[:, :, : self.headings]
         return self.place(torch.cat([whole, left], dim=2).transpose(1, 2) + self.fc1_bias)
@@ -91,7 +117,11 @@ class Ring(nn.Module):
         """
         features: Tensor = self.features(images.contiguous(memory_format=torch.channels_last))
         columns = self.dropout(features.permute(0, 3, 2, 1).flatten(2))
-        return nn.functional.linear(columns, self.fc1.flatten(0, 1)).float().view(len(images), self.headings**2, 64)
+        return (
+            nn.functional.linear(columns, self.fc1.flatten(0, 1))
+            .float()
+            .view(len(images), self.headings**2, 64)
+        )
 
     def place(self, embedded: Tensor) -> Tensor:
         """Logits (…, places) of FC1's vectors (…, 64)."""

@@ -21,58 +21,83 @@ from pipeline.networks.lenet import device
 from pipeline.running.settings import Count, NotNegative, Share
 
 HEADING_SOFTNESS = 2.0
-"""Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the mean leans to the
-nearest heading. Chosen on held-out blocks of two simulated worlds."""
+"""Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
+mean leans to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
 Batch = tuple[Tensor, Tensor, int, Tensor]
-"""Images (b, channels, rings, sectors), their places (b,), sectors of an arc, and the images' yaw (b,) in headings."""
+"""Images (b, channels, rings, sectors), their places (b,), sectors of an arc, and the images' yaw
+(b,) in headings."""
 
 
 @dataclass(frozen=True)
 class SciRing(Learner):
-    """Our own method, of neither paper. The view's columns run counter-clockwise, and 8 divides their number."""
+    """Our own method, of neither paper.
+
+    The view's columns run counter-clockwise, and 8 divides their number.
+    """
 
     architecture = Ring
     epochs: Count = 300  # in one each training view is shown once, turned at random
     batch: Count = 32
     dropout: Share = 0.5
     worst_arc: Share = 0.5
-    """Share of the loss that is the loss without the arc whose absence costs most: no place may hang on a few sectors."""
-    widest_arc: Count = 5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
+    """Share of the loss that is the loss without the arc whose absence costs most: no place may
+    hang on a few sectors."""
+    widest_arc: Count = (
+        5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
+    )
     refit: Share = 0.3
     yaw_noise_deg: NotNegative = 0.0
-    """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it must be known."""
+    """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it
+    must be known."""
 
-    def batches(self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor) -> tuple[loop.Batches[Batch], int]:
+    def batches(
+        self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
+    ) -> tuple[loop.Batches[Batch], int]:
         """Every trained view once, shuffled, each turned by a random number of columns."""
-        sectors, columns = heights.shape[2], self._columns(views, heights.shape[2])
+        sectors = heights.shape[2]
+        columns = self._columns(views, heights.shape[2])
         widest = min(self.widest_arc, sectors // POOLED - 1) if self.worst_arc else 0
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
-            for chosen in torch.split(trained[torch.randperm(len(trained), generator=order)], self.batch):
+            for chosen in torch.split(
+                trained[torch.randperm(len(trained), generator=order)], self.batch
+            ):
                 if len(chosen) > 1 or len(trained) == 1:  # batch norms need two
                     turns = torch.randint(sectors, (len(chosen),), generator=order)
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
                     headings = (columns[chosen] - turns).to(device()) / POOLED
-                    yield self.images(rolled(heights[chosen], turns)), places[chosen].to(device()), arc, headings
+                    yield (
+                        self.images(rolled(heights[chosen], turns)),
+                        places[chosen].to(device()),
+                        arc,
+                        headings,
+                    )
 
         return epoch, -(-len(trained) // self.batch)
 
     def _columns(self, views: Rows, sectors: int) -> Tensor:
         """The yaw (n,) of training views in columns, with `yaw_noise_deg`."""
-        noise_deg = np.random.default_rng(self.seed).normal(0, self.yaw_noise_deg, len(views.world_T_anchor))
-        return torch.from_numpy((np.rad2deg(yaw(views.world_T_anchor)) + noise_deg) * (sectors / 360)).float()
+        noise_deg = np.random.default_rng(self.seed).normal(
+            0, self.yaw_noise_deg, len(views.world_T_anchor)
+        )
+        return torch.from_numpy(
+            (np.rad2deg(yaw(views.world_T_anchor)) + noise_deg) * (sectors / 360)
+        ).float()
 
     def step(self, answer: Callable[..., Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
-        """Cross-entropy in nats over headings × places at once, and how often the likeliest place is right.
+        """Cross-entropy in nats over headings × places at once, and how often the likeliest place
+        is right.
 
-        The target is split linearly between the two headings nearest the true one. `worst_arc` of the loss is that without the
-        arc whose absence costs most.
+        The target is split linearly between the two headings nearest the true one. `worst_arc` of
+        the loss is that without the arc whose absence costs most.
         """
         images, classes, arc, headings = batch
         logits = answer(images, arc).float()
         first, second, share = neighbours(headings, logits.shape[2])
         each = torch.arange(len(classes), device=classes.device)
-        target = logits[each, :, first, classes].lerp(logits[each, :, second, classes], share[:, None])
+        target = logits[each, :, first, classes].lerp(
+            logits[each, :, second, classes], share[:, None]
+        )
         costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
         right = (logits[:, 0].logsumexp(1).argmax(1) == classes).sum()
         return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(classes)
@@ -83,47 +108,71 @@ class SciRing(Learner):
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Logits summed over headings, each place's heading, and the features interpolated at that of the first place."""
+        """Logits summed over headings, each place's heading, and the features interpolated at that
+        of the first place."""
         net.eval()
-        where, found = device(), []
+        where = device()
+        found = []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
             embedded = self.embedded(net, heights[rows])
             logits = net.place(embedded)
             if forgotten is not None:
                 logits = logits.masked_fill(forgotten[rows].to(where)[:, None], -torch.inf)
-            scores, each = logits.logsumexp(1), torch.arange(len(rows))
+            scores = logits.logsumexp(1)
+            each = torch.arange(len(rows))
             heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
-            first, second, share = neighbours(heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings)
+            first, second, share = neighbours(
+                heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings
+            )
             features = embedded[each, first].lerp(embedded[each, second], share[:, None])
             found.append((scores, nn.functional.normalize(features), heading_deg))
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))
 
     @torch.inference_mode()
-    def embed_training(self, net: Ring, heights: Tensor, views: Rows, trained: Tensor) -> tuple[Tensor, Tensor]:
+    def embed_training(
+        self, net: Ring, heights: Tensor, views: Rows, trained: Tensor
+    ) -> tuple[Tensor, Tensor]:
         """Every view, held-out ones included, turned to face +x."""
         net.eval()
         north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
         return nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights))
 
-    def remembered(self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor) -> Model:
+    def remembered(
+        self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
+    ) -> Model:
         """The trained views' outlines."""
         rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
-        return Outlines(outlines(images[rows]), places[rows], self._columns(views, images.shape[2]).numpy()[rows]).arrays()
+        return Outlines(
+            outlines(images[rows]),
+            places[rows],
+            self._columns(views, images.shape[2]).numpy()[rows],
+        ).arrays()
 
     def reranked(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
         """The first places' scores and headings, compared by outlines."""
-        scores, heading_deg = reranked(found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model))
-        return found._replace(logits=torch.from_numpy(scores), heading_deg=torch.from_numpy(heading_deg.astype(np.float32)))
+        scores, heading_deg = reranked(
+            found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model)
+        )
+        return found._replace(
+            logits=torch.from_numpy(scores),
+            heading_deg=torch.from_numpy(heading_deg.astype(np.float32)),
+        )
 
-    def positions(self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The first answer lies at the training view most like the query, the others at their places' means."""
+    def positions(
+        self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The first answer lies at the training view most like the query, the others at their
+        places' means."""
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
-    def novelties(self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]) -> Kinds:
+    def novelties(
+        self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
+    ) -> Kinds:
         """`combined`, the tempered entropy times the feature distance, comes first.
 
-        On held-out blocks of two simulated worlds neither factor alone reached as high an AUROC and AUC.
+        On held-out blocks of two simulated worlds neither factor alone reached as high an AUROC and
+        AUC.
         """
         kinds = super().novelties(logits, softness, likeness)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}

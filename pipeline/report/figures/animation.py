@@ -14,7 +14,8 @@ from pipeline.errors import ConfigError
 from pipeline.store import replace
 
 ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
-FRAME_MS, END_MS = 80, 2500
+FRAME_MS = 80
+END_MS = 2500
 """How long a frame is shown, and the last one."""
 BLENDS = 9
 """Shades from white to an ink, as letters and lines have at their edges."""
@@ -27,13 +28,21 @@ def check_ending(path: Path) -> None:
 
 
 def palette(inks: Sequence[str], others: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they are."""
-    shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (1 - np.array([to_rgb(ink) for ink in inks]))
-    return np.unique(np.concatenate([others, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]), axis=0)
+    """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they
+    are."""
+    shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (
+        1 - np.array([to_rgb(ink) for ink in inks])
+    )
+    return np.unique(
+        np.concatenate([others, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]), axis=0
+    )
 
 
-def save(frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint8]) -> tuple[int, int]:
-    """Write frames (height, width, 3) that repeat for ever, in the colours of a palette; returns how many, and the file's bytes.
+def save(
+    frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint8]
+) -> tuple[int, int]:
+    """Write frames (height, width, 3) that repeat for ever, in the colours of a palette; returns
+    how many, and the file's bytes.
 
     Raises ConfigError where `check_ending` does.
     """
@@ -49,8 +58,12 @@ def save(frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
     """A frame in the colours of the palette, each pixel in the one nearest to its own."""
-    packed, where = np.unique(frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True)
-    nearest = np.asarray(tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1])
+    packed, where = np.unique(
+        frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True
+    )
+    nearest = np.asarray(
+        tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1]
+    )
     image = Image.fromarray(nearest.astype(np.uint8)[where].reshape(frame.shape[:2]))
     image.putpalette(table.tobytes())
     return image

@@ -1,4 +1,5 @@
-"""The papers' curves: numbers over the year, precision over recall, recall among the first n places, and a model's training."""
+"""The papers' curves: numbers over the year, precision over recall, recall among the first n
+places, and a model's training."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +10,14 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, FAR, RECALL
-from pipeline.report.figures.panels import balanced, name_ends, oracle_line, panels, precision_axes, share_limits
+from pipeline.report.figures.panels import (
+    balanced,
+    name_ends,
+    oracle_line,
+    panels,
+    precision_axes,
+    share_limits,
+)
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
 from pipeline.report.result import Result, by_model, by_sequence, day
 from pipeline.studies.colours import colour, marker
@@ -21,20 +29,39 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 
 @styled
 def year(results: Sequence[Result], train: str) -> Figure:
-    """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the oracle's recall@1 in grey."""
-    groups, looks, measures = by_model(results), look(by_model(results)), (AUC, RECALL, FAR)
+    """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the
+    oracle's recall@1 in grey."""
+    groups = by_model(results)
+    looks = look(by_model(results))
+    measures = (AUC, RECALL, FAR)
     fig = figure(WIDTH_IN, 6.2, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, sharex=True)
     for axis, measure in zip(axes, measures, strict=True):
-        lines, protocol = [], measure.protocol
+        lines = []
+        protocol = measure.protocol
         for model, group in groups.items():
-            (tint, dash), days = looks[model], [one.days for one in group]
+            (tint, dash) = looks[model]
+            days = [one.days for one in group]
             values = np.array([one.number(protocol, measure.name) for one in group])
-            bounds = np.array([one.interval(protocol, measure.name) or (np.nan, np.nan) for one in group]).T
-            axis.fill_between(days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1)
+            bounds = np.array(
+                [one.interval(protocol, measure.name) or (np.nan, np.nan) for one in group]
+            ).T
+            axis.fill_between(
+                days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1
+            )
             if len(days) == 1:  # a band has no width there
                 axis.vlines(days, *bounds, color=tint, lw=0.9, alpha=0.6)
-            axis.plot(days, values, color=tint, ls=dash, marker=marker(model), ms=4, mec="white", mew=0.6, zorder=3)
+            axis.plot(
+                days,
+                values,
+                color=tint,
+                ls=dash,
+                marker=marker(model),
+                ms=4,
+                mec="white",
+                mew=0.6,
+                zorder=3,
+            )
             lines.append((model, tint, np.stack([days, values], axis=1)))
         first = [group[0] for group in by_sequence(results).values()]
         oracle = [one.number(protocol, "oracle") for one in first]
@@ -43,49 +70,90 @@ def year(results: Sequence[Result], train: str) -> Figure:
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
         name_ends(axis, lines, gap=0.088)
-    shown = {result.days: day(result.sequence) for result in results}  # two sequences of one day share a label
-    axes[-1].set_xticks(list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor")
+    shown = {
+        result.days: day(result.sequence) for result in results
+    }  # two sequences of one day share a label
+    axes[-1].set_xticks(
+        list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor"
+    )
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
 
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve, a marker at its own threshold."""
-    groups, looks = by_sequence(results), look(by_model(results))
+    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve, a marker at its own
+    threshold."""
+    groups = by_sequence(results)
+    looks = look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
-    width_in, height_in = WIDTH_IN if columns > 1 else 3.5, 0.85 + (1.5 if columns > 3 else 2.0) * rows
+    width_in = WIDTH_IN if columns > 1 else 3.5
+    height_in = 0.85 + (1.5 if columns > 3 else 2.0) * rows
     fig = figure(width_in, height_in, f"Precision over recall, by {protocol}")
-    for axis, group in zip(panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True):
+    for axis, group in zip(
+        panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True
+    ):
         for result in reversed(group):
-            (tint, dash), (precision, recall) = looks[result.model], result.evaluation.exact_curve(protocol)
+            (tint, dash) = looks[result.model]
+            (precision, recall) = result.evaluation.exact_curve(protocol)
             axis.plot(recall, precision, color=tint, ls=dash, lw=1.0, zorder=3)
-            dot = [result.number(protocol, f"{name}_at_threshold") for name in ("recall", "precision")]
+            dot = [
+                result.number(protocol, f"{name}_at_threshold") for name in ("recall", "precision")
+            ]
             if np.isfinite(dot).all():
-                axis.plot(*dot, marker(result.model), ms=4.5, color=tint, mec="white", mew=0.6, clip_on=False, zorder=4)
+                axis.plot(
+                    *dot,
+                    marker(result.model),
+                    ms=4.5,
+                    color=tint,
+                    mec="white",
+                    mew=0.6,
+                    clip_on=False,
+                    zorder=4,
+                )
         precision_axes(axis, group[0].label)
-    below(fig, handles(looks), 5 if columns > 1 else 2, title="marker: the model's own threshold, where it accepts anything")
+    below(
+        fig,
+        handles(looks),
+        5 if columns > 1 else 2,
+        title="marker: the model's own threshold, where it accepts anything",
+    )
     return fig
 
 
 @styled
 def recall_at(results: Sequence[Result]) -> Figure:
-    """Recall among the first n places, without rejection: each model's mean over the test sequences, and each sequence faint."""
-    groups, looks = by_model(results), look(by_model(results))
+    """Recall among the first n places, without rejection: each model's mean over the test
+    sequences, and each sequence faint."""
+    groups = by_model(results)
+    looks = look(by_model(results))
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
-    every = [result.evaluation.protocol(protocol).recall_at for protocol in PROTOCOLS for result in results]
+    every = [
+        result.evaluation.protocol(protocol).recall_at
+        for protocol in PROTOCOLS
+        for result in results
+    ]
     axes[0].set_ylim(*share_limits(*every))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
-        means, n = [], np.arange(1, len(every[0]) + 1)
+        means = []
+        n = np.arange(1, len(every[0]) + 1)
         for model, group in groups.items():
-            curves = np.stack([result.evaluation.protocol(protocol).recall_at for result in group])  # (sequence, n)
-            curves, (tint, dash) = curves[np.isfinite(curves).all(axis=1)], looks[model]
+            curves = np.stack(
+                [result.evaluation.protocol(protocol).recall_at for result in group]
+            )  # (sequence, n)
+            curves = curves[np.isfinite(curves).all(axis=1)]
+            (tint, dash) = looks[model]
             if len(curves):
                 axis.plot(n, curves.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
                 axis.plot(n, curves.mean(axis=0), color=tint, ls=dash, lw=1.6, zorder=3)
                 means.append((model, tint, np.stack([n, curves.mean(axis=0)], axis=1)))
-        axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=(1, 5, 10, 15, 20, 25))
+        axis.set(
+            xlim=(1, 1.05 * len(n)),
+            xlabel="n",
+            title=f"by {protocol}",
+            xticks=(1, 5, 10, 15, 20, 25),
+        )
         axis.grid(axis="y")
         name_ends(axis, means, gap=0.08)
     axes[0].set_ylabel("recall@n of the seen queries")
@@ -94,20 +162,41 @@ def recall_at(results: Sequence[Result]) -> Figure:
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel for each curve (round,), on training and on held-out blocks; `best`, from 0, was kept."""
+    """The training of a model: a panel for each curve (round,), on training and on held-out blocks;
+    `best`, from 0, was kept."""
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
-    heading = f"{model}: " + (f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}")
+    heading = f"{model}: " + (
+        f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}"
+    )
     rows, columns = balanced(len(names), 3)
     fig = figure(WIDTH_IN, 0.4 + (2.0 if rows == 1 else 1.5) * rows, heading)
     for axis, name in zip(panels(fig, len(names), columns, shared=False), names, strict=True):
-        for key, tint, label in ((name, "0.6", "training"), (HELD_OUT + name, colour(model), "held out")):
+        for key, tint, label in (
+            (name, "0.6", "training"),
+            (HELD_OUT + name, colour(model), "held out"),
+        ):
             if key in curves:
-                axis.plot(rounds, curves[key], color=tint, marker="." if len(rounds) < 3 else "", label=label)
+                axis.plot(
+                    rounds,
+                    curves[key],
+                    color=tint,
+                    marker="." if len(rounds) < 3 else "",
+                    label=label,
+                )
         if best is not None:
             last = axis.lines[-1]
             dot = best + 1, np.asarray(last.get_ydata())[best]
-            axis.plot(*dot, "o", ms=4, color=last.get_color(), mec="white", mew=0.6, clip_on=False, zorder=4)
+            axis.plot(
+                *dot,
+                "o",
+                ms=4,
+                color=last.get_color(),
+                mec="white",
+                mew=0.6,
+                clip_on=False,
+                zorder=4,
+            )
             axis.axvline(best + 1, **MARK)
         axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))
         axis.set_ylim(0, 1 if name.endswith(SHARE_ENDINGS) else None)

@@ -19,8 +19,11 @@ from pipeline.report.study import Study
 RIGHT, WRONG, NOT_COUNTED = range(3)
 WALL_M = (2.0, 6.0)
 """Heights above the ground of the points that show what stands there."""
-LOOKS, CELLS, FEWEST = 150, 300, 4
-"""Submaps of training whose points are taken, cells along the longer side of the site, points of a cell that holds a wall."""
+LOOKS = 150
+CELLS = 300
+FEWEST = 4
+"""Submaps of training whose points are taken, cells along the longer side of the site, points of a
+cell that holds a wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,9 @@ class Drive:
     simulated: bool
     correct_m: float  # an answer is right at most so far from its query
     seen_m: float  # and a query counts where training was nearer than this
-    walls_xy_m: NDArray[np.float64]  # (w, 2) what stood there at training; none where its scans are gone
+    walls_xy_m: NDArray[
+        np.float64
+    ]  # (w, 2) what stood there at training; none where its scans are gone
     train_xy_m: NDArray[np.float64]  # (n, 2)
     xy_m: NDArray[np.float64]  # (q, 2)
     heading_rad: NDArray[np.float64]  # (q,) counter-clockwise from +x
@@ -53,17 +58,25 @@ class Drive:
 
     @classmethod
     def of(cls, study: Study, model: str, sequence: str) -> Self:
-        """What a model of a study answered on one of its test days; raises ArtifactError where that is not built."""
+        """What a model of a study answered on one of its test days; raises ArtifactError where that
+        is not built."""
         artifact = study.artifact("evaluate", sequence, model)
-        given, rules = Evaluation.read(artifact), artifact.attrs["distance"]
+        given = Evaluation.read(artifact)
+        rules = artifact.attrs["distance"]
         looked_at = store.read(study.find("views", sequence, model), *schemas.LOOKED_AT)
         views = None
         if looked_at.attrs["kind"] == schemas.VIEWS.kind:
-            learned = [store.read(study.find("views", one, model), schemas.VIEWS).load("images") for one in study.train.split()]
+            learned = [
+                store.read(study.find("views", one, model), schemas.VIEWS).load("images")
+                for one in study.train.split()
+            ]
             views = Views(looked_at.load("images"), np.concatenate(learned))
         heading_rad = yaw(looked_at.load("world_T_anchor"))
         if not len(given.xy_m) == len(heading_rad) > 0:
-            raise ArtifactError(f"{artifact.path}: {len(given.xy_m)} queries of {len(heading_rad)} views; `dvc repro` it")
+            raise ArtifactError(
+                f"{artifact.path}: {len(given.xy_m)} queries of {len(heading_rad)} views; `dvc "
+                "repro` it"
+            )
         right = np.where(given.distance.true_rank == 0, RIGHT, WRONG)
         return cls(
             where=study.where,
@@ -86,8 +99,13 @@ class Drive:
     @property
     def title(self) -> str:
         """`Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-        days = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} {'later' if self.days > 0 else 'earlier'}"
-        return f"Learned {self.trained}, driven {self.driven}, {days if self.days else 'the same day'}"
+        days = (
+            f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} "
+            f"{'later' if self.days > 0 else 'earlier'}"
+        )
+        return (
+            f"Learned {self.trained}, driven {self.driven}, {days if self.days else 'the same day'}"
+        )
 
     @property
     def driven_m(self) -> NDArray[np.float64]:
@@ -107,15 +125,19 @@ class Drive:
         return error_m
 
     def pairs(self, views: Views, queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Heights (query, 2, ring, sector) of some queries and of the training view nearest to the answer of each.
+        """Heights (query, 2, ring, sector) of some queries and of the training view nearest to the
+        answer of each.
 
         That one is rolled to look most like the query; it is NaN where there is no answer.
         """
-        shown, sectors = views.queries[queries], views.queries.shape[2]
+        shown = views.queries[queries]
+        sectors = views.queries.shape[2]
         known = np.isfinite(self.answer_xy_m[queries]).all(axis=1)
         matched = np.full(shown.shape, np.nan, np.float32)
         if known.any():
-            found = views.training[KDTree(self.train_xy_m).query(self.answer_xy_m[queries[known]])[1]]
+            found = views.training[
+                KDTree(self.train_xy_m).query(self.answer_xy_m[queries[known]])[1]
+            ]
             shifts = best_shifts(spectra(shown[known]), spectra(found), sectors)
             columns = (np.arange(sectors) - shifts[:, None]) % sectors
             matched[known] = np.take_along_axis(found, columns[:, None], axis=2)
@@ -123,14 +145,18 @@ class Drive:
 
 
 def walls(study: Study, sequence: str) -> NDArray[np.float64]:
-    """Centres (w, 2) of the cells of a site that hold points well above the ground, by the scans of one training day."""
+    """Centres (w, 2) of the cells of a site that hold points well above the ground, by the scans of
+    one training day."""
     submaps = study.artifact("submaps", sequence)
     try:
         scans = study.artifact("scans", sequence)
     except ArtifactError:
         return np.empty((0, 2))
-    world_T_anchor, found = submaps.load("world_T_anchor"), []
-    for row in np.unique(np.linspace(0, len(world_T_anchor) - 1, LOOKS).round().astype(int)).tolist():
+    world_T_anchor = submaps.load("world_T_anchor")
+    found = []
+    for row in np.unique(
+        np.linspace(0, len(world_T_anchor) - 1, LOOKS).round().astype(int)
+    ).tolist():
         points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))
         points_m = points_m[(points_m[:, 2] > WALL_M[0]) & (points_m[:, 2] < WALL_M[1])]
         found.append(points_m[:, :2] @ world_T_anchor[row, :2, :2].T + world_T_anchor[row, :2, 3])

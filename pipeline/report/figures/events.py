@@ -19,7 +19,8 @@ HOLLOW: Any = {"mfc": "white", "mec": "0.6", "mew": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class BandValues:
-    """One model by one protocol in each of b bands of distance, over all its test sequences; NaN where there is no number."""
+    """One model by one protocol in each of b bands of distance, over all its test sequences; NaN
+    where there is no number."""
 
     seen: NDArray[np.int64]  # (b,) queries
     unseen: NDArray[np.int64]  # (b,)
@@ -28,28 +29,50 @@ class BandValues:
 
 
 @styled
-def by_distance(values: Mapping[tuple[str, str, bool], BandValues], names: Sequence[str], few: int) -> Figure:
-    """A row a model and a column a number by each protocol: each band's value with its 95 % interval.
+def by_distance(
+    values: Mapping[tuple[str, str, bool], BandValues], names: Sequence[str], few: int
+) -> Figure:
+    """A row a model and a column a number by each protocol: each band's value with its 95 %
+    interval.
 
-    `values` go by model, protocol and whether the change shows already; bands of fewer than `few` seen queries are pale.
+    `values` go by model, protocol and whether the change shows already; bands of fewer than `few`
+    seen queries are pale.
     """
     shades = tints(dict.fromkeys(model for model, _, _ in values))
-    fig = figure(WIDTH_IN, 1.5 + 0.85 * len(shades), "By the distance to the nearest building that went up or came down")
+    fig = figure(
+        WIDTH_IN,
+        1.5 + 0.85 * len(shades),
+        "By the distance to the nearest building that went up or came down",
+    )
     columns = [(protocol, name) for protocol in PROTOCOLS for name in ("recall", "auc")]
     axes = fig.subplots(len(shades) + 1, len(columns), squeeze=False, sharex=True, sharey="row")
     for (*column, counts), (protocol, name) in zip(axes.T, columns, strict=True):
-        column[0].set_title(f"{'recall@1' if name == 'recall' else 'exact AUC'}, by {protocol}", pad=5)
+        column[0].set_title(
+            f"{'recall@1' if name == 'recall' else 'exact AUC'}, by {protocol}", pad=5
+        )
         for shown, beside, shade in ((False, BESIDE, "0.75"), (True, -BESIDE, "0.35")):
             for axis, (model, tint) in zip(column, shades.items(), strict=True):
                 one = values[model, protocol, shown]
                 numbers = one.recall if name == "recall" else one.auc
                 for band in np.flatnonzero(np.isfinite(numbers[:, 0])):
-                    alpha, fill = PALE if one.seen[band] < few else 1.0, {} if shown else HOLLOW
-                    points(axis, [band + beside], numbers[[band]], tint if shown else "0.6", alpha=alpha, **fill)
+                    alpha = PALE if one.seen[band] < few else 1.0
+                    fill = {} if shown else HOLLOW
+                    points(
+                        axis,
+                        [band + beside],
+                        numbers[[band]],
+                        tint if shown else "0.6",
+                        alpha=alpha,
+                        **fill,
+                    )
             queries = one.seen if name == "recall" else one.seen + one.unseen
-            bars = counts.bar(np.arange(len(names)) + 1.4 * beside, queries, 2 * BESIDE, color=shade)
+            bars = counts.bar(
+                np.arange(len(names)) + 1.4 * beside, queries, 2 * BESIDE, color=shade
+            )
             counts.bar_label(bars, size=5.5, color=shade)
-        counts.set_xticks(range(len(names)), [band.replace(" m", "").replace("over ", ">") for band in names])
+        counts.set_xticks(
+            range(len(names)), [band.replace(" m", "").replace("over ", ">") for band in names]
+        )
         counts.set_xlabel("metres")
     for row, (model, tint) in zip(axes, shades.items(), strict=False):
         row[0].set_ylabel(folded(model), color=tint, size=7.5)
@@ -59,6 +82,9 @@ def by_distance(values: Mapping[tuple[str, str, bool], BandValues], names: Seque
     axes[-1, 0].set_xlim(-0.5, len(names) - 0.5)
     for axis in axes.flat:
         axis.grid(axis="y")
-    near = dot("near a change that shows", "0.2"), dot("nearer to one still to come", "0.6", full=False)
+    near = (
+        dot("near a change that shows", "0.2"),
+        dot("nearer to one still to come", "0.6", full=False),
+    )
     below(fig, [*near, dot(f"of fewer than {few} seen queries", "0.2", alpha=PALE)])
     return fig

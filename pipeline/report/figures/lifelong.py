@@ -1,4 +1,5 @@
-"""Learning further days: recall of each asked day after each step, forgetting, and from which step each place is known."""
+"""Learning further days: recall of each asked day after each step, forgetting, and from which step
+each place is known."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,10 +38,19 @@ class Known:
 
 
 @styled
-def matrices(found: Mapping[str, NDArray[np.float64]], steps: Sequence[str], groups: Sequence[str], heading: str) -> Figure:
-    """Recall (step, group) of each strategy, a number in each cell; NaN where no place of the group is known yet."""
-    (rows, columns), blues = balanced(len(found), 3), matplotlib.colormaps["Blues"]
-    fig = figure(WIDTH_IN if columns > 1 else ALONE_IN, rows * (0.85 + 0.24 * len(steps)) + 0.35, heading)
+def matrices(
+    found: Mapping[str, NDArray[np.float64]],
+    steps: Sequence[str],
+    groups: Sequence[str],
+    heading: str,
+) -> Figure:
+    """Recall (step, group) of each strategy, a number in each cell; NaN where no place of the group
+    is known yet."""
+    (rows, columns) = balanced(len(found), 3)
+    blues = matplotlib.colormaps["Blues"]
+    fig = figure(
+        WIDTH_IN if columns > 1 else ALONE_IN, rows * (0.85 + 0.24 * len(steps)) + 0.35, heading
+    )
     axes = panels(fig, len(found), columns)
     low, high = share_limits(*found.values())
     for axis, (strategy, values) in zip(axes, found.items(), strict=True):
@@ -50,7 +60,13 @@ def matrices(found: Mapping[str, NDArray[np.float64]], steps: Sequence[str], gro
             text = short(value, 2) if np.isfinite(value) else MISSING
             axis.text(group + 0.5, step + 0.5, text, ha="center", va="center", size=7, color=tint)
         axis.set_title(strategy, pad=4)
-        axis.set_xticks(np.arange(len(groups)) + 0.5, _ends(groups), rotation=40, ha="right", rotation_mode="anchor")
+        axis.set_xticks(
+            np.arange(len(groups)) + 0.5,
+            _ends(groups),
+            rotation=40,
+            ha="right",
+            rotation_mode="anchor",
+        )
         axis.set_yticks(np.arange(len(steps)) + 0.5, _ends(steps))
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
@@ -61,12 +77,17 @@ def matrices(found: Mapping[str, NDArray[np.float64]], steps: Sequence[str], gro
 
 @styled
 def over_steps(
-    orders: Mapping[str, Sequence[str]], numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]], heading: str
+    orders: Mapping[str, Sequence[str]],
+    numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]],
+    heading: str,
 ) -> Figure:
-    """A column an order with the names of its steps, a row a number by its title: (seed, step) by order and strategy; a line
-    joins the means, thin lines are single seeds; each panel has its own scale."""
+    """A column an order with the names of its steps, a row a number by its title: (seed, step) by
+    order and strategy; a line joins the means, thin lines are single seeds; each panel has its own
+    scale."""
     known = list(dict.fromkeys(strategy for found in numbers.values() for _, strategy in found))
-    looks = {one: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]) for i, one in enumerate(known)}
+    looks = {
+        one: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]) for i, one in enumerate(known)
+    }
     fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
     wide: Any = {"width_ratios": [len(steps) + 1 for steps in orders.values()]}
     axes = fig.subplots(len(numbers), len(orders), squeeze=False, sharex="col", gridspec_kw=wide)
@@ -78,7 +99,9 @@ def over_steps(
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
-        column[-1].set_xticks(range(len(steps)), _ends(steps), rotation=30, ha="right", rotation_mode="anchor")
+        column[-1].set_xticks(
+            range(len(steps)), _ends(steps), rotation=30, ha="right", rotation_mode="anchor"
+        )
         column[-1].set_xlim(-0.3, len(steps) - 0.7)
     for axis in axes.flat:
         low, high = axis.get_ylim()
@@ -87,13 +110,20 @@ def over_steps(
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)
     line: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}
-    below(fig, [Line2D([], [], color=tint, marker=form, label=name, **line) for name, (tint, form) in looks.items()])
+    below(
+        fig,
+        [
+            Line2D([], [], color=tint, marker=form, label=name, **line)
+            for name, (tint, form) in looks.items()
+        ],
+    )
     return fig
 
 
 @styled
 def known_places(found: Mapping[str, Known], train_xy_m: NDArray[np.float64]) -> Figure:
-    """Queries of all asked days by the step from which their place is known, a panel an order, over the training path (n, 2)."""
+    """Queries of all asked days by the step from which their place is known, a panel an order, over
+    the training path (n, 2)."""
     points = {}
     for order, one in found.items():
         names = ["never", *_ends(one.steps)]
@@ -103,13 +133,21 @@ def known_places(found: Mapping[str, Known], train_xy_m: NDArray[np.float64]) ->
 
 
 @styled
-def ages(found: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]], train_xy_m: NDArray[np.float64]) -> Figure:
-    """Places by the age in days of their newest view, a panel an order: where they lie (n, 2), and their age (n,)."""
+def ages(
+    found: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]],
+    train_xy_m: NDArray[np.float64],
+) -> Figure:
+    """Places by the age in days of their newest view, a panel an order: where they lie (n, 2), and
+    their age (n,)."""
     points = {}
     for order, (xy_m, days) in found.items():
         each, kind = np.unique(days, return_inverse=True)
         shades = map(to_hex, matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(each))))
-        points[order] = xy_m, kind, [(f"{age} days", tint) for age, tint in zip(each, shades, strict=True)]
+        points[order] = (
+            xy_m,
+            kind,
+            [(f"{age} days", tint) for age, tint in zip(each, shades, strict=True)],
+        )
     return _maps(points, train_xy_m, "The age of each place's newest view")
 
 
@@ -120,12 +158,15 @@ Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]
 def _maps(found: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str) -> Figure:
     """A map a panel, later kinds above earlier ones, with how many points are of each kind."""
     around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in found.values()))
-    slope, columns = float(np.divide(*(around[1] - around[0])[::-1])), len(found)
+    slope = float(np.divide(*(around[1] - around[0])[::-1]))
+    columns = len(found)
     panel_in = min(WIDTH_IN / max(columns, 2), 4.5)
     most = max(len(looks) for *_, looks in found.values())
     height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most + 1) // 2))
     fig = figure(panel_in * max(columns, 2), height_in, heading)
-    for axis, (title, (xy_m, kind, looks)) in zip(fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True):
+    for axis, (title, (xy_m, kind, looks)) in zip(
+        fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True
+    ):
         axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
         entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
         for place, (name, tint) in enumerate(looks):
@@ -136,7 +177,14 @@ def _maps(found: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading:
         axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
         axis.set_axis_off()
         axis.set_title(title, pad=3)
-        axis.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=2, fontsize=7, labelcolor=QUIET)
+        axis.legend(
+            handles=entries,
+            loc="upper center",
+            bbox_to_anchor=(0.5, 0.0),
+            ncols=2,
+            fontsize=7,
+            labelcolor=QUIET,
+        )
     scale_bar(fig.axes[0], around)
     return fig
 

@@ -1,4 +1,5 @@
-"""Where queries were placed right, placed wrong, or rejected: by cells, the papers' protocol, or by their poses."""
+"""Where queries were placed right, placed wrong, or rejected: by cells, the papers' protocol, or by
+their poses."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -18,27 +19,35 @@ from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
 
 ANSWERS = (("right", "#0072B2", "o"), ("wrong", "#C8400A", "X"), ("unseen", "#3A3A3A", "s"))
-"""What the first answer is, its colour and marker: right; wrong though training was there; given where it never was."""
+"""What the first answer is, its colour and marker: right; wrong though training was there; given
+where it never was."""
 RIGHT, WRONG, UNSEEN = range(3)
 REJECTED = 0.25
 """Opacity of what the model rejects at its own threshold."""
 
 
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The queries of one test sequence, coloured by outcome at the model's threshold, over the training path (n, 2)."""
+    """The queries of one test sequence, coloured by outcome at the model's threshold, over the
+    training path (n, 2)."""
     names = [name for name, _, _ in ANSWERS]
-    return _single(result, *answers(result), names, train_xy_m, f"{result.model} on {result.label}, by cells")
+    return _single(
+        result, *answers(result), names, train_xy_m, f"{result.model} on {result.label}, by cells"
+    )
 
 
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The same, coloured by whether each pose is right, faint where it was not accepted with a promise of .99."""
+    """The same, coloured by whether each pose is right, faint where it was not accepted with a
+    promise of .99."""
     accepted, right = result.evaluation.fixes
     heading = f"{result.model} on {result.label}: poses, right within 2 m and 5°"
-    return _single(result, np.where(right, RIGHT, WRONG), accepted, ("right", "wrong"), train_xy_m, heading)
+    return _single(
+        result, np.where(right, RIGHT, WRONG), accepted, ("right", "wrong"), train_xy_m, heading
+    )
 
 
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
-    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether it is accepted."""
+    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether it is
+    accepted."""
     by = result.evaluation.cells
     found = np.where(by.seen, np.where(by.true_rank == 0, RIGHT, WRONG), UNSEEN)
     return found, np.isin(by.outcome, (HIT, FALSE_ALARM))
@@ -61,19 +70,37 @@ def _single(
     axis = fig.subplots()
     _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=6.0)
     scale_bar(axis, box)
-    counts = [(np.sum(found == code), np.sum(accepted & (found == code))) for code in range(len(names))]
-    _legend(fig, [f"{name} {count}, {taken} accepted" for name, (count, taken) in zip(names, counts, strict=True)])
+    counts = [
+        (np.sum(found == code), np.sum(accepted & (found == code))) for code in range(len(names))
+    ]
+    _legend(
+        fig,
+        [
+            f"{name} {count}, {taken} accepted"
+            for name, (count, taken) in zip(names, counts, strict=True)
+        ],
+    )
     return fig
 
 
 @styled
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figure:
-    """All maps on one scale, a row a model where there are several; counts below each map, in the legend's order."""
-    box, models = _box(results, train_xy_m), by_model(results)
-    slope, several = float(np.divide(*(box[1] - box[0])[::-1])), len(models) > 1
-    rows, columns = (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
-    panel_in, title_in = WIDTH_IN / max(columns, 4 if several else 3), 0.24 if several else 0.42
-    fig = figure(panel_in * max(columns, 2), rows * (panel_in * slope + title_in) + 0.7, "First answers by cells")
+    """All maps on one scale, a row a model where there are several; counts below each map, in the
+    legend's order."""
+    box = _box(results, train_xy_m)
+    models = by_model(results)
+    slope = float(np.divide(*(box[1] - box[0])[::-1]))
+    several = len(models) > 1
+    rows, columns = (
+        (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
+    )
+    panel_in = WIDTH_IN / max(columns, 4 if several else 3)
+    title_in = 0.24 if several else 0.42
+    fig = figure(
+        panel_in * max(columns, 2),
+        rows * (panel_in * slope + title_in) + 0.7,
+        "First answers by cells",
+    )
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
@@ -82,11 +109,28 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
-            name = axis.text(-0.04, 0.5, folded(result.model), rotation=90, ha="right", va="center", transform=axis.transAxes)
+            name = axis.text(
+                -0.04,
+                0.5,
+                folded(result.model),
+                rotation=90,
+                ha="right",
+                va="center",
+                transform=axis.transAxes,
+            )
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
         for code, (_, tint, _) in enumerate(ANSWERS):
             count = str(np.sum(found == code))
-            axis.text(0.25 + 0.25 * code, -0.02, count, color=tint, size=7, ha="center", va="top", transform=axis.transAxes)
+            axis.text(
+                0.25 + 0.25 * code,
+                -0.02,
+                count,
+                color=tint,
+                size=7,
+                ha="center",
+                va="top",
+                transform=axis.transAxes,
+            )
     scale_bar(axes[0], box)
     _legend(fig, [name for name, _, _ in ANSWERS])
     return fig
@@ -101,14 +145,21 @@ def _map(
     box: NDArray[np.float64],
     size: float,
 ) -> None:
-    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels in an SVG; what the model
-    rejects is faint and lies below, and what is wrong lies above what is right."""
+    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels
+    in an SVG; what the model rejects is faint and lies below, and what is wrong lies above what is
+    right."""
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
     drawn = product((False, True), (RIGHT, UNSEEN, WRONG))
     for order, (taken, code) in enumerate(drawn, start=2):
         _, tint, marker = ANSWERS[code]
         x_m, y_m = xy_m[(found == code) & (accepted == taken)].T
-        look: Any = {"marker": marker, "alpha": 1.0 if taken else REJECTED, "linewidths": 0, "zorder": order, "rasterized": True}
+        look: Any = {
+            "marker": marker,
+            "alpha": 1.0 if taken else REJECTED,
+            "linewidths": 0,
+            "zorder": order,
+            "rasterized": True,
+        }
         axis.scatter(x_m, y_m, size, tint, **look)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
@@ -119,27 +170,49 @@ def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[
 
 
 def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin, and room below for the scale bar."""
+    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin, and room
+    below for the scale bar."""
     everything = np.concatenate(xy_m)
     if not len(everything):
         raise InputError("a map needs at least one training pose or query")
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 0.2 * (high - low).max() + 1.0) * 1.03
+    low = everything.min(axis=0)
+    high = everything.max(axis=0)
+    middle = (low + high) / 2
+    half = np.maximum((high - low) / 2, 0.2 * (high - low).max() + 1.0) * 1.03
     return np.stack([middle - half - (0.0, 0.24 * half[1]), middle + half])
 
 
 def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
-    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left corner; `size` of its words."""
+    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left
+    corner; `size` of its words."""
     longest_m = 0.3 * (box[1, 0] - box[0, 0])
     power = 10.0 ** np.floor(np.log10(longest_m))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= longest_m)
     left, bottom = box[0] + 0.03 * (box[1] - box[0])
-    axis.plot([left, left + length_m], [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt")
-    axis.annotate(f"{length_m:g} m", (left, bottom), xytext=(0, 2.5), textcoords="offset points", size=size, color="0.25")
+    axis.plot(
+        [left, left + length_m], [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt"
+    )
+    axis.annotate(
+        f"{length_m:g} m",
+        (left, bottom),
+        xytext=(0, 2.5),
+        textcoords="offset points",
+        size=size,
+        color="0.25",
+    )
 
 
 def _legend(fig: Figure, names: Sequence[str]) -> None:
-    entries = [dot(name, tint, marker) for name, (_, tint, marker) in zip(names, ANSWERS, strict=False)]
+    entries = [
+        dot(name, tint, marker) for name, (_, tint, marker) in zip(names, ANSWERS, strict=False)
+    ]
     entries.append(dot("faint: rejected", alpha=REJECTED))
-    path, columns = Line2D([], [], color="0.8", lw=1.6, label="training path"), 5 if fig.get_figwidth() > 6.5 else 3
-    fig.legend(handles=[*entries, path], loc="outside lower left", ncols=columns, handlelength=1.2, columnspacing=1.2)
+    path = Line2D([], [], color="0.8", lw=1.6, label="training path")
+    columns = 5 if fig.get_figwidth() > 6.5 else 3
+    fig.legend(
+        handles=[*entries, path],
+        loc="outside lower left",
+        ncols=columns,
+        handlelength=1.2,
+        columnspacing=1.2,
+    )

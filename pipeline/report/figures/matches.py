@@ -22,8 +22,16 @@ Which = Callable[[Evaluation], NDArray[np.bool_]]
 RIGHT = 3  # sequences with a right example
 # kinds of wrong answers, how many examples to show of each, and which queries (q,) they are
 WRONG: tuple[tuple[str, int, Which], ...] = (
-    ("next cell", 1, lambda e: (e.cells.outcome == FALSE_ALARM) & e.cells.seen & (e.distance.outcome == HIT)),
-    ("misplaced", 4, lambda e: e.distance.seen & (e.distance.true_rank != 0) & (e.cells.true_rank != 0)),
+    (
+        "next cell",
+        1,
+        lambda e: (e.cells.outcome == FALSE_ALARM) & e.cells.seen & (e.distance.outcome == HIT),
+    ),
+    (
+        "misplaced",
+        4,
+        lambda e: e.distance.seen & (e.distance.true_rank != 0) & (e.cells.true_rank != 0),
+    ),
     ("unseen", 2, lambda e: (e.distance.outcome == FALSE_ALARM) & e.distance.unseen),
 )
 APART_M = 40.0  # least distance between examples of one kind, so that they are no neighbours
@@ -51,10 +59,14 @@ class Example:
 
     def caption(self) -> str:
         """Verdict, sequence, novelty, error and heading, in four lines."""
-        e, i = self.result.evaluation, self.query
+        e = self.result.evaluation
+        i = self.query
         accepted = "accepted" if self.novelty < e.reject_from[0] else "rejected"
         numbers = f"novelty {self.novelty:.3f}, {e.error_m[i]:.{int(e.error_m[i] < 9.95)}f} m off"
-        return f"{self.verdict}, {accepted}\n{self.result.label}\n{numbers}\nheading {degrees(e.turn_deg[i])} to training"
+        return (
+            f"{self.verdict}, {accepted}\n{self.result.label}\n{numbers}\nheading "
+            f"{degrees(e.turn_deg[i])} to training"
+        )
 
     def apart(self, others: Sequence["Example"]) -> bool:
         """At least APART_M from all others."""
@@ -62,7 +74,8 @@ class Example:
 
 
 def choose(results: Sequence[Result]) -> list[Example]:
-    """Examples of one model: right ones over the year, one of them turned, and the wrong ones of least novelty by kind."""
+    """Examples of one model: right ones over the year, one of them turned, and the wrong ones of
+    least novelty by kind."""
     group = of_one_model(results)
     chosen = _right(group)
     for verdict, number, which in WRONG:
@@ -75,22 +88,36 @@ def choose(results: Sequence[Result]) -> list[Example]:
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
-    """The hit of median novelty in sequences spread over the year; then the surest one that drove another way than training."""
+    """The hit of median novelty in sequences spread over the year; then the surest one that drove
+    another way than training."""
     every = (_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group)
     hits = [ordered for ordered in every if ordered]
     chosen: list[Example] = []
     for n in np.unique(np.linspace(0, len(hits) - 1, RIGHT).round().astype(int)) if hits else ():
         middle = len(hits[n]) // 2
         outwards = sorted(range(len(hits[n])), key=lambda i: abs(i - middle))
-        chosen.append(next((hits[n][i] for i in outwards if hits[n][i].apart(chosen)), hits[n][middle]))
-    turned = _surest(group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG))
+        chosen.append(
+            next((hits[n][i] for i in outwards if hits[n][i].apart(chosen)), hits[n][middle])
+        )
+    turned = _surest(
+        group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
+    )
     shown = {(example.result.sequence, example.query) for example in chosen}
-    return chosen + [example for example in turned if (example.result.sequence, example.query) not in shown][:1]
+    return (
+        chosen
+        + [example for example in turned if (example.result.sequence, example.query) not in shown][
+            :1
+        ]
+    )
 
 
 def _surest(group: Sequence[Result], verdict: str, which: Which) -> list[Example]:
     """The queries of some kind in all sequences, least novel first."""
-    found = [Example(result, int(i), verdict) for result in group for i in np.flatnonzero(which(result.evaluation))]
+    found = [
+        Example(result, int(i), verdict)
+        for result in group
+        for i in np.flatnonzero(which(result.evaluation))
+    ]
     return sorted(found, key=lambda example: example.novelty)
 
 
@@ -108,7 +135,8 @@ class Training:
     xy_m: NDArray[np.float64]  # (submap, 2)
 
     def answered(self, place: int, xy_m: NDArray[np.float64]) -> int:
-        """The submap of a place that lies nearest to the answer's position (2,); of them all for a place that is none, −1."""
+        """The submap of a place that lies nearest to the answer's position (2,); of them all for a
+        place that is none, −1."""
         rows = np.flatnonzero((self.places == place) | (place < 0))
         return int(rows[np.linalg.norm(self.xy_m[rows] - xy_m, axis=1).argmin()])
 
@@ -118,20 +146,38 @@ class Training:
 
 
 @styled
-def matches(examples: Sequence[Example], training: Training, images: Callable[[str], Any], own: bool = True) -> Figure:
-    """A row an example: the query's image, the answered place's, and for a wrong answer the training image nearest to the query.
+def matches(
+    examples: Sequence[Example], training: Training, images: Callable[[str], Any], own: bool = True
+) -> Figure:
+    """A row an example: the query's image, the answered place's, and for a wrong answer the
+    training image nearest to the query.
 
-    `images` gives a test sequence's images (submap, ring, sector), `own` says that they are the model's own views. Training
-    images are rolled to the heading at which they look most like the query, as the network's own training copies are.
+    `images` gives a test sequence's images (submap, ring, sector), `own` says that they are the
+    model's own views. Training images are rolled to the heading at which they look most like the
+    query, as the network's own training copies are.
     """
-    heading = "queries and the training images they were matched with" + ("" if own else ", as Scan Contexts")
+    heading = "queries and the training images they were matched with" + (
+        "" if own else ", as Scan Contexts"
+    )
     fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), f"{examples[0].result.model}: {heading}")
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
     for (text, left, middle, right), example in zip(axes, examples, strict=True):
-        evaluation, i, wrong = example.result.evaluation, example.query, example.verdict != "right"
-        query, tint = np.asarray(images(example.result.sequence)[i]), RED if wrong else "0.1"
+        evaluation = example.result.evaluation
+        i = example.query
+        wrong = example.verdict != "right"
+        query = np.asarray(images(example.result.sequence)[i])
+        tint = RED if wrong else "0.1"
         text.set_axis_off()
-        text.text(0.0, 0.5, example.caption(), transform=text.transAxes, va="center", size=7, color=tint, linespacing=1.3)
+        text.text(
+            0.0,
+            0.5,
+            example.caption(),
+            transform=text.transAxes,
+            va="center",
+            size=7,
+            color=tint,
+            linespacing=1.3,
+        )
         _show(left, query)
         answered = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
         _show(middle, query, np.asarray(training.images[answered]))
@@ -140,7 +186,9 @@ def matches(examples: Sequence[Example], training: Training, images: Callable[[s
             _note(right, 0.99, f"{evaluation.nearest_m[i]:.0f} m away")
         else:
             right.set_axis_off()
-    for axis, title in zip(axes[0, 1:], ("query", "matched with", "nearest in training"), strict=True):
+    for axis, title in zip(
+        axes[0, 1:], ("query", "matched with", "nearest in training"), strict=True
+    ):
         axis.set_title(title, pad=4)
     low = axes[-1, 1]
     low.set_xticks(np.linspace(-0.5, low.get_xlim()[1], 5)[:4], ("0°", "90°", "180°", "270°"))
@@ -151,9 +199,15 @@ def matches(examples: Sequence[Example], training: Training, images: Callable[[s
 
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
-    """A query, or an image rolled towards it: heights (ring, sector) in the project's jet, the nearest ring at the bottom."""
+    """A query, or an image rolled towards it: heights (ring, sector) in the project's jet, the
+    nearest ring at the bottom."""
     shift, image = (0, query) if image is None else (best_shift(query, image), image)
-    axis.imshow(colorize(np.roll(image, shift, axis=1)), origin="lower", aspect="auto", interpolation="nearest")
+    axis.imshow(
+        colorize(np.roll(image, shift, axis=1)),
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+    )
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
     if shift:
@@ -162,4 +216,12 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
 
 def _note(axis: Axes, x: float, text: str) -> None:
     """In the lower left or right corner of an image."""
-    axis.text(x, 0.06, text, transform=axis.transAxes, color="white", size=6.5, ha="right" if x > 0.5 else "left")
+    axis.text(
+        x,
+        0.06,
+        text,
+        transform=axis.transAxes,
+        color="white",
+        size=6.5,
+        ha="right" if x > 0.5 else "left",
+    )

@@ -17,15 +17,23 @@ Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
-    """Rows and columns for `number` panels, at most `most` beside each other, with few cells left empty."""
+    """Rows and columns for `number` panels, at most `most` beside each other, with few cells left
+    empty."""
     rows = -(-number // most)
     return rows, -(-number // rows)
 
 
-def panels(fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = "") -> list[Axes]:
-    """`number` axes in rows of `columns`, on one scale if `shared`; `x` and `y` label the lowest and the left ones."""
+def panels(
+    fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
+) -> list[Axes]:
+    """`number` axes in rows of `columns`, on one scale if `shared`; `x` and `y` label the lowest
+    and the left ones."""
     columns = min(columns, number)
-    axes = list(fig.subplots(-(-number // columns), columns, squeeze=False, sharex=shared, sharey=shared).flat)
+    axes = list(
+        fig.subplots(
+            -(-number // columns), columns, squeeze=False, sharex=shared, sharey=shared
+        ).flat
+    )
     for axis in axes[number:]:
         axis.remove()
     for axis in axes[number - columns : number]:
@@ -46,37 +54,71 @@ def precision_axes(axis: Axes, title: str) -> None:
 
 
 def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
-    """A number in the lower left corner of a panel, or in the upper right one, `line` lines away from it."""
+    """A number in the lower left corner of a panel, or in the upper right one, `line` lines away
+    from it."""
     corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
     place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": side}
-    axis.annotate(text, corner, (0, step * line), **place).set(color=tint, size=7, zorder=5, bbox=VEIL)
+    axis.annotate(text, corner, (0, step * line), **place).set(
+        color=tint, size=7, zorder=5, bbox=VEIL
+    )
 
 
 def share_limits(*values: Any) -> tuple[float, float]:
-    """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with a margin."""
+    """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with
+    a margin."""
     every = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(one, np.float64)) for one in values)])
     every = every[np.isfinite(every)]
-    low, high = max(0.0, float(np.floor(every.min() * 10) / 10)), float(every.max())
+    low = max(0.0, float(np.floor(every.min() * 10) / 10))
+    high = float(every.max())
     return low - 0.02 * (high - low), high + 0.03 * (high - low)
 
 
-def points(axis: Axes, x: Any, values: NDArray[np.float64], tint: str, marker: str = "o", alpha: float = 1.0, **own: Any) -> None:
+def points(
+    axis: Axes,
+    x: Any,
+    values: NDArray[np.float64],
+    tint: str,
+    marker: str = "o",
+    alpha: float = 1.0,
+    **own: Any,
+) -> None:
     """Markers of values (n, 3) with their intervals as bars."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
-    look: Any = {"ls": "", "marker": marker, "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
+    look: Any = {
+        "ls": "",
+        "marker": marker,
+        "ms": 3.6,
+        "mec": "white",
+        "mew": 0.4,
+        "zorder": 3,
+        "clip_on": False,
+    }
     axis.plot(x, value, color=tint, alpha=alpha, **(look | own))
 
 
 def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
-    """A line a model through its means, each slightly beside the others, bars are deviations over the test sequences."""
-    looks, lines = look(found), []
+    """A line a model through its means, each slightly beside the others, bars are deviations over
+    the test sequences."""
+    looks = look(found)
+    lines = []
     for i, (model, row) in enumerate(found.items()):
-        (tint, dash), x = looks[model], np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
+        (tint, dash) = looks[model]
+        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
         means, apart = means_of(row)
         axis.vlines(x, means - apart, means + apart, color=tint, lw=0.7, alpha=0.45, zorder=1)
         axis.plot(
-            x, means, color=tint, ls=dash, lw=1.1, marker=marker(model), ms=3.4, mec="white", mew=0.4, zorder=3, label=model
+            x,
+            means,
+            color=tint,
+            ls=dash,
+            lw=1.1,
+            marker=marker(model),
+            ms=3.4,
+            mec="white",
+            mew=0.4,
+            zorder=3,
+            label=model,
         )
         lines.append((model, tint, np.stack([x, means], axis=1)))
     return lines
@@ -87,7 +129,9 @@ def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
     return np.array([[one.mean for one in found], [one.over_sequences for one in found]])
 
 
-def oracle_line(axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle") -> Line:
+def oracle_line(
+    axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle"
+) -> Line:
     """The oracle's recall@1 (n,), in grey."""
     line = np.stack([x, shares], axis=1).astype(np.float64)
     axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
@@ -95,13 +139,18 @@ def oracle_line(axis: Axes, x: Sequence[float], shares: Sequence[float], name: s
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write names at the last finite values of lines, right of them, at least `gap`, a share of the y axis, apart."""
+    """Write names at the last finite values of lines, right of them, at least `gap`, a share of the
+    y axis, apart."""
     low, high = axis.get_ylim()
     gap *= high - low
     finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]
-    ends = sorted((float(points[-1, 1]), name, tint) for name, tint, points in finite if len(points))
-    right, y = max((points[-1, 0] for _, _, points in lines), default=0.0), -np.inf
-    places, y = [y := max(end, y + gap) for end, _, _ in ends], high + gap
+    ends = sorted(
+        (float(points[-1, 1]), name, tint) for name, tint, points in finite if len(points)
+    )
+    right = max((points[-1, 0] for _, _, points in lines), default=0.0)
+    y = -np.inf
+    places = [y := max(end, y + gap) for end, _, _ in ends]
+    y = high + gap
     places = [y := min(place, y - gap) for place in reversed(places)]
     for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
         beside: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}

@@ -1,4 +1,5 @@
-"""The moving picture of one test day: the robot drives, each answer stays behind as a dot, and the share of right ones grows."""
+"""The moving picture of one test day: the robot drives, each answer stays behind as a dot, and the
+share of right ones grows."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,21 +21,29 @@ from pipeline.running.progress import Progress
 from pipeline.studies.colours import PALETTE
 from pipeline.views.scan_context import colours, quantize
 
-WIDTH_PX, HEIGHT_PX, DPI = 900, 580, 100
+WIDTH_PX = 900
+HEIGHT_PX = 580
+DPI = 100
 RIGHT_PX = WIDTH_PX - 20  # where the right column ends
 FRAMES = 130
 """At most so many."""
 TINTS = {RIGHT: PALETTE[0], WRONG: PALETTE[1], NOT_COUNTED: "#C4C4C4"}
 MARKS: Any = {NOT_COUNTED: ("o", 3.6), RIGHT: ("o", 5.0), WRONG: ("X", 7.5)}
-"""Blue and vermilion, which colour-blind readers tell apart, and markers besides, of so many points; wrong ones lie on top."""
-PATH, WALL, INK, GREY = "#8C8C8C", "#DAD3C5", "#222222", "#6E6E6E"
+"""Blue and vermilion, which colour-blind readers tell apart, and markers besides, of so many
+points; wrong ones lie on top."""
+PATH = "#8C8C8C"
+WALL = "#DAD3C5"
+INK = "#222222"
+GREY = "#6E6E6E"
 HEIGHTS = colours("jet")[np.linspace(0, 255, 16).round().astype(int)]
 """The colours (level, 3) of heights in a view, fewer than in other figures."""
 SIZE = 10.5  # of words, in points
 
 
 def write(drive: Drive, path: Path, progress: Progress) -> tuple[int, int]:
-    """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes. Same artifacts, same bytes.
+    """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
+
+    Same artifacts, same bytes.
 
     Raises ConfigError for another ending.
     """
@@ -44,7 +53,8 @@ def write(drive: Drive, path: Path, progress: Progress) -> tuple[int, int]:
 
 
 def queries(drive: Drive) -> NDArray[np.int64]:
-    """The queries (frame,) that have a frame each, evenly over the drive; the last one is the drive's."""
+    """The queries (frame,) that have a frame each, evenly over the drive; the last one is the
+    drive's."""
     count = len(drive.xy_m)
     return np.linspace(0, count - 1, min(count, FRAMES)).round().astype(np.int64)
 
@@ -63,7 +73,8 @@ class Canvas:
     @styled
     def __init__(self, drive: Drive) -> None:
         """Draw what stays."""
-        self.drive, self.figure = drive, Figure((WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI)
+        self.drive = drive
+        self.figure = Figure((WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI)
         self.agg: Any = FigureCanvasAgg(self.figure)
         fits = min(1.0, 56 / len(drive.title))  # a long title is smaller
         self.text(16, 12, drive.title, size=13.5 * fits, weight="bold")
@@ -71,11 +82,16 @@ class Canvas:
         if drive.simulated:
             self.text(RIGHT_PX, 15, SIMULATED, style="italic", color=GREY, ha="right")
         self._map(self.axes(12, 70, 490, 430))
-        self.images, about, about_px, top = [], "the answer to its view", 180, 210
+        self.images = []
+        about = "the answer to its view"
+        about_px = 180
+        top = 210
         if drive.views:
             self.text(520, 72, "the robot's view: 360° across, distance down")
             self.images = [self._view(y_px) for y_px in (94, 250)]
-            about, about_px, top = "the training view it matches", 228, 380
+            about = "the training view it matches"
+            about_px = 228
+            top = 380
         self.text(520, about_px, about)
         self.off = self.text(RIGHT_PX, about_px, "", weight="bold", ha="right")
         self.number = self.text(520, top, "", size=20, weight="bold")
@@ -85,7 +101,9 @@ class Canvas:
     def axes(self, x_px: float, y_px: float, width_px: float, height_px: float) -> Axes:
         """Axes in a box of whole pixels, from the upper left corner of the picture."""
         low = 1 - (y_px + height_px) / HEIGHT_PX
-        return self.figure.add_axes((x_px / WIDTH_PX, low, width_px / WIDTH_PX, height_px / HEIGHT_PX))
+        return self.figure.add_axes(
+            (x_px / WIDTH_PX, low, width_px / WIDTH_PX, height_px / HEIGHT_PX)
+        )
 
     def text(self, x_px: float, y_px: float, words: str, **style: Any) -> Text:
         """Words below a pixel, and right of it."""
@@ -94,25 +112,34 @@ class Canvas:
 
     def _map(self, axis: Axes) -> None:
         """The site and the training path; empty lines for the dots, the robot and its answer."""
-        drive, empty = self.drive, np.empty((2, 0))
+        drive = self.drive
+        empty = np.empty((2, 0))
         paths = np.concatenate([drive.train_xy_m, drive.xy_m])
-        low, high = paths.min(axis=0), paths.max(axis=0)
+        low = paths.min(axis=0)
+        high = paths.max(axis=0)
         margin_m = 0.07 * float((high - low).max()) + 1.0
-        low, high = low - margin_m, high + margin_m
+        low = low - margin_m
+        high = high + margin_m
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", anchor="NW")
         axis.set_axis_off()
         axis.plot(*drive.walls_xy_m.T, ls="", marker="s", ms=1.6, mew=0, color=WALL, zorder=1)
         axis.plot(*drive.train_xy_m.T, color=PATH, lw=1.2, zorder=2)
         scale_bar(axis, np.stack([low, high]), SIZE - 1)
         self.dots = {
-            code: axis.plot(*empty, ls="", marker=marker, ms=size, color=TINTS[code], mew=0, zorder=3 + order)[0]
+            code: axis.plot(
+                *empty, ls="", marker=marker, ms=size, color=TINTS[code], mew=0, zorder=3 + order
+            )[0]
             for order, (code, (marker, size)) in enumerate(MARKS.items())
         }
         self.miss = axis.plot(*empty, color=TINTS[WRONG], lw=1.4, zorder=6)[0]
         self.answer = axis.plot(*empty, "o", ms=14, mfc="none", mew=2, zorder=7)[0]
         self.robot = axis.plot(*empty, "o", ms=9, color=INK, mew=0, zorder=8)[0]
-        self.ahead, self.ahead_m = axis.plot(*empty, color=INK, lw=2.6, zorder=8)[0], 0.8 * margin_m
-        self._legend(f"answer within {drive.correct_m:g} m", f"training over {drive.seen_m:g} m away: not counted")
+        self.ahead = axis.plot(*empty, color=INK, lw=2.6, zorder=8)[0]
+        self.ahead_m = 0.8 * margin_m
+        self._legend(
+            f"answer within {drive.correct_m:g} m",
+            f"training over {drive.seen_m:g} m away: not counted",
+        )
 
     def _legend(self, right: str, not_counted: str) -> None:
         """What the dots and the line mean, below the map."""
@@ -132,7 +159,9 @@ class Canvas:
 
     def _curve(self, axis: Axes) -> None:
         """Axes of the share of right answers over metres driven, and its empty line."""
-        axis.set(xlim=(0, max(float(self.drive.driven_m[-1]), 1.0)), ylim=(0, 1.03), yticks=[0, 0.5, 1])
+        axis.set(
+            xlim=(0, max(float(self.drive.driven_m[-1]), 1.0)), ylim=(0, 1.03), yticks=[0, 0.5, 1]
+        )
         axis.set_yticklabels(["0", "50", "100 %"])
         axis.tick_params(labelsize=SIZE - 1)
         axis.grid(axis="y")
@@ -142,20 +171,29 @@ class Canvas:
 
     @styled
     def drawn(self, query: int, pair: NDArray[np.float32] | None) -> NDArray[np.uint8]:
-        """The frame (height, width, 3) at a query, with the heights (2, ring, sector) of its views."""
-        drive, upto, outcome = self.drive, slice(query + 1), int(self.drive.outcome[query])
+        """The frame (height, width, 3) at a query, with the heights (2, ring, sector) of its
+        views."""
+        outcome = int(self.drive.outcome[query])
+        upto = slice(query + 1)
+        drive = self.drive
         for code, dots in self.dots.items():
             dots.set_data(*drive.xy_m[upto][drive.outcome[upto] == code].T)
-        here, answer, angle = drive.xy_m[query], drive.answer_xy_m[query], drive.heading_rad[query]
+        here = drive.xy_m[query]
+        answer = drive.answer_xy_m[query]
+        angle = drive.heading_rad[query]
         self.robot.set_data(*here[:, None])
-        self.ahead.set_data(*np.stack([here, here + self.ahead_m * np.array([np.cos(angle), np.sin(angle)])]).T)
+        self.ahead.set_data(
+            *np.stack([here, here + self.ahead_m * np.array([np.cos(angle), np.sin(angle)])]).T
+        )
         self.answer.set_data(*(np.full(2, np.nan) if outcome == NOT_COUNTED else answer)[:, None])
         self.answer.set_markeredgecolor(TINTS[outcome])
         self.miss.set_data(*np.stack([here, answer if outcome == WRONG else here]).T)
         if outcome == NOT_COUNTED:
             self.off.set(text="not counted", color=GREY)
         else:
-            words = f"{drive.error_m[query]:.0f} m off" if np.isfinite(answer).all() else "no answer"
+            words = (
+                f"{drive.error_m[query]:.0f} m off" if np.isfinite(answer).all() else "no answer"
+            )
             self.off.set(text=words, color=TINTS[outcome])
         counted, right = drive.counted[:, upto]
         share = np.divide(right, counted, out=np.full(len(right), np.nan), where=counted > 0)
@@ -164,6 +202,8 @@ class Canvas:
         self.number.set_text(f"{share[-1]:.1%}".replace("%", " %") if counted[-1] else "")
         self.counts.set_text(f"{right[-1]} of {counted[-1]} answers are right")
         for image, heights_m in zip(self.images, () if pair is None else pair, strict=True):
-            image.set_data(HEIGHTS[quantize(np.nan_to_num(heights_m)).astype(int) * (len(HEIGHTS) - 1) // 255])
+            image.set_data(
+                HEIGHTS[quantize(np.nan_to_num(heights_m)).astype(int) * (len(HEIGHTS) - 1) // 255]
+            )
         self.agg.draw()
         return np.array(self.agg.buffer_rgba())[..., :3]

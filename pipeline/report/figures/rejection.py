@@ -1,4 +1,5 @@
-"""How a model rejects: its novelty, precision and recall at its thresholds, and whether its confidence means what it says."""
+"""How a model rejects: its novelty, precision and recall at its thresholds, and whether its
+confidence means what it says."""
 
 from collections.abc import Sequence
 
@@ -19,7 +20,10 @@ from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
 STEPS = 25  # of a histogram
-RIGHT, MISPLACED, UNSEEN, OFF = "#8CC8EE", "#D9604C", "#1B3C73", "#B2182B"
+RIGHT = "#8CC8EE"
+MISPLACED = "#D9604C"
+UNSEEN = "#1B3C73"
+OFF = "#B2182B"
 LEGEND = (
     Patch(color=RIGHT, label="seen, placed right"),
     Patch(color=MISPLACED, label="seen, misplaced"),
@@ -27,22 +31,34 @@ LEGEND = (
     Line2D([], [], label="rejected from here on", **MARK),
 )
 # colour and marker of each kind of novelty, the one in use first; different in grey too
-KINDS = (("#111111", "o"), ("#DDAA33", "s"), ("#BB5566", "^"), ("#4477AA", "D"), ("#228833", "v"), ("#AA3377", "P"))
+KINDS = (
+    ("#111111", "o"),
+    ("#DDAA33", "s"),
+    ("#BB5566", "^"),
+    ("#4477AA", "D"),
+    ("#228833", "v"),
+    ("#AA3377", "P"),
+)
 LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the panel cuts a longer one
 
 
 @styled
 def histograms(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence: right and misplaced stacked, unseen."""
+    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence: right and
+    misplaced stacked, unseen."""
     group = of_one_model(results)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     every = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(np.float64)
     every = every[np.isfinite(every)]
-    low, high = every.min(initial=0.0), every.max(initial=0.0)
+    low = every.min(initial=0.0)
+    high = every.max(initial=0.0)
     edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
     rows, columns = balanced(len(group), 5)
-    width_in, height_in = WIDTH_IN if columns > 1 else 4.8, 0.85 + (1.35 if columns > 3 else 1.65) * rows
-    fig = figure(width_in, height_in, f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}")
+    width_in = WIDTH_IN if columns > 1 else 4.8
+    height_in = 0.85 + (1.35 if columns > 3 else 1.65) * rows
+    fig = figure(
+        width_in, height_in, f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}"
+    )
     axes = panels(fig, len(group), columns, x=kind, y="density")
     for axis, result in zip(axes, group, strict=True):
         _histogram(axis, result, protocol, edges)
@@ -52,38 +68,74 @@ def histograms(results: Sequence[Result], protocol: str) -> Figure:
 
 
 def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]) -> None:
-    by, threshold = result.evaluation.protocol(protocol), result.evaluation.reject_from[0]
-    novelty, right = result.evaluation.novelty[:, 0].astype(np.float64), by.seen & (by.true_rank == 0)
+    by = result.evaluation.protocol(protocol)
+    threshold = result.evaluation.reject_from[0]
+    novelty = result.evaluation.novelty[:, 0].astype(np.float64)
+    right = by.seen & (by.true_rank == 0)
     per_query = 1 / (max(int(by.seen.sum()), 1) * np.diff(edges)[0])
-    right_density, wrong_density = (np.histogram(novelty[of], edges)[0] * per_query for of in (right, by.seen & ~right))
+    right_density, wrong_density = (
+        np.histogram(novelty[of], edges)[0] * per_query for of in (right, by.seen & ~right)
+    )
     axis.stairs(right_density, edges, fill=True, color=RIGHT, lw=0)
-    axis.stairs(right_density + wrong_density, edges, baseline=right_density, fill=True, color=MISPLACED, lw=0)
+    axis.stairs(
+        right_density + wrong_density,
+        edges,
+        baseline=right_density,
+        fill=True,
+        color=MISPLACED,
+        lw=0,
+    )
     if by.unseen.any():
-        axis.stairs(np.histogram(novelty[by.unseen], edges, density=True)[0], edges, color=UNSEEN, lw=1.2)
+        axis.stairs(
+            np.histogram(novelty[by.unseen], edges, density=True)[0], edges, color=UNSEEN, lw=1.2
+        )
     if edges[0] <= threshold <= edges[-1]:
         axis.axvline(threshold, **MARK)
     auroc = f"AUROC {fixed(result.number(protocol, 'auroc'), 3)}"
-    axis.text(0.97, 0.95, auroc, transform=axis.transAxes, ha="right", va="top", size=7, bbox=VEIL, zorder=5)
+    axis.text(
+        0.97,
+        0.95,
+        auroc,
+        transform=axis.transAxes,
+        ha="right",
+        va="top",
+        size=7,
+        bbox=VEIL,
+        zorder=5,
+    )
     axis.set_title(result.label, pad=4)
 
 
 @styled
 def rejection(results: Sequence[Result]) -> Figure:
-    """Precision, and recall below it, of a model at the threshold of each kind of novelty, chosen without a test sequence."""
+    """Precision, and recall below it, of a model at the threshold of each kind of novelty, chosen
+    without a test sequence."""
     group = of_one_model(results)
-    kinds, wanted = group[0].evaluation.kinds[: len(KINDS)], group[0].wanted_precision
+    kinds = group[0].evaluation.kinds[: len(KINDS)]
+    wanted = group[0].wanted_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
     for row, name in zip(axes, ("precision", "recall"), strict=True):
-        number, precise = MEASURES.index(f"{name}_at_threshold"), MEASURES.index("precision_at_threshold")
+        number = MEASURES.index(f"{name}_at_threshold")
+        precise = MEASURES.index("precision_at_threshold")
         by = [[result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS]
-        values = np.array([[one.rejection[:, number] for one in row_of] for row_of in by])  # (protocol, sequence, kind, 3)
+        values = np.array(
+            [[one.rejection[:, number] for one in row_of] for row_of in by]
+        )  # (protocol, sequence, kind, 3)
         values[np.isnan([[one.rejection[:, precise, 0] for one in row_of] for row_of in by])] = (
             np.nan
         )  # where nothing is accepted
         for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
-            for k, (one, (tint, marker)) in enumerate(zip(of_kinds[: len(kinds)], KINDS, strict=False)):
-                points(axis, np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2), one, tint, marker)
+            for k, (one, (tint, marker)) in enumerate(
+                zip(of_kinds[: len(kinds)], KINDS, strict=False)
+            ):
+                points(
+                    axis,
+                    np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2),
+                    one,
+                    tint,
+                    marker,
+                )
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
         cut = np.fmax(values[..., 1], np.nanmin(values[..., 0], initial=0.9) - LONG_BAR)
@@ -92,26 +144,38 @@ def rejection(results: Sequence[Result]) -> Figure:
         column[0].set_title(f"by {protocol}", pad=6)
         column[0].axhline(wanted, **MARK)
         ticks = [day(result.sequence) for result in group]
-        column[1].set_xticks(range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor")
+        column[1].set_xticks(
+            range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor"
+        )
     fig.align_ylabels(axes[:, 0])
-    names = [kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1) for i, kind in enumerate(kinds)]
+    names = [
+        kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1)
+        for i, kind in enumerate(kinds)
+    ]
     promised = group[0].evaluation.kept[: len(kinds)]
-    names = [name + f", keeps {one:.3f}" * (one < wanted) for name, one in zip(names, promised, strict=True)]
+    names = [
+        name + f", keeps {one:.3f}" * (one < wanted)
+        for name, one in zip(names, promised, strict=True)
+    ]
     entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
     return fig
 
 
 def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
-    """The raw confidence (1 − cost of the first place) and the temperature-scaled one; none where a model has neither.
+    """The raw confidence (1 − cost of the first place) and the temperature-scaled one; none where a
+    model has neither.
 
-    Each with its name, the seen queries (by cells) of all test sequences in bins, and its expected calibration error (ECE).
+    Each with its name, the seen queries (by cells) of all test sequences in bins, and its expected
+    calibration error (ECE).
     """
     parts = [(result.evaluation, result.evaluation.cells.seen) for result in of_one_model(results)]
     right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
     raw = np.concatenate([1.0 - e.cost[seen] for e, seen in parts])
     scaled = np.concatenate([e.confidence[seen] for e, seen in parts])
-    if not len(right) or not chances(scaled):  # without a confidence, a cost is no chance either, but a distance
+    if not len(right) or not chances(
+        scaled
+    ):  # without a confidence, a cost is no chance either, but a distance
         return []
     named = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
     return [(name, reliability(one, right), ece(one, right)) for name, one in named if chances(one)]
@@ -121,21 +185,48 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
 def diagram(results: Sequence[Result]) -> Figure | None:
     """Of the answers given with a confidence of 80 %, are 80 % right? None of no confidence.
 
-    Below: the share of the queries in each bin. The mean distance to the diagonal over the queries is the ECE.
+    Below: the share of the queries in each bin. The mean distance to the diagonal over the queries
+    is the ECE.
     """
     if not (found := confidences(results)):
         return None
-    model, count = results[0].model, sum(int(result.evaluation.cells.seen.sum()) for result in results)
-    fig = figure(WIDTH_IN, 3.4, f"{model}: confidence against the share right, by cells ({count:,} seen queries)")
-    axes = fig.subplots(2, len(found), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1))
+    model = results[0].model
+    count = sum(int(result.evaluation.cells.seen.sum()) for result in results)
+    fig = figure(
+        WIDTH_IN,
+        3.4,
+        f"{model}: confidence against the share right, by cells ({count:,} seen queries)",
+    )
+    axes = fig.subplots(
+        2, len(found), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
+    )
     for (upper, lower), (name, bins, error) in zip(axes.T, found, strict=True):
         full = bins.count > 0
         upper.plot([0, 1], [0, 1], **MARK)
-        upper.vlines(bins.confidence[full], bins.confidence[full], bins.right[full], color=OFF, lw=0.9, alpha=0.7, zorder=2)
-        upper.plot(bins.confidence[full], bins.right[full], "-o", ms=3.6, color=colour(model), mec="white", mew=0.5, zorder=3)
+        upper.vlines(
+            bins.confidence[full],
+            bins.confidence[full],
+            bins.right[full],
+            color=OFF,
+            lw=0.9,
+            alpha=0.7,
+            zorder=2,
+        )
+        upper.plot(
+            bins.confidence[full],
+            bins.right[full],
+            "-o",
+            ms=3.6,
+            color=colour(model),
+            mec="white",
+            mew=0.5,
+            zorder=3,
+        )
         upper.set(xlim=(0, 1), ylim=(0, 1), title=name)
         upper.text(0.04, 0.95, f"ECE {error:.3f}", transform=upper.transAxes, va="top")
-        lower.stairs(bins.count / bins.count.sum(), np.linspace(0, 1, BINS + 1), fill=True, color="0.75")
+        lower.stairs(
+            bins.count / bins.count.sum(), np.linspace(0, 1, BINS + 1), fill=True, color="0.75"
+        )
         lower.set_xlabel("confidence")
     axes[0, 0].set_ylabel("share that is right")
     axes[1, 0].set(ylabel="of queries", ylim=(0, None))

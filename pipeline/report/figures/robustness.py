@@ -1,4 +1,5 @@
-"""Fig. 9 to 11 of the SCI paper: each model's numbers as driven and altered, over levels of change, N-way training and cells."""
+"""Fig. 9 to 11 of the SCI paper: each model's numbers as driven and altered, over levels of change,
+N-way training and cells."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -8,9 +9,39 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.report.comparison import AUC, AUROC, FAR, FAR_AUC, KEPT, OFF, RECALL, Comparison, Kind, Measure
-from pipeline.report.figures.panels import LINE_IN, Line, means_of, model_lines, name_ends, name_rows, oracle_line, share_limits
-from pipeline.report.figures.style import DASHES, MARK, WIDTH_IN, below, dot, figure, look, styled, tints
+from pipeline.report.comparison import (
+    AUC,
+    AUROC,
+    FAR,
+    FAR_AUC,
+    KEPT,
+    OFF,
+    RECALL,
+    Comparison,
+    Kind,
+    Measure,
+)
+from pipeline.report.figures.panels import (
+    LINE_IN,
+    Line,
+    means_of,
+    model_lines,
+    name_ends,
+    name_rows,
+    oracle_line,
+    share_limits,
+)
+from pipeline.report.figures.style import (
+    DASHES,
+    MARK,
+    WIDTH_IN,
+    below,
+    dot,
+    figure,
+    look,
+    styled,
+    tints,
+)
 from pipeline.report.found import Found
 from pipeline.studies.colours import colour, method_of
 
@@ -20,34 +51,54 @@ MEASURES = (AUC, KEPT, FAR)
 
 @styled
 def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, heading: str) -> Figure:
-    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars: deviations over sequences."""
-    models, kinds = comparison.ordered(by, AUC), comparison.kinds
+    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars:
+    deviations over sequences."""
+    models = comparison.ordered(by, AUC)
+    kinds = comparison.kinds
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
     fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), heading)
     axes = fig.subplots(1, len(measures), squeeze=False, sharey=True)[0]
     for axis, measure in zip(axes, measures, strict=True):
-        found = [means_of([comparison.found(model, kind, measure) for model in models]) for kind in kinds]
+        found = [
+            means_of([comparison.found(model, kind, measure) for model in models]) for kind in kinds
+        ]
         for i, values in enumerate(found):
             if i or not measure.relative:
                 _row(axis, models, values, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
         if len(kinds) == 2 and not measure.relative:
-            axis.hlines(range(len(models)), found[0][0], found[1][0], color="0.75", lw=1.0, zorder=1)
+            axis.hlines(
+                range(len(models)), found[0][0], found[1][0], color="0.75", lw=1.0, zorder=1
+            )
         _scale_x(axis, measure)
     name_rows(axes[0], tints(models))
-    below(fig, [dot(kind.label, marker=MARKERS[i % len(MARKERS)], full=i > 0) for i, kind in enumerate(kinds)])
+    below(
+        fig,
+        [
+            dot(kind.label, marker=MARKERS[i % len(MARKERS)], full=i > 0)
+            for i, kind in enumerate(kinds)
+        ],
+    )
     return fig
 
 
 @styled
 def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) -> Figure:
-    """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above; bars: over the seeds."""
-    models, measures = comparison.ordered(Kind(), RECALL), (RECALL, AUC, AUROC, FAR)
+    """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above;
+    bars: over the seeds."""
+    models = comparison.ordered(Kind(), RECALL)
+    measures = (RECALL, AUC, AUROC, FAR)
     fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), heading)
-    grid = fig.subplots(len(comparison.sequences), len(measures), squeeze=False, sharex="col", sharey=True)
+    grid = fig.subplots(
+        len(comparison.sequences), len(measures), squeeze=False, sharex="col", sharey=True
+    )
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
             found = [comparison.found(model, Kind(), measure).on(i) for model in models]
-            _row(axis, models, np.array([[one.mean for one in found], [one.over_seeds for one in found]]))
+            _row(
+                axis,
+                models,
+                np.array([[one.mean for one in found], [one.over_seeds for one in found]]),
+            )
             _scale_x(axis, measure)
         row[0].set_title(named[sequence], loc="left", pad=4)
         name_rows(row[0], tints(models))
@@ -60,8 +111,10 @@ def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) ->
 
 @styled
 def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
-    """A panel a measure, a line a model, over the level of the change in `unit`; walls with shadow in a second row."""
-    models, shadows = comparison.models, sorted({kind.shadow for kind in comparison.changes})
+    """A panel a measure, a line a model, over the level of the change in `unit`; walls with shadow
+    in a second row."""
+    models = comparison.models
+    shadows = sorted({kind.shadow for kind in comparison.changes})
     panel_in = 0.5 + 0.12 * max(len(models), 8)
     fig = figure(WIDTH_IN, 0.3 + (0.6 + panel_in) * len(shadows), heading)
     grid = fig.subplots(len(shadows), len(MEASURES), squeeze=False, sharex=True, sharey="col")
@@ -70,7 +123,12 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
         for axis, shadow in zip(column, shadows, strict=True):
             changed = [kind for kind in comparison.changes if kind.shadow == shadow]
             kinds = [Kind(), *sorted(changed, key=lambda kind: kind.level)]
-            ends.append(model_lines(axis, {m: [comparison.found(m, kind, measure) for kind in kinds] for m in models}))
+            ends.append(
+                model_lines(
+                    axis,
+                    {m: [comparison.found(m, kind, measure) for kind in kinds] for m in models},
+                )
+            )
             axis.set_xticks(range(len(kinds)), [f"{kind.level:g}" for kind in kinds])
             axis.tick_params(labelbottom=True)
             axis.set_title(measure.title, loc="left", pad=9)
@@ -80,24 +138,33 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
             name_ends(axis, lines, gap=LINE_IN / panel_in)
     for axis, shadow in zip(grid[:, 0], shadows, strict=True):
         if any(shadows):
-            axis.set_ylabel("what is behind is hidden" if shadow else "what is behind stays in view")
+            axis.set_ylabel(
+                "what is behind is hidden" if shadow else "what is behind stays in view"
+            )
     return fig
 
 
 @styled
 def ways(comparison: Comparison, kind: Kind, others: Sequence[str], heading: str) -> Figure:
-    """A method over N of its N-way training, as driven and altered; `others` altered, as level lines."""
-    found, looks = comparison.ways(), look(comparison.models)
-    method, at = method_of(next(iter(found.values()))), np.arange(len(found))
+    """A method over N of its N-way training, as driven and altered; `others` altered, as level
+    lines."""
+    found = comparison.ways()
+    looks = look(comparison.models)
+    method = method_of(next(iter(found.values())))
+    at = np.arange(len(found))
     tint = colour(method)
     fig = figure(WIDTH_IN, 2.7, heading)
     for axis, measure in zip(fig.subplots(1, len(MEASURES)), MEASURES, strict=True):
         ends: list[Line] = []
         for one in (kind,) if measure.relative else (Kind(), kind):
             dash, fill = ("-", tint) if one == kind else (DASHES[1], "white")
-            means, apart = means_of([comparison.found(model, one, measure) for model in found.values()])
+            means, apart = means_of(
+                [comparison.found(model, one, measure) for model in found.values()]
+            )
             marks: Any = {"marker": "o", "ms": 4, "mfc": fill, "mew": 0.8}
-            axis.errorbar(at, means, apart, color=tint, lw=1.3, ls=dash, elinewidth=0.6, zorder=3, **marks)
+            axis.errorbar(
+                at, means, apart, color=tint, lw=1.3, ls=dash, elinewidth=0.6, zorder=3, **marks
+            )
             ends.append((f"{method} {one.label}", tint, np.stack([at, means], axis=1)))
         for model in others:
             level = np.array([[-0.3, at[-1]], [comparison.found(model, kind, measure).mean] * 2])
@@ -118,7 +185,8 @@ def cells(
     oracle: Mapping[str, Sequence[float]],
     heading: str,
 ) -> Figure:
-    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's mean recall@1 by protocol.
+    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's
+    mean recall@1 by protocol.
 
     `values` go by model, protocol and number: for each size one value a test sequence (s,).
     """
@@ -127,7 +195,11 @@ def cells(
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
     for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
         rows = {model: values.get((model, measure.protocol, measure.name), ()) for model in models}
-        found = {model: [Found(np.reshape(one, (1, -1, 1))) for one in row] for model, row in rows.items() if len(row)}
+        found = {
+            model: [Found(np.reshape(one, (1, -1, 1))) for one in row]
+            for model, row in rows.items()
+            if len(row)
+        }
         ends = model_lines(axis, found)
         if measure.name == "recall_at_1":
             ends.append(oracle_line(axis, range(len(sizes_m)), oracle[measure.protocol]))
@@ -139,12 +211,21 @@ def cells(
 
 
 def _row(
-    axis: Axes, models: Sequence[str], values: NDArray[np.float64], marker: str = "o", full: bool = True, lift: float = 0.0
+    axis: Axes,
+    models: Sequence[str],
+    values: NDArray[np.float64],
+    marker: str = "o",
+    full: bool = True,
+    lift: float = 0.0,
 ) -> None:
     """One marker in the row of each model, of means and deviations (2, model)."""
-    for y, tint, mean, apart in zip(np.arange(len(models)) + lift, tints(models).values(), *values, strict=True):
+    for y, tint, mean, apart in zip(
+        np.arange(len(models)) + lift, tints(models).values(), *values, strict=True
+    ):
         axis.hlines(y, mean - apart, mean + apart, color=tint, lw=0.8, alpha=0.6, zorder=2)
-        axis.plot(mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3)
+        axis.plot(
+            mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3
+        )
 
 
 def _scale_x(axis: Axes, measure: Measure) -> None:

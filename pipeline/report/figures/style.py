@@ -1,4 +1,5 @@
-"""The style of every figure: fonts, a colour for each model, the line that says simulated, files of the same bytes each time."""
+"""The style of every figure: fonts, a colour for each model, the line that says simulated, files of
+the same bytes each time."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -44,24 +45,43 @@ styled = matplotlib.rc_context(STYLE)
 """Decorator of functions that draw a figure."""
 WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
-LINE_IN, MARGIN_IN = 0.17, 0.04  # of the heading
+LINE_IN = 0.17
+MARGIN_IN = 0.04  # of the heading
 DPI = 200  # of PNG files, and of the dense points within an SVG
 SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"  # grey of labels and lines of less weight
-VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}  # behind text that curves may cross
+VEIL: Any = {
+    "facecolor": "white",
+    "edgecolor": "none",
+    "alpha": 0.75,
+    "pad": 0.6,
+}  # behind text that curves may cross
 DASHED = (0, (4, 3))  # lines of thresholds and of marks to reach
 MARK: Any = {"color": QUIET, "lw": 0.7, "ls": DASHED, "zorder": 1}  # a line to compare with
 # of a method, then of its variants
-DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)), (0, (2, 2)), (0, (8, 2)))
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (4, 1.5)),
+    (0, (1, 1)),
+    (0, (5, 1.5, 1, 1.5)),
+    (0, (2, 2)),
+    (0, (8, 2)),
+)
 LONG = 12  # letters of a model's name that fit beside a panel
 
 
 def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
-    """Colour and dash of each model in a figure: its method's colour, darker and with another dash from variant to variant."""
-    models, looks = list(models), {}
+    """Colour and dash of each model in a figure: its method's colour, darker and with another dash
+    from variant to variant."""
+    models = list(models)
+    looks = {}
     for model in models:
-        kin = sorted({one for one in models if method_of(one) == method_of(model)}, key=lambda one: ("-" in one, len(one), one))
-        place, rgb = kin.index(model), np.array(to_rgb(colour(model)))
+        kin = sorted(
+            {one for one in models if method_of(one) == method_of(model)},
+            key=lambda one: ("-" in one, len(one), one),
+        )
+        place = kin.index(model)
+        rgb = np.array(to_rgb(colour(model)))
         shade = 1.0 - 0.6 * place / max(len(kin) - 1, 1)
         looks[model] = to_hex((*(shade * rgb),)).upper(), DASHES[place % len(DASHES)]
     return looks
@@ -81,7 +101,9 @@ def handles(models: Iterable[str]) -> list[Line2D]:
     ]
 
 
-def dot(label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0) -> Line2D:
+def dot(
+    label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0
+) -> Line2D:
     """A legend's entry of a marker."""
     shape: Any = {"marker": marker, "ms": 4, "mfc": tint if full else "white", "mew": 0.8}
     return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **shape)
@@ -89,7 +111,9 @@ def dot(label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alp
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
     """A legend below the panels."""
-    fig.legend(handles=entries, loc="outside lower center", ncols=min(columns, len(entries)), **options)
+    fig.legend(
+        handles=entries, loc="outside lower center", ncols=min(columns, len(entries)), **options
+    )
 
 
 def folded(model: str) -> str:
@@ -100,13 +124,16 @@ def folded(model: str) -> str:
 
 def figure(width_in: float, height_in: float, heading: str) -> Figure:
     """An empty figure with a tight layout below its heading."""
-    fig = Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03))
+    fig = Figure(
+        figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)
+    )
     fig.text(MARGIN_IN / width_in, 1.0, heading, ha="left", va="top", size=8, weight="bold")
     return fig
 
 
 def save(fig: Figure, path: Path, simulated: bool) -> Path:
-    """Write a figure as .svg, with SIMULATED above where its data was; raises InputError for another ending.
+    """Write a figure as .svg, with SIMULATED above where its data was; raises InputError for
+    another ending.
 
     The bytes are the same each time: no date, no random ids, fonts from matplotlib itself.
     """
@@ -117,8 +144,12 @@ def save(fig: Figure, path: Path, simulated: bool) -> Path:
         FigureCanvasAgg(fig)
         cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
         fig.set_layout_engine("none")
-        for axis in fig.axes:  # the layout solver's last bits vary, and ids in an SVG are made of positions
-            left, bottom, width, height = (round(float(side), 6) for side in axis.get_position(original=True).bounds)
+        for axis in (
+            fig.axes
+        ):  # the layout solver's last bits vary, and ids in an SVG are made of positions
+            left, bottom, width, height = (
+                round(float(side), 6) for side in axis.get_position(original=True).bounds
+            )
             axis.set_position((left, bottom, width, height), which="original")
         fig.set_dpi(DPI)  # of its images
         canvas: Any = FigureCanvasSVG(fig)
@@ -127,10 +158,18 @@ def save(fig: Figure, path: Path, simulated: bool) -> Path:
 
 
 def illustrate(
-    kind: str, figure: Figure, study: Study, folder: Path, *findings: Finding, name: str = "", **values: str
+    kind: str,
+    figure: Figure,
+    study: Study,
+    folder: Path,
+    *findings: Finding,
+    name: str = "",
+    **values: str,
 ) -> Illustration:
     """Save a figure of a study as an SVG of its kind's or another name; `values` fill its words."""
-    return Illustration(kind, save(figure, folder / f"{name or kind}.svg", study.simulated), findings, values)
+    return Illustration(
+        kind, save(figure, folder / f"{name or kind}.svg", study.simulated), findings, values
+    )
 
 
 def _head(fig: Figure, simulated: bool) -> None:
@@ -139,6 +178,17 @@ def _head(fig: Figure, simulated: bool) -> None:
     above_in = LINE_IN * (simulated and width_in < WIDE_IN)
     top = 1.0 - MARGIN_IN / height_in
     if simulated:
-        fig.text(1.0 - MARGIN_IN / width_in, top, SIMULATED, ha="right", va="top", size=7, style="italic", color=QUIET)
+        fig.text(
+            1.0 - MARGIN_IN / width_in,
+            top,
+            SIMULATED,
+            ha="right",
+            va="top",
+            size=7,
+            style="italic",
+            color=QUIET,
+        )
     fig.texts[0].set_y(top - above_in / height_in)
-    cast(ConstrainedLayoutEngine, fig.get_layout_engine()).set(rect=(0.0, 0.0, 1.0, 1.0 - (LINE_IN + above_in) / height_in))
+    cast(ConstrainedLayoutEngine, fig.get_layout_engine()).set(
+        rect=(0.0, 0.0, 1.0, 1.0 - (LINE_IN + above_in) / height_in)
+    )

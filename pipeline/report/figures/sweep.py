@@ -24,7 +24,9 @@ class SweepJob:
 
     number: int
     values: Mapping[str, str]  # parameter to value, such as {"grid.cell_m": "5"}
-    numbers: Mapping[tuple[str, str], Sequence[float]]  # protocol and number to one value a test sequence; none of a failed job
+    numbers: Mapping[
+        tuple[str, str], Sequence[float]
+    ]  # protocol and number to one value a test sequence; none of a failed job
     error: str | None  # why it failed
     held_out_auc: float | None = None
 
@@ -39,7 +41,8 @@ class SweepJob:
 
 @styled
 def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
-    """Both panels over the swept parameter with most values, numeric if any is; a line for each combination of the others.
+    """Both panels over the swept parameter with most values, numeric if any is; a line for each
+    combination of the others.
 
     Points are joined along a numeric axis only. Raises InputError where every job failed.
     """
@@ -49,11 +52,18 @@ def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
     numeric = [name for name in swept if all(map(NUMBER.fullmatch, values[name]))]
     along = max(numeric or swept, key=lambda name: len(set(values[name])), default="job")
     joined = all(map(NUMBER.fullmatch, values[along]))
-    ticks = {value: float(value) if joined else float(i) for i, value in enumerate(dict.fromkeys(values[along]))}
+    ticks = {
+        value: float(value) if joined else float(i)
+        for i, value in enumerate(dict.fromkeys(values[along]))
+    }
     lines: dict[str, list[tuple[float, SweepJob]]] = {}
     for job in sorted(jobs, key=lambda job: (ticks[job.value(along)], job.number)):
-        name = ", ".join(f"{name.rpartition('.')[2]} {job.value(name)}" for name in swept if name != along)
-        lines.setdefault(name or "mean of the test sequences", []).append((ticks[job.value(along)], job))
+        name = ", ".join(
+            f"{name.rpartition('.')[2]} {job.value(name)}" for name in swept if name != along
+        )
+        lines.setdefault(name or "mean of the test sequences", []).append(
+            (ticks[job.value(along)], job)
+        )
     fig = figure(WIDTH_IN, 3.0, f"Over {along}, by both protocols")
     for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
         _panel(axis, lines, measure, joined)
@@ -68,21 +78,52 @@ def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
     return fig
 
 
-def _panel(axis: Axes, lines: Mapping[str, Sequence[tuple[float, SweepJob]]], measure: Measure, joined: bool) -> None:
-    """Means as lines, test sequences as dots, the mean oracle of the jobs at each place in grey, failed jobs as crosses."""
+def _panel(
+    axis: Axes,
+    lines: Mapping[str, Sequence[tuple[float, SweepJob]]],
+    measure: Measure,
+    joined: bool,
+) -> None:
+    """Means as lines, test sequences as dots, the mean oracle of the jobs at each place in grey,
+    failed jobs as crosses."""
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
-        tint, dash = PALETTE[i % len(PALETTE)], DASHES[i // len(PALETTE) % len(DASHES)] if joined else ""
-        shown = [(x, found) for x, job in jobs if (found := job.finite(measure.protocol, measure.name))]
+        tint = PALETTE[i % len(PALETTE)]
+        dash = DASHES[i // len(PALETTE) % len(DASHES)] if joined else ""
+        shown = [
+            (x, found) for x, job in jobs if (found := job.finite(measure.protocol, measure.name))
+        ]
         means = [np.mean(found) for _, found in shown]
-        axis.plot([x for x, _ in shown], means, color=tint, ls=dash, marker="o", ms=4, mec="white", mew=0.6, label=name, zorder=3)
+        axis.plot(
+            [x for x, _ in shown],
+            means,
+            color=tint,
+            ls=dash,
+            marker="o",
+            ms=4,
+            mec="white",
+            mew=0.6,
+            label=name,
+            zorder=3,
+        )
         for x, found in shown:
             axis.scatter([x] * len(found), found, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
             oracle.setdefault(x, []).extend(job.finite(measure.protocol, "oracle"))
             if job.error is not None:
                 low = axis.get_xaxis_transform()
-                axis.plot(x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low)
-    best = np.array(sorted((x, np.mean(found)) for x, found in oracle.items() if found)).reshape(-1, 2)
-    axis.plot(*best.T, marker="." if len(best) == 1 else "", lw=0.9, color="0.6", label="oracle recall@1", zorder=1)
+                axis.plot(
+                    x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low
+                )
+    best = np.array(sorted((x, np.mean(found)) for x, found in oracle.items() if found)).reshape(
+        -1, 2
+    )
+    axis.plot(
+        *best.T,
+        marker="." if len(best) == 1 else "",
+        lw=0.9,
+        color="0.6",
+        label="oracle recall@1",
+        zorder=1,
+    )
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

@@ -10,27 +10,47 @@ from pipeline.report.figures.panels import balanced, in_corner, panels
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result, of_one_model
 
-LEAST_M, MOST_M = 1e-3, 1e3
+LEAST_M = 1e-3
+MOST_M = 1e3
 """Errors are drawn between these; a query without a pose at the upper one."""
-RIGHT, WRONG = "#6BB6E8", "#B2182B"
+RIGHT = "#6BB6E8"
+WRONG = "#B2182B"
 
 
 @styled
 def verdicts(results: Sequence[Result]) -> Figure:
-    """Position error over novelty, a panel a test sequence; left of the line poses are accepted with a promise of .99."""
+    """Position error over novelty, a panel a test sequence; left of the line poses are accepted
+    with a promise of .99."""
     group = of_one_model(results)
     rows, columns = balanced(len(group), 4)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    fig = figure(WIDTH_IN, 0.9 + 1.75 * rows, f"{group[0].model}: error of each pose over its novelty")
-    for axis, result in zip(panels(fig, len(group), columns, x=f"novelty: {kind}", y="error [m]"), group, strict=True):
-        given, (accepted, right) = result.evaluation, result.evaluation.fixes
+    fig = figure(
+        WIDTH_IN, 0.9 + 1.75 * rows, f"{group[0].model}: error of each pose over its novelty"
+    )
+    for axis, result in zip(
+        panels(fig, len(group), columns, x=f"novelty: {kind}", y="error [m]"), group, strict=True
+    ):
+        given = result.evaluation
+        (accepted, right) = result.evaluation.fixes
         error_m = np.nan_to_num(given.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
         for some, tint, marker in ((right, RIGHT, "o"), (~right, WRONG, "X")):
-            axis.scatter(given.novelty[some, 0], error_m[some], 5.0, tint, marker=marker, linewidths=0, rasterized=True)
-        axis.set(yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5), xlim=(-0.03, 1.03), title=result.label)
+            axis.scatter(
+                given.novelty[some, 0],
+                error_m[some],
+                5.0,
+                tint,
+                marker=marker,
+                linewidths=0,
+                rasterized=True,
+            )
+        axis.set(
+            yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5), xlim=(-0.03, 1.03), title=result.label
+        )
         axis.axhline(WITHIN["within_2m_5deg"][0], color="0.8", lw=0.7, zorder=0)
         if 0 < given.promised < 1:
             axis.axvline(given.promised, **MARK)
-        in_corner(axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25")
+        in_corner(
+            axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
+        )
     below(fig, [dot("within 2 m and 5°", RIGHT, "o"), dot("off by more", WRONG, "X")], 2)
     return fig

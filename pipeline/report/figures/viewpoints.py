@@ -1,4 +1,5 @@
-"""Fig. 5 to 7 of paper 2: how methods match a place from another heading, what codes keep, and whether they collapsed."""
+"""Fig. 5 to 7 of paper 2: how methods match a place from another heading, what codes keep, and
+whether they collapsed."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -27,28 +28,45 @@ COLLAPSE = {  # curve (round,) of a model and its title
     "held_out_error": "held-out reconstruction error",
 }
 MOST = 8  # pictures beside each other
-CROWDED = 0.6  # where no accuracy is higher, curves fill the lower left corner of a panel and leave the upper right one free
+# where no accuracy is higher, curves fill the lower left corner of a panel and leave the upper
+# right one free
+CROWDED = 0.6
 
 
 @styled
 def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Figure:
-    """Fig. 5: a panel a heading, a curve a model and seed, in one sequence; the model's mean accuracy stands in the panel.
+    """Fig. 5: a panel a heading, a curve a model and seed, in one sequence; the model's mean
+    accuracy stands in the panel.
 
-    Recall is of the model's own correct matches, so curves of models of different accuracy do not compare.
+    Recall is of the model's own correct matches, so curves of models of different accuracy do not
+    compare.
     """
-    headings_deg, looks = next(iter(group.values()))[0].headings_deg, look(group)
+    headings_deg = next(iter(group.values()))[0].headings_deg
+    looks = look(group)
     rows, columns = balanced(len(headings_deg), 4)
-    fig = figure(WIDTH_IN, 0.9 + 1.55 * rows, f"Precision over recall of the correct matches, {sequence}")
+    fig = figure(
+        WIDTH_IN, 0.9 + 1.55 * rows, f"Precision over recall of the correct matches, {sequence}"
+    )
     axes = panels(fig, len(headings_deg), columns, x="recall of the correct", y="precision")
     at = NUMBERS.index("accuracy")
-    accuracy = {model: np.mean([judged.values[:, at] for judged in seeds], axis=0) for model, seeds in group.items()}
+    accuracy = {
+        model: np.mean([judged.values[:, at] for judged in seeds], axis=0)
+        for model, seeds in group.items()
+    }
     upper = bool(np.max([*accuracy.values()]) < CROWDED)
     for i, (axis, deg) in enumerate(zip(axes, headings_deg, strict=True)):
         for line, model in enumerate(group if upper else reversed(list(group))):
             tint, dash = looks[model]
             for precision, recall in (judged.curve(i) for judged in group[model]):
                 if recall[-1] > 0:
-                    axis.plot(recall, precision, color=tint, ls=dash, lw=1.1 if len(group[model]) == 1 else 0.8, zorder=3)
+                    axis.plot(
+                        recall,
+                        precision,
+                        color=tint,
+                        ls=dash,
+                        lw=1.1 if len(group[model]) == 1 else 0.8,
+                        zorder=3,
+                    )
             in_corner(axis, line, fixed(accuracy[model][i], 3), tint, upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
@@ -56,19 +74,42 @@ def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Fi
 
 
 @styled
-def indices(values: Mapping[tuple[str, str], NDArray[np.float64]], headings_deg: Sequence[float], correct_m: float) -> Figure:
-    """Fig. 6: each number over the headings, models side by side; means of the rows, each of them a faint dot.
+def indices(
+    values: Mapping[tuple[str, str], NDArray[np.float64]],
+    headings_deg: Sequence[float],
+    correct_m: float,
+) -> Figure:
+    """Fig. 6: each number over the headings, models side by side; means of the rows, each of them a
+    faint dot.
 
-    `values` (n, heading), a row a sequence and seed, go by model and number; NaN where there is none.
+    `values` (n, heading), a row a sequence and seed, go by model and number; NaN where there is
+    none.
     """
-    looks, at = look(dict.fromkeys(model for model, _ in values)), np.arange(len(headings_deg))
+    looks = look(dict.fromkeys(model for model, _ in values))
+    at = np.arange(len(headings_deg))
     fig = figure(WIDTH_IN, 4.4, "Each index over the heading of the query")
-    for axis, (name, title) in zip(panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True):
+    for axis, (name, title) in zip(
+        panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True
+    ):
         for i, (model, (tint, dash)) in enumerate(looks.items()):
-            every, x = np.ma.masked_invalid(values[model, name]), at + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            axis.scatter(np.broadcast_to(x, every.shape), every, 6, tint, alpha=0.35, linewidths=0, zorder=2)
+            every = np.ma.masked_invalid(values[model, name])
+            x = at + 0.5 * ((i + 0.5) / len(looks) - 0.5)
+            axis.scatter(
+                np.broadcast_to(x, every.shape), every, 6, tint, alpha=0.35, linewidths=0, zorder=2
+            )
             means = every.mean(axis=0).filled(np.nan)
-            axis.plot(x, means, color=tint, ls=dash, lw=0.7, marker="o", ms=4, mec="white", mew=0.5, zorder=3)
+            axis.plot(
+                x,
+                means,
+                color=tint,
+                ls=dash,
+                lw=0.7,
+                marker="o",
+                ms=4,
+                mec="white",
+                mew=0.5,
+                zorder=3,
+            )
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
@@ -81,7 +122,8 @@ def indices(values: Mapping[tuple[str, str], NDArray[np.float64]], headings_deg:
 
 @styled
 def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -> Figure:
-    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and each model's reconstructions; mean squared errors."""
+    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and each model's reconstructions;
+    mean squared errors."""
     rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
     for model, (seen, reconstructed) in pictures.items():
         rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]
@@ -89,11 +131,19 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
     headings = max(len(seen) for _, seen, _ in rows)
     columns = range(0, headings, -(-headings // MOST))
     side_in = (WIDTH_IN - 0.4) / len(columns)
-    fig = figure(WIDTH_IN, 0.45 + (side_in + 0.12) * len(rows), "Seen, and reconstructed from a code")
+    fig = figure(
+        WIDTH_IN, 0.45 + (side_in + 0.12) * len(rows), "Seen, and reconstructed from a code"
+    )
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
     for line, (name, seen, shown) in zip(axes, rows, strict=True):
         for axis, i in zip(line, columns, strict=True):
-            axis.imshow((seen if shown is None else shown)[i], cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+            axis.imshow(
+                (seen if shown is None else shown)[i],
+                cmap="gray",
+                vmin=0,
+                vmax=255,
+                interpolation="nearest",
+            )
             axis.set(xticks=[], yticks=[])
             if shown is not None:
                 error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
@@ -106,20 +156,31 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
 
 @styled
 def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) -> Figure | None:
-    """How far codes lie apart, and the error of reconstructions, over training, a line a seed; None without any such curve.
+    """How far codes lie apart, and the error of reconstructions, over training, a line a seed; None
+    without any such curve.
 
-    Codes have collapsed where variance and distance fall towards 0: all places look alike to the model.
+    Codes have collapsed where variance and distance fall towards 0: all places look alike to the
+    model.
     """
-    found = {model: [one for one in seeds if COLLAPSE.keys() & one.keys()] for model, seeds in curves.items()}
+    found = {
+        model: [one for one in seeds if COLLAPSE.keys() & one.keys()]
+        for model, seeds in curves.items()
+    }
     found = {model: seeds for model, seeds in found.items() if seeds}
     if not found:
         return None
-    looks, fig = look(found), figure(WIDTH_IN, 2.5, "While learning")
-    for axis, (name, title) in zip(panels(fig, len(COLLAPSE), len(COLLAPSE), shared=False), COLLAPSE.items(), strict=True):
+    looks = look(found)
+    fig = figure(WIDTH_IN, 2.5, "While learning")
+    for axis, (name, title) in zip(
+        panels(fig, len(COLLAPSE), len(COLLAPSE), shared=False), COLLAPSE.items(), strict=True
+    ):
         for model, (tint, dash) in looks.items():
             for curve in (one[name] for one in found[model] if name in one):
-                few, width = "." if len(curve) < 3 else "", 1.0 if len(found[model]) > 1 else 1.3
-                axis.plot(1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width)
+                few = "." if len(curve) < 3 else ""
+                width = 1.0 if len(found[model]) > 1 else 1.3
+                axis.plot(
+                    1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
+                )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     below(fig, handles(found))

@@ -1,4 +1,5 @@
-"""The section on learning further days: what is known after each step, what is forgotten, and what a step costs."""
+"""The section on learning further days: what is known after each step, what is forgotten, and what
+a step costs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,7 +14,15 @@ from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.section import Illustration, Section
 from pipeline.report.sections.lifelong_findings import findings
-from pipeline.report.sections.lifelong_numbers import GROWN, PROTOCOL, UPDATED, UPDATES, StrategyNumbers, by_order, strategies
+from pipeline.report.sections.lifelong_numbers import (
+    GROWN,
+    PROTOCOL,
+    UPDATED,
+    UPDATES,
+    StrategyNumbers,
+    by_order,
+    strategies,
+)
 from pipeline.report.sections.lifelong_tables import of_order
 from pipeline.report.study import Study
 from pipeline.schemas_lifelong import LIFELONG
@@ -26,15 +35,35 @@ DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 def section(study: Study, folder: Path) -> Section:
     """Draw its figures into `folder`."""
     every = strategies(study.rows)
-    words, orders, first = study.words, by_order(every), every[0].model
-    shown = [illustrate("lifelong_known", lifelong.known_places(_known(study, orders), study.train_xy_m), study, folder)]
+    words = study.words
+    orders = by_order(every)
+    first = every[0].model
+    shown = [
+        illustrate(
+            "lifelong_known",
+            lifelong.known_places(_known(study, orders), study.train_xy_m),
+            study,
+            folder,
+        )
+    ]
     if aged := _aged(study, every):
-        shown.append(illustrate("lifelong_ages", lifelong.ages(aged, study.train_xy_m), study, folder))
+        shown.append(
+            illustrate("lifelong_ages", lifelong.ages(aged, study.train_xy_m), study, folder)
+        )
     for model in dict.fromkeys(one.model for one in every):
-        own = {order: [one for one in found if one.model == model] for order, found in orders.items()}
-        drawn = list(_of_model(study, folder, model, {order: found for order, found in own.items() if found}))
+        own = {
+            order: [one for one in found if one.model == model] for order, found in orders.items()
+        }
+        drawn = list(
+            _of_model(study, folder, model, {order: found for order, found in own.items() if found})
+        )
         shown += [replace(one, on_page=model == first) for one in drawn]
-    learned = {"train": words["train"], "learned": words["learned"], "updates": words.get("updates", []), "asked": words["tests"]}
+    learned = {
+        "train": words["train"],
+        "learned": words["learned"],
+        "updates": words.get("updates", []),
+        "asked": words["tests"],
+    }
     return Section(
         anchor(study.name, study.grid, "lifelong"),
         "lifelong",
@@ -48,25 +77,42 @@ def section(study: Study, folder: Path) -> Section:
     )
 
 
-def _of_model(study: Study, folder: Path, model: str, orders: dict[str, list[StrategyNumbers]]) -> Iterator[Illustration]:
-    """The figures of one model; those of days that nobody surveyed are two steps, which a table shows."""
+def _of_model(
+    study: Study, folder: Path, model: str, orders: dict[str, list[StrategyNumbers]]
+) -> Iterator[Illustration]:
+    """The figures of one model; those of days that nobody surveyed are two steps, which a table
+    shows."""
     for order, found in orders.items():
         if order != UPDATES:
             matrices = {one.strategy: one.matrix(PROTOCOL) for one in found}
-            figure = lifelong.matrices(matrices, found[0].steps, found[0].groups, f"{model}, {order}: recall by {PROTOCOL}")
-            named = {"name": f"lifelong_matrix_{model}_{order}", "model": model, "order": order, "protocol": PROTOCOL}
+            figure = lifelong.matrices(
+                matrices, found[0].steps, found[0].groups, f"{model}, {order}: recall by {PROTOCOL}"
+            )
+            named = {
+                "name": f"lifelong_matrix_{model}_{order}",
+                "model": model,
+                "order": order,
+                "protocol": PROTOCOL,
+            }
             yield illustrate("lifelong_matrix", figure, study, folder, **named)
     numbers = {
-        title: {(order, one.strategy): one.over(name, PROTOCOL) for order, found in orders.items() for one in found}
+        title: {
+            (order, one.strategy): one.over(name, PROTOCOL)
+            for order, found in orders.items()
+            for one in found
+        }
         for name, title in DRAWN.items()
     }
     steps = {order: found[0].steps for order, found in orders.items()}
     figure = lifelong.over_steps(steps, numbers, f"{model}: after each step, by {PROTOCOL}")
-    yield illustrate("lifelong_steps", figure, study, folder, name=f"lifelong_steps_{model}", model=model)
+    yield illustrate(
+        "lifelong_steps", figure, study, folder, name=f"lifelong_steps_{model}", model=model
+    )
 
 
 def _known(study: Study, orders: dict[str, list[StrategyNumbers]]) -> dict[str, lifelong.Known]:
-    """Of each order that brings new places, where queries were taken and the step from which their place is known."""
+    """Of each order that brings new places, where queries were taken and the step from which their
+    place is known."""
     known = {}
     for order, (one, *_) in orders.items():
         artifact = _artifact(study, one)
@@ -74,8 +120,11 @@ def _known(study: Study, orders: dict[str, list[StrategyNumbers]]) -> dict[str, 
     return {order: one for order, one in known.items() if one.known_from.max() > 0} or known
 
 
-def _aged(study: Study, every: Sequence[StrategyNumbers]) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """Of the first model that learned further days, where its places lie and how old the newest view of each is at the end."""
+def _aged(
+    study: Study, every: Sequence[StrategyNumbers]
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
+    """Of the first model that learned further days, where its places lie and how old the newest
+    view of each is at the end."""
     found = {}
     for one in every:
         if one.strategy in (GROWN, UPDATED) and one.order not in found:

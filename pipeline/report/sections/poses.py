@@ -1,4 +1,5 @@
-"""The section of poses: how near, how often, and whether the promise was kept; for the models of a study that have some."""
+"""The section of poses: how near, how often, and whether the promise was kept; for the models of a
+study that have some."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +29,21 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
 
 def _illustrations(study: Study, folder: Path, posed: list[Result]) -> Iterator[Illustration]:
     for model, group in by_model(posed).items():
-        yield illustrate("verdicts", verdicts.verdicts(group), study, folder, name=f"verdicts_{model}", model=model)
+        yield illustrate(
+            "verdicts",
+            verdicts.verdicts(group),
+            study,
+            folder,
+            name=f"verdicts_{model}",
+            model=model,
+        )
         last = group[-1]
         of = {"model": model, "sequence": last.sequence, "label": last.label}
-        yield illustrate("fixes", maps.fix_map(last, study.train_xy_m), study, folder, name=f"fixes_{model}", **of)
+        yield illustrate(
+            "fixes",
+            maps.fix_map(last, study.train_xy_m),
+            study,
+            folder,
+            name=f"fixes_{model}",
+            **of,
+        )

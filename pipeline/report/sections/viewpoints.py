@@ -1,4 +1,5 @@
-"""The section on paper 2's protocol: a sequence matched with itself, from headings between those of the reference."""
+"""The section on paper 2's protocol: a sequence matched with itself, from headings between those of
+the reference."""
 
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,9 @@ from pipeline.views.mapped import MappedViews
 def section(study: Study, folder: Path, view: BirdView) -> Section:
     """Draw paper 2's figures into `folder`; `view` is what its methods look at."""
     listed = on_bird_views(study.words["methods"])
-    methods = {one["name"]: [model.name for model in models_of({**one, "variants": {}})] for one in listed}
+    methods = {
+        one["name"]: [model.name for model in models_of({**one, "variants": {}})] for one in listed
+    }
     judged: dict[str, dict[str, list[Judged]]] = {}  # by sequence and method, one of each seed
     for method, models in methods.items():
         for path in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
@@ -31,34 +34,78 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             judged.setdefault(path.stem, {})[method] = found
     sequence, of_first = next(iter(judged.items()))
     first = next(iter(of_first.values()))[0]
-    shown = [illustrate("birdview", _mapping(study, view, sequence), study, folder, name="viewpoints_mapping", sequence=sequence)]
+    shown = [
+        illustrate(
+            "birdview",
+            _mapping(study, view, sequence),
+            study,
+            folder,
+            name="viewpoints_mapping",
+            sequence=sequence,
+        )
+    ]
     for day, group in judged.items():
         figure = viewpoints.precision_recall(group, day)
-        shown.append(illustrate("viewpoint_curves", figure, study, folder, name=f"viewpoints_{day}", sequence=day))
-    every = {method: np.stack([one.values for group in judged.values() for one in group.get(method, ())]) for method in methods}
-    values = {(method, number): found[:, :, i] for method, found in every.items() for i, number in enumerate(NUMBERS)}
+        shown.append(
+            illustrate(
+                "viewpoint_curves", figure, study, folder, name=f"viewpoints_{day}", sequence=day
+            )
+        )
+    every = {
+        method: np.stack([one.values for group in judged.values() for one in group.get(method, ())])
+        for method in methods
+    }
+    values = {
+        (method, number): found[:, :, i]
+        for method, found in every.items()
+        for i, number in enumerate(NUMBERS)
+    }
     figure = viewpoints.indices(values, first.headings_deg.tolist(), first.correct_m)
     shown.append(illustrate("viewpoint_indices", figure, study, folder, name="viewpoints_indices"))
     seen = {name: seeds[0] for name, seeds in of_first.items() if len(seeds[0].reconstructed)}
     if seen:
-        figure = viewpoints.reconstructions({name: (one.pictures, one.reconstructed) for name, one in seen.items()})
-        shown.append(illustrate("reconstructions", figure, study, folder, name="viewpoints_reconstructions", sequence=sequence))
-    curves = {name: [Learned.read(study.find("train", model=model)).curves for model in seeds] for name, seeds in methods.items()}
+        figure = viewpoints.reconstructions(
+            {name: (one.pictures, one.reconstructed) for name, one in seen.items()}
+        )
+        shown.append(
+            illustrate(
+                "reconstructions",
+                figure,
+                study,
+                folder,
+                name="viewpoints_reconstructions",
+                sequence=sequence,
+            )
+        )
+    curves = {
+        name: [Learned.read(study.find("train", model=model)).curves for model in seeds]
+        for name, seeds in methods.items()
+    }
     if drawn := viewpoints.collapse(curves):
         shown.append(illustrate("collapse", drawn, study, folder, name="viewpoints_collapse"))
-    about = {"study": study, "correct_m": first.correct_m, "length": first.length, "step_deg": 360 / len(first.headings_deg)}
+    about = {
+        "study": study,
+        "correct_m": first.correct_m,
+        "length": first.length,
+        "step_deg": 360 / len(first.headings_deg),
+    }
     return Section(
         anchor(study.name, study.grid, "viewpoints"),
         "viewpoints",
         values=about,
         illustrations=shown,
-        tables=[*viewpoint_tables.over(study), *(viewpoint_tables.every_heading(study, number) for number in NUMBERS)],
+        tables=[
+            *viewpoint_tables.over(study),
+            *(viewpoint_tables.every_heading(study, number) for number in NUMBERS),
+        ],
         sources=[f"{study.artifacts.name}/viewpoints/{study.name}/{study.grid}"],
     )
 
 
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
     """How the middle one of a sequence's submaps becomes a bird-view."""
-    views = MappedViews(study.artifact("scans", sequence), study.artifact("submaps", sequence), view)
+    views = MappedViews(
+        study.artifact("scans", sequence), study.artifact("submaps", sequence), view
+    )
     points, grown, standing = next(islice(views.maps(), len(views) // 2, None))
     return birdview.bird_view(points, grown, standing, view)

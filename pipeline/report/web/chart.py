@@ -1,4 +1,5 @@
-"""Curves as the page draws them: an SVG of its own text and colours, one line a model, its name at the end of it."""
+"""Curves as the page draws them: an SVG of its own text and colours, one line a model, its name at
+the end of it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,9 +8,14 @@ from itertools import pairwise
 import numpy as np
 
 WIDE = 560.0  # px; the page scales it
-LEFT, RIGHT, TOP, BOTTOM = 58.0, 172.0, 14.0, 34.0
+LEFT = 58.0
+RIGHT = 172.0
+TOP = 14.0
+BOTTOM = 34.0
 APART = 14.0  # between the names at the ends of lines
-BEST, NEXT, OTHER = "best", "next", "other"
+BEST = "best"
+NEXT = "next"
+OTHER = "other"
 
 
 @dataclass(frozen=True)
@@ -49,13 +55,25 @@ class Chart:
     @property
     def size(self) -> dict[str, float]:
         """Of the whole, and where its corners lie."""
-        return {"wide": WIDE, "high": self.high, "left": LEFT, "right": WIDE - RIGHT, "top": TOP, "bottom": self.high - BOTTOM}
+        return {
+            "wide": WIDE,
+            "high": self.high,
+            "left": LEFT,
+            "right": WIDE - RIGHT,
+            "top": TOP,
+            "bottom": self.high - BOTTOM,
+        }
 
 
 def chart(
-    series: Sequence[Series], roles: Mapping[str, str], x_range: tuple[float, float], x_ticks: Mapping[float, str], high: float
+    series: Sequence[Series],
+    roles: Mapping[str, str],
+    x_range: tuple[float, float],
+    x_ticks: Mapping[float, str],
+    high: float,
 ) -> Chart:
-    """The lines of some models over `x_range` and over 0 to 1, `high` px; a model without a role is one of the others."""
+    """The lines of some models over `x_range` and over 0 to 1, `high` px; a model without a role is
+    one of the others."""
     first, last = x_range
 
     def across(value: float) -> float:
@@ -65,18 +83,38 @@ def chart(
         return round(high - BOTTOM - value * (high - TOP - BOTTOM), 1)
 
     lines = []
-    for one in sorted(series, key=lambda one: (OTHER, NEXT, BEST).index(roles.get(one.model, OTHER))):
+    for one in sorted(
+        series, key=lambda one: (OTHER, NEXT, BEST).index(roles.get(one.model, OTHER))
+    ):
         at = [i for i, pair in enumerate(zip(one.x, one.y, strict=True)) if np.isfinite(pair).all()]
         if not at:
             continue
         points = [(across(one.x[i]), up(one.y[i])) for i in at]
-        edges = [(across(one.x[i]), *map(up, one.bounds[i])) for i in at if one.bounds and np.isfinite(one.bounds[i]).all()]
-        band = [*((x, top) for x, _, top in edges), *((x, bottom) for x, bottom, _ in reversed(edges))]
+        edges = [
+            (across(one.x[i]), *map(up, one.bounds[i]))
+            for i in at
+            if one.bounds and np.isfinite(one.bounds[i]).all()
+        ]
+        band = [
+            *((x, top) for x, _, top in edges),
+            *((x, bottom) for x, bottom, _ in reversed(edges)),
+        ]
         opens = one.opens or [""] * len(one.dots)
         dots = [
-            (across(x), up(y), text, day) for (x, y, text), day in zip(one.dots, opens, strict=True) if np.isfinite([x, y]).all()
+            (across(x), up(y), text, day)
+            for (x, y, text), day in zip(one.dots, opens, strict=True)
+            if np.isfinite([x, y]).all()
         ]
-        lines.append(Line(one.model, roles.get(one.model, OTHER), _points(points), _points(band), dots, points[-1]))
+        lines.append(
+            Line(
+                one.model,
+                roles.get(one.model, OTHER),
+                _points(points),
+                _points(band),
+                dots,
+                points[-1],
+            )
+        )
     heights = _apart([line.end[1] for line in lines], high - BOTTOM)
     named = [Line(**{**vars(line), "name_y": y}) for line, y in zip(lines, heights, strict=True)]
     shares = [(up(share), f"{100 * share:.0f} %") for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
@@ -88,7 +126,8 @@ def _points(points: Sequence[tuple[float, float]]) -> str:
 
 
 def _apart(heights: Sequence[float], lowest: float) -> list[float]:
-    """Heights moved as little as a pass downwards and one upwards need to be APART, none below `lowest`."""
+    """Heights moved as little as a pass downwards and one upwards need to be APART, none below
+    `lowest`."""
     order = np.argsort(heights, kind="stable")
     moved = np.asarray(heights, float)[order]
     for before, after in pairwise(range(len(moved))):

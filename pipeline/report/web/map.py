@@ -1,4 +1,5 @@
-"""What the map of a study shows: queries, answers and views, as typed arrays and pictures in base64, which map.js reads back."""
+"""What the map of a study shows: queries, answers and views, as typed arrays and pictures in
+base64, which map.js reads back."""
 
 import io
 from base64 import b64encode
@@ -26,14 +27,21 @@ COLUMNS = 16  # views beside each other in a picture
 
 def chart(study: Study) -> dict[str, Any]:
     """All that the map of a study shows; without pictures where no model looks at Scan Contexts."""
-    found = ((model, Views.read(*(study.find("views", one, model) for one in study.train.split()))) for model in study.models)
+    found = (
+        (model, Views.read(*(study.find("views", one, model) for one in study.train.split())))
+        for model in study.models
+    )
     looking, train = next(((model, views) for model, views in found if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
-    origin_m = np.rint(study.train_xy_m.mean(axis=0))  # float32 as far out as UTM would take decimetres
-    days, sequences = dates(study.results), []
+    origin_m = np.rint(
+        study.train_xy_m.mean(axis=0)
+    )  # float32 as far out as UTM would take decimetres
+    days = dates(study.results)
+    sequences = []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
-        first, views = results[0], Views.read(study.find("views", sequence, looking)) if train else None
+        first = results[0]
+        views = Views.read(study.find("views", sequence, looking)) if train else None
         looked_at = store.read(study.find("views", sequence, first.model), *schemas.LOOKED_AT)
         sequences.append(
             {
@@ -62,7 +70,10 @@ def chart(study: Study) -> dict[str, Any]:
 
 def packed(array: NDArray[Any], dtype: str) -> dict[str, str]:
     """An array as map.js reads it back: its type and its bytes, lowest first, in base64."""
-    return {"dtype": dtype, "base64": b64encode(np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()).decode()}
+    return {
+        "dtype": dtype,
+        "base64": b64encode(np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()).decode(),
+    }
 
 
 @dataclass(frozen=True)
@@ -76,19 +87,25 @@ class Views:
     def read(cls, *paths: Path) -> Self | None:
         """Of artifacts behind each other; None where one is missing or holds other views."""
         try:
-            heights_m = np.concatenate([store.read(path, schemas.VIEWS).load("images") for path in paths])
+            heights_m = np.concatenate(
+                [store.read(path, schemas.VIEWS).load("images") for path in paths]
+            )
         except ArtifactError:
             return None
         _, rings, sectors = heights_m.shape
         png = b64encode(picture(heights_m)).decode()
-        return cls({"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}, spectra(heights_m))
+        return cls(
+            {"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}, spectra(heights_m)
+        )
 
 
 def picture(heights_m: NDArray[np.float32]) -> bytes:
     """A PNG with a palette of views (view, ring, sector), row by row, ring 0 of each on top."""
     views, rings, sectors = heights_m.shape
     pixels = np.pad(quantize(heights_m), ((0, -views % COLUMNS), (0, 0), (0, 0)))
-    sheet = Image.fromarray(pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors))
+    sheet = Image.fromarray(
+        pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors)
+    )
     sheet.putpalette(colours("jet").tobytes())
     file = io.BytesIO()
     sheet.save(file, "PNG", optimize=True)
@@ -103,22 +120,34 @@ class Training:
     tree: KDTree
 
     def nearest(self, xy_m: NDArray[np.float64], views: Views | None) -> dict[str, dict[str, str]]:
-        """The training row nearest to each position (q, 2), and by how many columns to roll its view to look like the query."""
-        rows, shifts = np.full(len(xy_m), NONE, np.int64), np.zeros(len(xy_m), np.int64)
+        """The training row nearest to each position (q, 2), and by how many columns to roll its
+        view to look like the query."""
+        rows = np.full(len(xy_m), NONE, np.int64)
+        shifts = np.zeros(len(xy_m), np.int64)
         finite = np.isfinite(xy_m).all(axis=1)
         rows[finite] = self.tree.query(xy_m[finite])[1]
         if views and self.views:
-            shifts[finite] = best_shifts(views.spectra[finite], self.views.spectra[rows[finite]], views.picture["sectors"])
+            shifts[finite] = best_shifts(
+                views.spectra[finite], self.views.spectra[rows[finite]], views.picture["sectors"]
+            )
         return {"row": packed(rows, "u4"), "shift": packed(shifts, "u2")}
 
 
 def _answers(
-    study: Study, result: Result, views: Views | None, training: Training, origin_m: NDArray[np.float64]
+    study: Study,
+    result: Result,
+    views: Views | None,
+    training: Training,
+    origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
-    """What one model answered, with outcomes by both protocols; headings (q,) are of queries as driven, whose rows come first."""
-    given, count = result.evaluation, len(result.evaluation.xy_m)
+    """What one model answered, with outcomes by both protocols; headings (q,) are of queries as
+    driven, whose rows come first."""
+    given = result.evaluation
+    count = len(result.evaluation.xy_m)
     try:
-        rankings = store.read(study.find("localize", result.sequence, result.model), schemas.RANKINGS, schemas.FIXES)
+        rankings = store.read(
+            study.find("localize", result.sequence, result.model), schemas.RANKINGS, schemas.FIXES
+        )
         first_deg = rankings.load("heading_deg")[:count, 0]
     except ArtifactError:
         first_deg = np.full(count, np.nan)
@@ -130,6 +159,10 @@ def _answers(
         "heading": packed(first_deg, "f4") if np.isfinite(first_deg).any() else None,
     }
     for protocol, by in (("distance", given.distance), ("cells", given.cells)):
-        judged = {"outcome": packed(by.outcome, "i1"), "rank": packed(by.true_rank, "i2"), "seen": packed(by.seen, "u1")}
+        judged = {
+            "outcome": packed(by.outcome, "i1"),
+            "rank": packed(by.true_rank, "i2"),
+            "seen": packed(by.seen, "u1"),
+        }
         answers[protocol] = judged
     return answers | training.nearest(given.answer_xy_m, views)

@@ -23,7 +23,8 @@ SCRIPTS = ("page.js", "vendor/d3-zoom.min.js", "map.js")
 LISTS = ("conf/studies.yaml", "conf/lists.yaml")  # parameters of every stage, but of no number
 SIZE = "@megabytes@"  # stands in the page until its size is known
 POINT_PX = 1.2 * 96 / 72  # a figure is shown at 1.2 times its printed size where there is room
-UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"  # what a data URL in double quotes may hold as it is: less than with base64
+# what a data URL in double quotes may hold as it is: less than with base64
+UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class Entry:
 
 def html(entries: Sequence[Entry], lock: DvcLock) -> str:
     """The whole file, of these studies alone; it says which figures could not be read."""
-    lines, pictures = list[str](), dict[Path, Picture]()
+    lines = list[str]()
+    pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
     for path in (one.path for section in sections for one in section.illustrations if one.on_page):
         try:
@@ -65,8 +67,13 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
         except OSError:
             lines.append(words("page", "no_figure", path=path))
     fronts = [entry.front for entry in entries if entry.front]
-    artifacts = {path: (*lock.of(path), recipe) for path, recipe in _artifacts([one.study for one in fronts], sections).items()}
-    stages = [stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage]
+    artifacts = {
+        path: (*lock.of(path), recipe)
+        for path, recipe in _artifacts([one.study for one in fronts], sections).items()
+    }
+    stages = [
+        stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage
+    ]
     page = template(
         "page.html.j2",
         entries=entries,
@@ -83,16 +90,35 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
     return page.replace(SIZE, f"{len(page.encode()) / 1e6:.1f}")
 
 
-def _artifacts(studies: Sequence[Study], sections: Sequence[Section]) -> dict[str, Mapping[str, str]]:
-    """The path of each artifact that a number is from to the recipe that it was trained with, empty if it is no model."""
+def _artifacts(
+    studies: Sequence[Study], sections: Sequence[Section]
+) -> dict[str, Mapping[str, str]]:
+    """The path of each artifact that a number is from to the recipe that it was trained with, empty
+    if it is no model."""
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
         driven = (*study.train.split(), *by_sequence(study.results))
-        recipes |= {study.source(kind, sequence): {} for kind in ("submaps", "labels") for sequence in driven}
-        recipes |= {study.source("views", sequence, model): {} for model in study.models for sequence in driven}
-        recipes |= {study.source(kind, one.sequence, one.model): {} for one in study.results for kind in ("localize", "evaluate")}
+        recipes |= {
+            study.source(kind, sequence): {}
+            for kind in ("submaps", "labels")
+            for sequence in driven
+        }
+        recipes |= {
+            study.source("views", sequence, model): {}
+            for model in study.models
+            for sequence in driven
+        }
+        recipes |= {
+            study.source(kind, one.sequence, one.model): {}
+            for one in study.results
+            for kind in ("localize", "evaluate")
+        }
         for model in (name for name, path in study.trained.items() if path.is_file()):
-            shown = {name: value for name, value in study.recipe(model).items() if not name.startswith("_")}
+            shown = {
+                name: value
+                for name, value in study.recipe(model).items()
+                if not name.startswith("_")
+            }
             recipes[study.source("train", model=model)] = shown
     named = [path for section in sections for path in section.sources]
     return recipes | {path: {} for path in named if path not in recipes}
@@ -105,4 +131,6 @@ def _json(value: Any) -> Markup:
 
 def _yaml(files: Mapping[str, Any]) -> str:
     own = {file: values for file, values in files.items() if file not in LISTS}
-    return yaml.safe_dump(own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
+    return yaml.safe_dump(
+        own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
+    )

@@ -1,4 +1,5 @@
-"""One drive along a plan: a robot that keeps to the right, never twice on the same line, and rocks as it goes."""
+"""One drive along a plan: a robot that keeps to the right, never twice on the same line, and rocks
+as it goes."""
 
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
@@ -20,18 +21,29 @@ DEPARTURE = time(14, tzinfo=UTC)
 """Time of a drive whose name is only a date."""
 
 LINE_STEP_M = 0.25
-OFFSET_CORRELATION_M, OFFSET_CLIP_M = 25.0, 3.0
-OFFSET_SMOOTHING_M, OFFSET_RESTORED = 20.0, 1.25
-"""The offset is smoothed, so that the robot weaves and does not jitter; the factor restores the lost standard deviation."""
+OFFSET_CORRELATION_M = 25.0
+OFFSET_CLIP_M = 3.0
+OFFSET_SMOOTHING_M = 20.0
+OFFSET_RESTORED = 1.25
+"""The offset is smoothed, so that the robot weaves and does not jitter; the factor restores the
+lost standard deviation."""
 
-TILT_CORRELATION_M, TILT_CLIP_DEG = 3.0, 5.0
-HEADING_CORRELATION_M, HEADING_CLIP_DEG = 6.0, 11.5
+TILT_CORRELATION_M = 3.0
+TILT_CLIP_DEG = 5.0
+HEADING_CORRELATION_M = 6.0
+HEADING_CLIP_DEG = 11.5
 
-PILOT_BEHIND_M, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M = 1.7, 0.3, 10.0, 0.6
-PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG = 17.0, 15.0, 69.0
+PILOT_BEHIND_M = 1.7
+PILOT_RANGE_SD_M = 0.3
+PILOT_RANGE_CORRELATION_M = 10.0
+PILOT_RANGE_CLIP_M = 0.6
+PILOT_BEARING_SD_DEG = 17.0
+PILOT_BEARING_CORRELATION_M = 15.0
+PILOT_BEARING_CLIP_DEG = 69.0
 PILOT_SIDE_SD_DEG = 20.0
 
-SURVEY_STEP_M, SURVEY_CORRELATION_M = 10.0, 100.0
+SURVEY_STEP_M = 10.0
+SURVEY_CORRELATION_M = 100.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +79,8 @@ CAR = Motion(8.0, 9.0, 1.7, 0.15, 0.25, 0.4, 0.5, 0.5, wheelbase_m=2.7, keep_off
 
 @dataclass(frozen=True)
 class Drive:
-    """True poses at KNOTS_HZ and at the stamp of every scan, so that interpolation is exact at the scans."""
+    """True poses at KNOTS_HZ and at the stamp of every scan, so that interpolation is exact at the
+    scans."""
 
     utimes: Stamps
     """(k,) microseconds since 1970, increasing."""
@@ -99,11 +112,20 @@ class Drive:
 
 
 def drive(
-    seed: int, when: date, line_m: Floats, ground: Ground, route_m: float, step_m: float, motion: Motion, lateral_m: float = 0.0
+    seed: int,
+    when: date,
+    line_m: Floats,
+    ground: Ground,
+    route_m: float,
+    step_m: float,
+    motion: Motion,
+    lateral_m: float = 0.0,
 ) -> Drive:
-    """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every `step_m`.
+    """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every
+    `step_m`.
 
-    It departs at `when`, or on that date at DEPARTURE. It drives `lateral_m` left of its usual line, but on the street.
+    It departs at `when`, or on that date at DEPARTURE. It drives `lateral_m` left of its usual
+    line, but on the street.
     """
     rng = generator(seed, Stream.DRIVE, when)
     path_m, heading = _path(rng, line_m, motion, lateral_m)
@@ -114,7 +136,9 @@ def drive(
 
     grid_m = np.arange(0, end_m, motion.knot_m)
     rocking = _rocking(rng, len(grid_m), motion)
-    scan_us = np.rint(1e6 * (lead_m + np.arange(scans) * step_m) / motion.speed_mps).astype(np.int64)
+    scan_us = np.rint(1e6 * (lead_m + np.arange(scans) * step_m) / motion.speed_mps).astype(
+        np.int64
+    )
     knots_us = np.union1d(np.rint(1e6 * grid_m / motion.speed_mps).astype(np.int64), scan_us)
     knots_m = knots_us * 1e-6 * motion.speed_mps
 
@@ -131,27 +155,41 @@ def drive(
     utimes = int(departure.timestamp()) * 1_000_000 + knots_us
     if not motion.pilot:
         return Drive(utimes, poses, rows)
-    pilot_m = _pilot(generator(seed, Stream.PILOT, when), xy_m[rows], np.interp(knots_m[rows], stations_m, heading), step_m)
+    pilot_m = _pilot(
+        generator(seed, Stream.PILOT, when),
+        xy_m[rows],
+        np.interp(knots_m[rows], stations_m, heading),
+        step_m,
+    )
     return Drive(utimes, poses, rows, pilot_m)
 
 
 def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
-    """The drive as a SLAM solution tells it: positions wander about the true ones with the deviation `sd_m` in x and in y."""
+    """The drive as a SLAM solution tells it: positions wander about the true ones with the
+    deviation `sd_m` in x and in y."""
     knots_m = driven_m(driven.world_T_body[:, :2, 3])
-    reported, steps = driven.world_T_body.copy(), int(knots_m[-1] / SURVEY_STEP_M) + 2
+    reported = driven.world_T_body.copy()
+    steps = int(knots_m[-1] / SURVEY_STEP_M) + 2
     for axis in (0, 1):
         error_m = _wander(rng, steps, SURVEY_STEP_M, sd_m, SURVEY_CORRELATION_M, 3 * sd_m)
         reported[:, axis, 3] += np.interp(knots_m, SURVEY_STEP_M * np.arange(steps), error_m)
     return replace(driven, world_T_body=reported)
 
 
-def _path(rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float) -> tuple[Floats, Floats]:
-    """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings (n,) in radians."""
+def _path(
+    rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float
+) -> tuple[Floats, Floats]:
+    """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings
+    (n,) in radians."""
     middle_m = _resample(line_m)
-    middle_m = np.stack([_smooth(axis, round(motion.corner_m / LINE_STEP_M)) for axis in middle_m.T], 1)
+    middle_m = np.stack(
+        [_smooth(axis, round(motion.corner_m / LINE_STEP_M)) for axis in middle_m.T], 1
+    )
     along = np.gradient(middle_m, axis=0)
     along /= np.hypot(*along.T)[:, None] + 1e-9
-    weave_m = _wander(rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M)
+    weave_m = _wander(
+        rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M
+    )
     weave_m = OFFSET_RESTORED * _smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
     usual_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
     left_m = (usual_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
@@ -168,13 +206,18 @@ def _resample(line_m: Floats) -> Floats:
 def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
     """Roll, pitch and heading noise (knots, 3) in radians, at knots `motion.knot_m` apart."""
     sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
-    tilts = [_wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg]
-    heading = _wander(rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG)
+    tilts = [
+        _wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg
+    ]
+    heading = _wander(
+        rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG
+    )
     return np.deg2rad(np.stack([*tilts, heading], 1))
 
 
 def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floats:
-    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2); uphill is a pitch below 0."""
+    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2); uphill is a pitch
+    below 0."""
     ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left = ahead[:, ::-1] * (-1, 1)
     rises_m = [ground.at(*(xy_m + way).T) - ground.at(*(xy_m - way).T) for way in (left, ahead)]
@@ -182,16 +225,34 @@ def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floa
 
 
 def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
-    """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and angle."""
+    """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and
+    angle."""
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
-    bearing_deg = _wander(rng, len(xy_m), step_m, PILOT_BEARING_SD_DEG, PILOT_BEARING_CORRELATION_M, PILOT_BEARING_CLIP_DEG)
-    range_m = PILOT_BEHIND_M + _wander(rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M)
+    bearing_deg = _wander(
+        rng,
+        len(xy_m),
+        step_m,
+        PILOT_BEARING_SD_DEG,
+        PILOT_BEARING_CORRELATION_M,
+        PILOT_BEARING_CLIP_DEG,
+    )
+    range_m = PILOT_BEHIND_M + _wander(
+        rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M
+    )
     towards = heading + np.deg2rad(180.0 + side_deg + bearing_deg)
     return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(towards), np.sin(towards)], 1))
 
 
-def _wander(rng: np.random.Generator, steps: int, step_m: float, sd: float, correlation_m: float, clip: float) -> Floats:
-    """A stationary Gauss–Markov process (steps,) of deviation `sd` and length `correlation_m`, clipped at ± `clip`."""
+def _wander(
+    rng: np.random.Generator,
+    steps: int,
+    step_m: float,
+    sd: float,
+    correlation_m: float,
+    clip: float,
+) -> Floats:
+    """A stationary Gauss–Markov process (steps,) of deviation `sd` and length `correlation_m`,
+    clipped at ± `clip`."""
     keep = np.exp(-step_m / correlation_m)
     pushes = rng.normal(0, sd * np.sqrt(1 - keep**2), steps)
     pushes[0] = rng.normal(0, sd)
@@ -199,7 +260,8 @@ def _wander(rng: np.random.Generator, steps: int, step_m: float, sd: float, corr
 
 
 def _smooth(values: Floats, samples: int) -> Floats:
-    """`values` (n,) smoothed by a Hann window of `samples`; beyond the ends the first and last values are repeated."""
+    """`values` (n,) smoothed by a Hann window of `samples`; beyond the ends the first and last
+    values are repeated."""
     window = np.hanning(samples + 2)[1:-1]
     held = np.concatenate([np.repeat(values[:1], samples), values, np.repeat(values[-1:], samples)])
     return np.convolve(held, window / window.sum(), "same")[samples:-samples]

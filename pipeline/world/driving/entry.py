@@ -14,11 +14,13 @@ class Entry:
     """The settings of a sequence; all but `unseen` and `reversed` are optional."""
 
     unseen: float
-    """The share of its route outside that of the training sequence; for a scanner car, of its second half outside its first."""
+    """The share of its route outside that of the training sequence; for a scanner car, of its
+    second half outside its first."""
     reversed: float
     """The share of the rest that it drives opposite to the training sequence."""
     events_per_km: float = 0.0
-    """Minimum of events in its year: those of the world, and further ones, which are invisible on the training day."""
+    """Minimum of events in its year: those of the world, and further ones, which are invisible on
+    the training day."""
     near_route: float = 1.0
     """The share of the further events near the training route."""
     lateral_m: float = 0.0
@@ -32,13 +34,21 @@ class Entry:
             entry = cls(**settings)
         except TypeError:
             names = [field.name for field in fields(cls)]
-            raise ConfigError(f"{group}: needs unseen and reversed, and takes {', '.join(names[2:-1])} and {names[-1]}") from None
+            raise ConfigError(
+                f"{group}: needs unseen and reversed, and takes {', '.join(names[2:-1])} and "
+                f"{names[-1]}"
+            ) from None
         check(entry, group)
         for name in ("unseen", "reversed", "near_route"):
             if not 0 <= getattr(entry, name) <= 1:
-                raise ConfigError(f"{group}.{name}={getattr(entry, name)}: expected a share from 0 to 1")
+                raise ConfigError(
+                    f"{group}.{name}={getattr(entry, name)}: expected a share from 0 to 1"
+                )
         if entry.events_per_km < 0:
             raise ConfigError(f"{group}.events_per_km={entry.events_per_km}: expected 0 or more")
         if abs(entry.lateral_m) > OFFSET_CLIP_M:
-            raise ConfigError(f"{group}.lateral_m={entry.lateral_m}: expected at most {OFFSET_CLIP_M:g} m to either side")
+            raise ConfigError(
+                f"{group}.lateral_m={entry.lateral_m}: expected at most {OFFSET_CLIP_M:g} m to "
+                "either side"
+            )
         return entry

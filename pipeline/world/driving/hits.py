@@ -1,8 +1,9 @@
 """Intersections of a ray with one shape, in closed form, one function per shape.
 
-Each returns the range in metres, MISS where the ray does not meet the shape, and the cosine of incidence. In a porous shape the
-free path of a ray is −log(u) / extinction (Beer–Lambert), so foliage needs no single leaves; u comes from a hash, so the result
-does not depend on the order of evaluation.
+Each returns the range in metres, MISS where the ray does not meet the shape, and the cosine of
+incidence. In a porous shape the free path of a ray is −log(u) / extinction (Beer–Lambert), so
+foliage needs no single leaves; u comes from a hash, so the result does not depend on the order of
+evaluation.
 """
 
 from typing import Any, TypeAlias
@@ -20,7 +21,8 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
-    """A pseudo-random number in (0, 1), a function of the three arguments alone (finaliser of splitmix64)."""
+    """A pseudo-random number in (0, 1), a function of the three arguments alone (finaliser of
+    splitmix64)."""
     word = (
         np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
         ^ (np.uint64(ray) + np.uint64(0x632BE59BD9B4E019)) * np.uint64(0xBF58476D1CE4E5B9)
@@ -36,25 +38,35 @@ def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """The ranges at which a ray enters and leaves low <= start + range × step <= high; enter > leave if it never enters."""
+    """The ranges at which a ray enters and leaves low <= start + range × step <= high; enter >
+    leave if it never enters."""
     if abs(step) < _PARALLEL:
         return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
-    a, b = (low - start) / step, (high - start) / step
+    a = (low - start) / step
+    b = (high - start) / step
     return (a, b) if a < b else (b, a)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
     """Where the ray enters a box; a ray that starts inside misses it."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    ahead, left = ox - box.x_m, oy - box.y_m
-    along, across = dx * box.cos_yaw + dy * box.sin_yaw, dy * box.cos_yaw - dx * box.sin_yaw
-    in_x, out_x = _slab(ahead * box.cos_yaw + left * box.sin_yaw, along, -box.half_length_m, box.half_length_m)
-    in_y, out_y = _slab(left * box.cos_yaw - ahead * box.sin_yaw, across, -box.half_width_m, box.half_width_m)
+    (ox, oy, oz) = origin
+    (dx, dy, dz) = direction
+    ahead = ox - box.x_m
+    left = oy - box.y_m
+    along = dx * box.cos_yaw + dy * box.sin_yaw
+    across = dy * box.cos_yaw - dx * box.sin_yaw
+    in_x, out_x = _slab(
+        ahead * box.cos_yaw + left * box.sin_yaw, along, -box.half_length_m, box.half_length_m
+    )
+    in_y, out_y = _slab(
+        left * box.cos_yaw - ahead * box.sin_yaw, across, -box.half_width_m, box.half_width_m
+    )
     if max(in_x, in_y) > min(out_x, out_y):
         return MISS, 0.0
     in_z, out_z = _slab(oz, dz, box.bottom_m, box.top_m)
-    enter, leave = max(in_x, in_y, in_z), min(out_x, out_y, out_z)
+    enter = max(in_x, in_y, in_z)
+    leave = min(out_x, out_y, out_z)
     if enter > leave or enter <= 0:
         return MISS, 0.0
     if box.extinction_per_m > 0:
@@ -67,8 +79,10 @@ def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[floa
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[float, float]:
     """Where the ray meets the side of an upright cylinder; the caps are open."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    east, north = cylinder.x_m - ox, cylinder.y_m - oy
+    (ox, oy, oz) = origin
+    (dx, dy, dz) = direction
+    east = cylinder.x_m - ox
+    north = cylinder.y_m - oy
     level2 = dx * dx + dy * dy
     aside = east * dy - north * dx
     depth2 = cylinder.radius_m * cylinder.radius_m * level2 - aside * aside
@@ -84,11 +98,16 @@ def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[floa
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
     """Where the ray is stopped inside a porous ellipsoid."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    px, py = (ox - crown.x_m) / crown.radius_m, (oy - crown.y_m) / crown.radius_m
-    vx, vy = dx / crown.radius_m, dy / crown.radius_m
-    pz, vz = (oz - crown.z_m) / crown.half_height_m, dz / crown.half_height_m
-    a, b = vx * vx + vy * vy + vz * vz, px * vx + py * vy + pz * vz
+    (ox, oy, oz) = origin
+    (dx, dy, dz) = direction
+    px = (ox - crown.x_m) / crown.radius_m
+    py = (oy - crown.y_m) / crown.radius_m
+    vx = dx / crown.radius_m
+    vy = dy / crown.radius_m
+    pz = (oz - crown.z_m) / crown.half_height_m
+    vz = dz / crown.half_height_m
+    a = vx * vx + vy * vy + vz * vz
+    b = px * vx + py * vy + pz * vz
     inside = b * b - a * (px * px + py * py + pz * pz - 1.0)
     if inside <= 0:
         return MISS, 0.0

@@ -14,15 +14,22 @@ from pipeline.world.driving.raycast import cast
 from pipeline.world.driving.scene import Scene
 from pipeline.world.layout.shapes import Records
 
-HDL32_DEG, HDL32_HEIGHT_M = np.linspace(-30.67, 10.67, 32), 1.3
+HDL32_DEG = np.linspace(-30.67, 10.67, 32)
+HDL32_HEIGHT_M = 1.3
 HDL32_INVERTED_HEIGHT_M = 0.96
 """NCLT's Segway carries it upside down (METHODS 7.1): most of its beams look up."""
-HDL64_DEG, HDL64_HEIGHT_M = np.concatenate([np.linspace(-24.8, -8.87, 32), np.linspace(-8.33, 2.0, 32)]), 1.73
-"""The lower half of the beams of an HDL-64E is spaced by half a degree, the upper half by a third."""
-LMS_DEG, LMS_HEIGHT_M = (-135.0, 135.0), 0.9
+HDL64_DEG = np.concatenate([np.linspace(-24.8, -8.87, 32), np.linspace(-8.33, 2.0, 32)])
+HDL64_HEIGHT_M = 1.73
+"""The lower half of the beams of an HDL-64E is spaced by half a degree, the upper half by a
+third."""
+LMS_DEG = (-135.0, 135.0)
+LMS_HEIGHT_M = 0.9
 CAMERA_HEIGHT_M = LMS_HEIGHT_M + EXTRINSICS["lms_front"][2]
 """Height of the stereo camera, the origin of RobotCar's vehicle frame, above the ground."""
-_DROP, _FADE, _NOISE_RADIUS, _NOISE_ANGLE = 900_001, 900_002, 900_003, 900_004
+_DROP = 900_001
+_FADE = 900_002
+_NOISE_RADIUS = 900_003
+_NOISE_ANGLE = 900_004
 """Draws larger than the number of any shape, so that they share no random number with foliage."""
 
 
@@ -44,7 +51,8 @@ class Lidar:
     """A scanner on a robot."""
 
     directions: Floats
-    """(ray, 3) unit vectors in the sensor's frame, in the order that they are fired: all beams of one azimuth at once."""
+    """(ray, 3) unit vectors in the sensor's frame, in the order that they are fired: all beams of
+    one azimuth at once."""
     beams: int
     body_T_sensor: Poses
     """(4, 4); the origin of the body lies on the ground under the robot."""
@@ -53,13 +61,16 @@ class Lidar:
     range_sd_m: float = 0.02
     drop_out: float = 0.03
     reach_m: float = 100.0
-    """Range at which a surface of reflectance × cosine 0.1 returns with probability 1/e; 100 m ends ground rings near 30 m."""
+    """Range at which a surface of reflectance × cosine 0.1 returns with probability 1/e; 100 m ends
+    ground rings near 30 m."""
 
     def scan(self, scene: Scene, movers: Records, world_T_body: Poses, seed: np.uint64) -> Returns:
         """One scan of a robot at `world_T_body` (4, 4), all rays at the same instant."""
         origin = world_T_body[:3, 3] + world_T_body[:3, :3] @ self.body_T_sensor[:3, 3]
         rotation = np.ascontiguousarray(world_T_body[:3, :3] @ self.body_T_sensor[:3, :3])
-        true_m, kinds, brightness = cast(scene, movers, origin, rotation, self.directions, self.max_range_m, seed)
+        true_m, kinds, brightness = cast(
+            scene, movers, origin, rotation, self.directions, self.max_range_m, seed
+        )
         ranges_m = measure(true_m, brightness, self.range_sd_m, self.drop_out, self.reach_m, seed)
         back = np.flatnonzero(ranges_m > self.min_range_m)
         intensity = np.rint(255 * brightness[back]).clip(0, 255).astype(np.uint8)
@@ -79,16 +90,28 @@ def hdl32_inverted(azimuths: int) -> Lidar:
 
 def hdl64(azimuths: int) -> Lidar:
     """A 64-beam spinning lidar on a car's roof."""
-    return Lidar(_turning(HDL64_DEG, azimuths), 64, raised(HDL64_HEIGHT_M), min_range_m=2.5, reach_m=150.0)
+    return Lidar(
+        _turning(HDL64_DEG, azimuths), 64, raised(HDL64_HEIGHT_M), min_range_m=2.5, reach_m=150.0
+    )
 
 
 def lms151(rays: int) -> Lidar:
-    """A push-broom at the front of a car, mounted as lms_front of RobotCar: `rays` in its plane z = 0; its x axis points down."""
+    """A push-broom at the front of a car, mounted as lms_front of RobotCar: `rays` in its plane z =
+    0; its x axis points down."""
     angles = np.deg2rad(np.linspace(*LMS_DEG, rays))
     fan = np.stack([np.cos(angles), np.sin(angles), np.zeros(rays)], 1)
     xyzrpy = np.array([EXTRINSICS["lms_front"]])
     body_T_sensor = raised(CAMERA_HEIGHT_M) @ NED_FLIP @ pose(xyzrpy[:, :3], xyzrpy[:, 3:])[0]
-    return Lidar(fan, 1, body_T_sensor, min_range_m=0.5, max_range_m=50.0, range_sd_m=0.03, drop_out=0.02, reach_m=60.0)
+    return Lidar(
+        fan,
+        1,
+        body_T_sensor,
+        min_range_m=0.5,
+        max_range_m=50.0,
+        range_sd_m=0.03,
+        drop_out=0.02,
+        reach_m=60.0,
+    )
 
 
 def _turning(elevations_deg: Floats, azimuths: int) -> Floats:
@@ -96,7 +119,9 @@ def _turning(elevations_deg: Floats, azimuths: int) -> Floats:
     elevation = np.deg2rad(elevations_deg)[None, :]
     azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[:, None]
     level = np.cos(elevation)
-    rays = np.stack(np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)), -1)
+    rays = np.stack(
+        np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)), -1
+    )
     return np.ascontiguousarray(rays.reshape(-1, 3))
 
 
@@ -116,7 +141,8 @@ def measure(
 ) -> Floats:
     """Measured ranges (n,) for true ones (0: no surface); 0 where no light returns.
 
-    A return at range r has probability exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1), less the share `drop_out`.
+    A return at range r has probability exp(−(r / rm)⁴), rm = reach_m √(brightness / 0.1), less the
+    share `drop_out`.
     """
     measured_m = np.zeros(true_m.shape[0])
     for ray in range(true_m.shape[0]):

@@ -1,4 +1,5 @@
-"""Sensor models for poses: odometry with a scale error, a turning bias and white noise, and an INS with outages."""
+"""Sensor models for poses: odometry with a scale error, a turning bias and white noise, and an INS
+with outages."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,24 @@ VISUAL_YAW_BIAS_SD_DEG_PER_M = 0.008
 VISUAL_TURN_SD_DEG_PER_SQRT_M = (0.02, 0.02, 0.03)
 """For roll, pitch and yaw."""
 
-OUTAGE_GAPS_M, OUTAGE_LENGTHS_M = (100.0, 500.0), (20.0, 60.0)
+OUTAGE_GAPS_M = (100.0, 500.0)
+OUTAGE_LENGTHS_M = (20.0, 60.0)
 DRIFTS_M_PER_M = (0.1, 0.3)
 
 
 def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
-    """Poses (n, 4, 4) integrated from wheels and gyroscope, in the frame of the body at the first row.
+    """Poses (n, 4, 4) integrated from wheels and gyroscope, in the frame of the body at the first
+    row.
 
     Position and heading drift; roll and pitch do not, since gravity is measured.
     """
     motion = np.linalg.inv(world_T_body[:-1]) @ world_T_body[1:]
     metres = np.linalg.norm(motion[:, :3, 3], axis=1)
-    scale, bias_deg = 1 + rng.normal(0, SCALE_SD), rng.normal(0, YAW_BIAS_SD_DEG_PER_M)
-    drift_deg = bias_deg * metres + rng.normal(0, YAW_SD_DEG_PER_SQRT_M, len(metres)) * np.sqrt(metres)
+    scale = 1 + rng.normal(0, SCALE_SD)
+    bias_deg = rng.normal(0, YAW_BIAS_SD_DEG_PER_M)
+    drift_deg = bias_deg * metres + rng.normal(0, YAW_SD_DEG_PER_SQRT_M, len(metres)) * np.sqrt(
+        metres
+    )
     slip_m = rng.normal(0, SLIP_SD_M_PER_SQRT_M, (len(metres), 2)) * np.sqrt(metres)[:, None]
 
     angles = Rotation.from_matrix(world_T_body[:, :3, :3]).as_euler("ZYX")
@@ -45,10 +51,12 @@ def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
 
 
 def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
-    """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one; all angles drift."""
+    """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one; all
+    angles drift."""
     motion = np.linalg.inv(world_T_camera[:-1]) @ world_T_camera[1:]
     metres = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
-    scale, bias_deg = 1 + rng.normal(0, SCALE_SD), rng.normal(0, VISUAL_YAW_BIAS_SD_DEG_PER_M)
+    scale = 1 + rng.normal(0, SCALE_SD)
+    bias_deg = rng.normal(0, VISUAL_YAW_BIAS_SD_DEG_PER_M)
     turn_deg = rng.normal(0, VISUAL_TURN_SD_DEG_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
     turn_deg[:, 2] += bias_deg * metres[:, 0]
     slip_m = rng.normal(0, VISUAL_SLIP_SD_M_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
@@ -60,15 +68,21 @@ def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
 def simulate_ins(rng: np.random.Generator, world_T_body: Poses) -> tuple[Poses, NDArray[np.bool_]]:
     """The poses (n, 4, 4) that an INS reports for the true ones, and which of them are good (n,).
 
-    There are about three outages a kilometre, tens of metres each, in which the position drifts to one side.
+    There are about three outages a kilometre, tens of metres each, in which the position drifts to
+    one side.
     """
     passed_m = driven_m(world_T_body[:, :2, 3])
-    reported, good = world_T_body.copy(), np.ones(len(world_T_body), bool)
+    reported = world_T_body.copy()
+    good = np.ones(len(world_T_body), bool)
     start_m = rng.uniform(*OUTAGE_GAPS_M)
     while start_m < passed_m[-1]:
-        end_m, drift, towards = start_m + rng.uniform(*OUTAGE_LENGTHS_M), rng.uniform(*DRIFTS_M_PER_M), rng.uniform(0, 2 * np.pi)
+        end_m = start_m + rng.uniform(*OUTAGE_LENGTHS_M)
+        drift = rng.uniform(*DRIFTS_M_PER_M)
+        towards = rng.uniform(0, 2 * np.pi)
         blind = (start_m <= passed_m) & (passed_m < end_m)
-        reported[blind, :2, 3] += drift * (passed_m[blind] - start_m)[:, None] * (np.cos(towards), np.sin(towards))
+        reported[blind, :2, 3] += (
+            drift * (passed_m[blind] - start_m)[:, None] * (np.cos(towards), np.sin(towards))
+        )
         good[blind] = False
         start_m = end_m + rng.uniform(*OUTAGE_GAPS_M)
     return reported, good

@@ -1,4 +1,5 @@
-"""The ray caster: each ray steps through the cells of the ground (DDA) and meets the nearest shape in them, or the ground.
+"""The ray caster: each ray steps through the cells of the ground (DDA) and meets the nearest shape
+in them, or the ground.
 
 A scan is cast by one thread; blocks of scans run in parallel.
 """
@@ -14,7 +15,8 @@ from pipeline.world.layout.ground import height_at
 from pipeline.world.layout.shapes import Kind, Records
 
 GROUND_REFLECTANCE = 0.2
-_GROUND, _BUILDING = int(Kind.GROUND), int(Kind.BUILDING)
+_GROUND = int(Kind.GROUND)
+_BUILDING = int(Kind.BUILDING)
 RELIEF_CELL_M = 0.7
 _REFINEMENTS = 3
 _NEVER = 1e30
@@ -30,54 +32,93 @@ def cast(
     max_range_m: float,
     seed: np.uint64,
 ) -> tuple[Floats, NDArray[np.uint8], Floats]:
-    """Cast rays from `origin` (3,) in the world along `directions` (n, 3), unit vectors in the body's frame.
+    """Cast rays from `origin` (3,) in the world along `directions` (n, 3), unit vectors in the
+    body's frame.
 
-    `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit), the `shapes.Kind` that each
-    ray hit, and its reflectance × cosine of incidence.
+    `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit),
+    the `shapes.Kind` that each ray hit, and its reflectance × cosine of incidence.
     """
     n = directions.shape[0]
-    ranges, kinds, brightness = np.zeros(n), np.zeros(n, np.uint8), np.zeros(n)
+    ranges = np.zeros(n)
+    kinds = np.zeros(n, np.uint8)
+    brightness = np.zeros(n)
     start = origin[0], origin[1], origin[2]
     for ray in range(n):
         body = directions[ray]
-        dx = world_R_body[0, 0] * body[0] + world_R_body[0, 1] * body[1] + world_R_body[0, 2] * body[2]
-        dy = world_R_body[1, 0] * body[0] + world_R_body[1, 1] * body[1] + world_R_body[1, 2] * body[2]
-        dz = world_R_body[2, 0] * body[0] + world_R_body[2, 1] * body[1] + world_R_body[2, 2] * body[2]
+        dx = (
+            world_R_body[0, 0] * body[0]
+            + world_R_body[0, 1] * body[1]
+            + world_R_body[0, 2] * body[2]
+        )
+        dy = (
+            world_R_body[1, 0] * body[0]
+            + world_R_body[1, 1] * body[1]
+            + world_R_body[1, 2] * body[2]
+        )
+        dz = (
+            world_R_body[2, 0] * body[0]
+            + world_R_body[2, 1] * body[1]
+            + world_R_body[2, 2] * body[2]
+        )
         direction = dx, dy, dz
-        best, kind, bright = max_range_m, 0, 0.0
+        best = max_range_m
+        kind = 0
+        bright = 0.0
         for mover in movers:
             at, cosine = hit_cylinder(mover, start, direction)
             if 0 < at < best:
-                best, kind, bright = at, mover.kind, cosine * mover.reflectance
+                best = at
+                kind = mover.kind
+                bright = cosine * mover.reflectance
         best, kind, bright = _first_hit(scene, start, direction, best, kind, bright, ray, seed)
         if kind == _BUILDING and scene.relief_m > 0:
-            best += scene.relief_m * _relief(start[0] + best * dx, start[1] + best * dy, start[2] + best * dz)
+            best += scene.relief_m * _relief(
+                start[0] + best * dx, start[1] + best * dy, start[2] + best * dz
+            )
         if kind > 0:
-            ranges[ray], kinds[ray], brightness[ray] = best, kind, bright
+            ranges[ray] = best
+            kinds[ray] = kind
+            brightness[ray] = bright
     return ranges, kinds, brightness
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relief(x_m: float, y_m: float, z_m: float) -> float:
-    """How far a wall lies behind its plane at this point, −1 to 1: one value for each cube of RELIEF_CELL_M, on every day."""
-    i, j, k = int(np.floor(x_m / RELIEF_CELL_M)), int(np.floor(y_m / RELIEF_CELL_M)), int(np.floor(z_m / RELIEF_CELL_M))
+    """How far a wall lies behind its plane at this point, −1 to 1: one value for each cube of
+    RELIEF_CELL_M, on every day."""
+    i = int(np.floor(x_m / RELIEF_CELL_M))
+    j = int(np.floor(y_m / RELIEF_CELL_M))
+    k = int(np.floor(z_m / RELIEF_CELL_M))
     return 2.0 * hash_u(np.uint64(k), i, j) - 1.0  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_hit(
-    scene: Scene, origin: Vector, direction: Vector, best: float, kind: int, bright: float, ray: int, seed: np.uint64
+    scene: Scene,
+    origin: Vector,
+    direction: Vector,
+    best: float,
+    kind: int,
+    bright: float,
+    ray: int,
+    seed: np.uint64,
 ) -> tuple[float, int, float]:
-    """Range, kind and reflectance × cosine of the first hit, given those of the nearest mover (`best`, `kind`, `bright`)."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
-    rows, columns = scene.heights_m.shape[0] - 1, scene.heights_m.shape[1] - 1
-    i, j = int(np.floor((ox - scene.x0_m) / scene.cell_m)), int(np.floor((oy - scene.y0_m) / scene.cell_m))
-    step_i, step_j = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    """Range, kind and reflectance × cosine of the first hit, given those of the nearest mover
+    (`best`, `kind`, `bright`)."""
+    (ox, oy, oz) = origin
+    (dx, dy, dz) = direction
+    rows = scene.heights_m.shape[0] - 1
+    columns = scene.heights_m.shape[1] - 1
+    i = int(np.floor((ox - scene.x0_m) / scene.cell_m))
+    j = int(np.floor((oy - scene.y0_m) / scene.cell_m))
+    step_i = 1 if dx > 0 else -1
+    step_j = 1 if dy > 0 else -1
     gap_x = scene.cell_m / abs(dx) if dx != 0 else _NEVER
     gap_y = scene.cell_m / abs(dy) if dy != 0 else _NEVER
     next_x = (scene.x0_m + (i + (dx > 0)) * scene.cell_m - ox) / dx if dx != 0 else _NEVER
     next_y = (scene.y0_m + (j + (dy > 0)) * scene.cell_m - oy) / dy if dy != 0 else _NEVER
-    enter, above_in = 0.0, _above_ground(scene, ox, oy, oz)
+    enter = 0.0
+    above_in = _above_ground(scene, ox, oy, oz)
     while 0 <= i < rows and 0 <= j < columns:
         leave = min(next_x, next_y)
         cell = i * columns + j
@@ -85,7 +126,9 @@ def _first_hit(
             for item in range(scene.starts[cell], scene.starts[cell + 1]):
                 at, cosine, what = _hit(scene, scene.items[item], origin, direction, ray, seed)
                 if 0 < at < best:
-                    best, kind, bright = at, what, cosine
+                    best = at
+                    kind = what
+                    bright = cosine
         end = min(leave, best)
         above_out = _above_ground(scene, ox + end * dx, oy + end * dy, oz + end * dz)
         if above_out < 0:
@@ -94,7 +137,8 @@ def _first_hit(
             return at, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
         if best <= leave:
             break
-        enter, above_in = leave, above_out
+        enter = leave
+        above_in = above_out
         if next_x < next_y:
             i += step_i
             next_x += gap_x
@@ -105,7 +149,9 @@ def _first_hit(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hit(scene: Scene, shape: int, origin: Vector, direction: Vector, ray: int, seed: np.uint64) -> tuple[float, float, int]:
+def _hit(
+    scene: Scene, shape: int, origin: Vector, direction: Vector, ray: int, seed: np.uint64
+) -> tuple[float, float, int]:
     """Range (below 0: a miss), reflectance × cosine and kind of one shape on the way of a ray."""
     if shape < scene.boxes.shape[0]:
         box = scene.boxes[shape]
@@ -125,21 +171,32 @@ def _hit(scene: Scene, shape: int, origin: Vector, direction: Vector, ray: int, 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _above_ground(scene: Scene, x_m: float, y_m: float, z_m: float) -> float:
     """Height in metres of a point above the ground."""
-    return z_m - height_at(scene.heights_m, scene.x0_m, scene.y0_m, scene.cell_m, x_m, y_m)  # type: ignore[no-any-return]
+    ground_m = height_at(scene.heights_m, scene.x0_m, scene.y0_m, scene.cell_m, x_m, y_m)
+    return z_m - ground_m  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _ground_hit(
-    scene: Scene, origin: Vector, direction: Vector, enter: float, above_in: float, end: float, above_out: float
+    scene: Scene,
+    origin: Vector,
+    direction: Vector,
+    enter: float,
+    above_in: float,
+    end: float,
+    above_out: float,
 ) -> float:
-    """Range at which the ray meets the ground, between `enter` above it and `end` below it, by false position."""
-    (ox, oy, oz), (dx, dy, dz) = origin, direction
+    """Range at which the ray meets the ground, between `enter` above it and `end` below it, by
+    false position."""
+    (ox, oy, oz) = origin
+    (dx, dy, dz) = direction
     at = enter
     for _ in range(_REFINEMENTS):
         at = enter + (end - enter) * above_in / (above_in - above_out) if above_in > 0 else enter
         above = _above_ground(scene, ox + at * dx, oy + at * dy, oz + at * dz)
         if above > 0:
-            enter, above_in = at, above
+            enter = at
+            above_in = above
         else:
-            end, above_out = at, above
+            end = at
+            above_out = above
     return at

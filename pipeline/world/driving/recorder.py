@@ -30,13 +30,17 @@ class Recording:
     unit: str = "scans"
 
     def __str__(self) -> str:
-        driven = f"{self.scans} {self.unit}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m driven"
+        driven = (
+            f"{self.scans} {self.unit}, {self.points / 1e6:.1f} M points, {self.metres:.0f} m "
+            "driven"
+        )
         return f"{driven}; planned {self.unseen:.0%} unseen, {self.reversed:.0%} reversed"
 
 
 @dataclass(frozen=True)
 class Recorder:
-    """Everything that a worker needs to record any block of scans of a sequence; it can be sent to other processes."""
+    """Everything that a worker needs to record any block of scans of a sequence; it can be sent to
+    other processes."""
 
     seed: int
     when: date
@@ -51,11 +55,14 @@ class Recorder:
     def block(self, start: int, stop: int) -> tuple[int, list[tuple[int, int, Returns]]]:
         """Record the scans from `start` up to, but not including, `stop`.
 
-        Returns the number of their points, and the number, utime and returns of the scans that one process must write, in order.
+        Returns the number of their points, and the number, utime and returns of the scans that one
+        process must write, in order.
         """
-        points, unwritten = 0, []
+        points = 0
+        unwritten = []
         for scan in range(start, stop):
-            utime, returns = int(self.drive.scan_utimes[scan]), self._scan(scan)
+            utime = int(self.drive.scan_utimes[scan])
+            returns = self._scan(scan)
             points += len(returns.points_m)
             if self.truth:
                 self.truth.write_scan(utime, returns)
@@ -69,6 +76,10 @@ class Recorder:
         world_T_body = self.drive.world_T_body[self.drive.scan_rows[scan]]
         movers = self.day.movers(self.drive.time_s(scan), world_T_body[:2, 3], self.keep_off_m)
         if self.drive.pilot_m is not None:
-            pilot = people_at(self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground)
+            pilot = people_at(
+                self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground
+            )
             movers = np.concatenate([movers, pilot])
-        return self.lidar.scan(self.day.scene, movers, world_T_body, scan_seed(self.seed, self.when, scan))
+        return self.lidar.scan(
+            self.day.scene, movers, world_T_body, scan_seed(self.seed, self.when, scan)
+        )

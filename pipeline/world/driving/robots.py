@@ -26,12 +26,15 @@ class Robot:
     streets_only: bool = False
     """Whether its world has roads but no footpaths."""
     loops: bool = False
-    """Whether each log is a world of its own, where the second half drives the streets of the first half again."""
+    """Whether each log is a world of its own, where the second half drives the streets of the first
+    half again."""
 
 
 ROBOTS = {
     "segway": Robot(SEGWAY, hdl32, nclt_date, ("nclt", *BAGS)),
     "segway_inverted": Robot(SEGWAY, hdl32_inverted, nclt_date, ("nclt", *BAGS)),
-    "push_broom_car": Robot(CAR, lms151, robotcar_time, ("robotcar",), unit="sweeps", streets_only=True),
+    "push_broom_car": Robot(
+        CAR, lms151, robotcar_time, ("robotcar",), unit="sweeps", streets_only=True
+    ),
     "scanner_car": Robot(CAR, hdl64, kitti_date, ("kitti", *BAGS), streets_only=True, loops=True),
 }

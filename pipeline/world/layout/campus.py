@@ -1,4 +1,5 @@
-"""The campus: everything that does not move, with the days on which it appears and vanishes, and whether something more fits."""
+"""The campus: everything that does not move, with the days on which it appears and vanishes, and
+whether something more fits."""
 
 from dataclasses import dataclass, field
 
@@ -42,7 +43,8 @@ class Slot:
 
 @dataclass
 class Campus:
-    """Structures, plants and poles have the days on which they stand, slots the day on which they close."""
+    """Structures, plants and poles have the days on which they stand, slots the day on which they
+    close."""
 
     streets: Streets
     ground: Ground
@@ -65,20 +67,40 @@ class Campus:
         self.structures.append(structure)
         self.taken_m = np.concatenate([self.taken_m, structure.discs_m()])
 
-    def free(self, points_m: Floats, from_street_m: float, from_building_m: float) -> NDArray[np.bool_]:
+    def free(
+        self, points_m: Floats, from_street_m: float, from_building_m: float
+    ) -> NDArray[np.bool_]:
         """Which (n,) of `points_m` (n, 2) keep these distances."""
         off_street = self.streets.clearance_m(points_m) > from_street_m
-        return off_street & (cdist(points_m, self.taken_m[:, :2]) > self.taken_m[:, 2] + from_building_m).all(1)
+        return off_street & (
+            cdist(points_m, self.taken_m[:, :2]) > self.taken_m[:, 2] + from_building_m
+        ).all(1)
 
 
 def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
-    """Boxes, cylinders and crowns of everything that stands on `day`; the extinction of porous ones is still 0."""
-    plants, ground = campus.plants, campus.ground
-    cylinders = np.concatenate([standing(trunks(plants, ground), day), standing(_poles(campus), day)])
-    return standing(boxes(campus.structures, ground), day), cylinders, standing(crowns(plants, ground), day)
+    """Boxes, cylinders and crowns of everything that stands on `day`; the extinction of porous ones
+    is still 0."""
+    plants = campus.plants
+    ground = campus.ground
+    cylinders = np.concatenate(
+        [standing(trunks(plants, ground), day), standing(_poles(campus), day)]
+    )
+    return (
+        standing(boxes(campus.structures, ground), day),
+        cylinders,
+        standing(crowns(plants, ground), day),
+    )
 
 
 def _poles(campus: Campus) -> Records:
     table = columns(campus.poles, "x_m", "y_m", "radius_m", "height_m", "dead_day")
-    base_m, height_m = campus.ground.at(table["x_m"], table["y_m"]), table.pop("height_m")
-    return records(CYLINDER, bottom_m=base_m - 1, top_m=base_m + height_m, reflectance=POLE_REFLECTANCE, kind=Kind.POLE, **table)
+    base_m = campus.ground.at(table["x_m"], table["y_m"])
+    height_m = table.pop("height_m")
+    return records(
+        CYLINDER,
+        bottom_m=base_m - 1,
+        top_m=base_m + height_m,
+        reflectance=POLE_REFLECTANCE,
+        kind=Kind.POLE,
+        **table,
+    )

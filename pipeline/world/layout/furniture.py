@@ -7,12 +7,20 @@ from pipeline.world.layout.campus import Campus, Pole, Slot
 from pipeline.world.layout.greenery import tree
 from pipeline.world.layout.shapes import Species
 
-AVENUE_SHARE_OF_PATHS, AVENUE_SHARE_OF_ROADS = 0.35, 0.55
-AVENUE_PITCHES_M, AVENUE_HEIGHTS_M, AVENUE_RADII_M = (9.0, 13.0), (8.0, 13.0), (2.5, 3.8)
-AVENUE_FROM_KERB_M, AVENUE_GAPS = 3.2, 0.1
-LAMP_PITCH_M, LAMP_FROM_KERB_M, LAMP_RADIUS_M = 30.0, 1.2, 0.09
-LAMP_HEIGHT_AT_ROAD_M, LAMP_HEIGHT_AT_PATH_M = 6.5, 4.0
-KERB_PARKING_SHARE, KERB_PITCH_M = 0.35, 6.2
+AVENUE_SHARE_OF_PATHS = 0.35
+AVENUE_SHARE_OF_ROADS = 0.55
+AVENUE_PITCHES_M = (9.0, 13.0)
+AVENUE_HEIGHTS_M = (8.0, 13.0)
+AVENUE_RADII_M = (2.5, 3.8)
+AVENUE_FROM_KERB_M = 3.2
+AVENUE_GAPS = 0.1
+LAMP_PITCH_M = 30.0
+LAMP_FROM_KERB_M = 1.2
+LAMP_RADIUS_M = 0.09
+LAMP_HEIGHT_AT_ROAD_M = 6.5
+LAMP_HEIGHT_AT_PATH_M = 4.0
+KERB_PARKING_SHARE = 0.35
+KERB_PITCH_M = 6.2
 FROM_OTHER_STREETS_M = 0.8
 
 
@@ -20,7 +28,8 @@ def furnish_streets(rng: np.random.Generator, campus: Campus) -> None:
     """Add trees, lamps and parking slots to every street of the campus."""
     streets = campus.streets
     for street, is_path in enumerate(streets.is_path):
-        length_m, half_width_m = streets.lengths_m[street], streets.half_widths_m[street]
+        length_m = streets.lengths_m[street]
+        half_width_m = streets.half_widths_m[street]
         if rng.random() < (AVENUE_SHARE_OF_PATHS if is_path else AVENUE_SHARE_OF_ROADS):
             stations_m = np.arange(10, length_m - 9, rng.uniform(*AVENUE_PITCHES_M))
             sides = [(-1,), (1,), (-1, 1)][rng.integers(3)]
@@ -31,18 +40,23 @@ def furnish_streets(rng: np.random.Generator, campus: Campus) -> None:
         lamps_m = streets.beside(street, stations_m, side * (half_width_m + LAMP_FROM_KERB_M))
         lamps_m = lamps_m[campus.free(lamps_m, FROM_OTHER_STREETS_M, 0.0)]
         height_m = LAMP_HEIGHT_AT_PATH_M if is_path else LAMP_HEIGHT_AT_ROAD_M
-        campus.poles.extend(Pole(x_m, y_m, LAMP_RADIUS_M, height_m) for x_m, y_m in lamps_m.tolist())
+        campus.poles.extend(
+            Pole(x_m, y_m, LAMP_RADIUS_M, height_m) for x_m, y_m in lamps_m.tolist()
+        )
         if not is_path and rng.random() < KERB_PARKING_SHARE:
             stations_m = np.arange(14, length_m - 14, KERB_PITCH_M)
             along_x, along_y = streets.directions()[0][street]
-            yaw, places_m = float(np.arctan2(along_y, along_x)), streets.beside(street, stations_m, side * (half_width_m + 0.2))
+            yaw = float(np.arctan2(along_y, along_x))
+            places_m = streets.beside(street, stations_m, side * (half_width_m + 0.2))
             campus.slots.extend(Slot(x_m, y_m, yaw) for x_m, y_m in places_m.tolist())
 
 
 def _avenue(rng: np.random.Generator, campus: Campus, places_m: Floats) -> None:
     """Trees of one species and one size ± 15 %, at the free ones of the places (n, 2)."""
-    height_m, radius_m = rng.uniform(*AVENUE_HEIGHTS_M), rng.uniform(*AVENUE_RADII_M)
+    height_m = rng.uniform(*AVENUE_HEIGHTS_M)
+    radius_m = rng.uniform(*AVENUE_RADII_M)
     places_m = places_m[campus.free(places_m, FROM_OTHER_STREETS_M, 1.0)]
     for x_m, y_m in places_m[rng.random(len(places_m)) >= AVENUE_GAPS].tolist():
-        height_m_here, radius_m_here = height_m * rng.uniform(0.85, 1.15), radius_m * rng.uniform(0.85, 1.15)
+        height_m_here = height_m * rng.uniform(0.85, 1.15)
+        radius_m_here = radius_m * rng.uniform(0.85, 1.15)
         campus.plants.append(tree(rng, x_m, y_m, height_m_here, radius_m_here, Species.DECIDUOUS))

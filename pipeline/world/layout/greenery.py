@@ -6,14 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.world.layout.ground import Ground
-from pipeline.world.layout.shapes import ALWAYS, CROWN, CYLINDER, Kind, Records, Species, columns, records
+from pipeline.world.layout.shapes import (
+    ALWAYS,
+    CROWN,
+    CYLINDER,
+    Kind,
+    Records,
+    Species,
+    columns,
+    records,
+)
 
-TRUNK_REFLECTANCE, LEAF_REFLECTANCE = 0.3, 0.4
-TRUNK_RADIUS_M, TRUNK_RADIUS_PER_HEIGHT = 0.12, 0.012
+TRUNK_REFLECTANCE = 0.3
+LEAF_REFLECTANCE = 0.4
+TRUNK_RADIUS_M = 0.12
+TRUNK_RADIUS_PER_HEIGHT = 0.012
 TRUNK_IN_CROWN = 0.3
 """The share of the height of the crown that the trunk reaches into."""
 ROOT_M = 1.0
-CONIFER_TRUNK_SHARE, DECIDUOUS_TRUNK_SHARES = 0.12, (0.28, 0.36)
+CONIFER_TRUNK_SHARE = 0.12
+DECIDUOUS_TRUNK_SHARES = (0.28, 0.36)
 
 
 @dataclass(frozen=True)
@@ -31,9 +43,18 @@ class Plant:
     dead_day: float = ALWAYS[1]
 
 
-def tree(rng: np.random.Generator, x_m: float, y_m: float, height_m: float, radius_m: float, species: Species) -> Plant:
+def tree(
+    rng: np.random.Generator,
+    x_m: float,
+    y_m: float,
+    height_m: float,
+    radius_m: float,
+    species: Species,
+) -> Plant:
     """A tree; the height of its trunk is a share of its own height that depends on the species."""
-    share = CONIFER_TRUNK_SHARE if species == Species.CONIFER else rng.uniform(*DECIDUOUS_TRUNK_SHARES)
+    share = (
+        CONIFER_TRUNK_SHARE if species == Species.CONIFER else rng.uniform(*DECIDUOUS_TRUNK_SHARES)
+    )
     return Plant(x_m, y_m, height_m, height_m * share, radius_m, species)
 
 
@@ -43,7 +64,14 @@ def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
     height_m, trunk_m = columns(plants, "height_m", "trunk_m").values()
     z_m = ground.at(table["x_m"], table["y_m"]) + (height_m + trunk_m) / 2
     half_height_m = (height_m - trunk_m) / 2
-    return records(CROWN, z_m=z_m, half_height_m=half_height_m, reflectance=LEAF_REFLECTANCE, kind=Kind.LEAF, **table)
+    return records(
+        CROWN,
+        z_m=z_m,
+        half_height_m=half_height_m,
+        reflectance=LEAF_REFLECTANCE,
+        kind=Kind.LEAF,
+        **table,
+    )
 
 
 def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
@@ -54,4 +82,6 @@ def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
     table["bottom_m"] = (base_m := ground.at(table["x_m"], table["y_m"])) - ROOT_M
     table["top_m"] = base_m + trunk_m + TRUNK_IN_CROWN * (height_m - trunk_m)
     radius_m = TRUNK_RADIUS_M + TRUNK_RADIUS_PER_HEIGHT * height_m
-    return records(CYLINDER, radius_m=radius_m, reflectance=TRUNK_REFLECTANCE, kind=Kind.TRUNK, **table)
+    return records(
+        CYLINDER, radius_m=radius_m, reflectance=TRUNK_REFLECTANCE, kind=Kind.TRUNK, **table
+    )

@@ -1,4 +1,5 @@
-"""The routes of the sequences: the training route, test routes relative to it, or loops within one log."""
+"""The routes of the sequences: the training route, test routes relative to it, or loops within one
+log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,7 +10,14 @@ import numpy as np
 
 from pipeline.errors import ConfigError
 from pipeline.world import Floats
-from pipeline.world.layout.plan import Plan, follow, half_edges_through, plan_loops, plan_test, plan_training
+from pipeline.world.layout.plan import (
+    Plan,
+    follow,
+    half_edges_through,
+    plan_loops,
+    plan_test,
+    plan_training,
+)
 from pipeline.world.layout.streets import Streets, add_route, build_streets
 from pipeline.world.seeds import Stream, generator
 
@@ -30,34 +38,48 @@ class Routes:
     def test(self, when: date, wanted: Mapping[str, float]) -> Plan:
         """The plan of a test sequence with the wanted shares `unseen` and `reversed`."""
         rng = generator(self.seed, Stream.TEST_PLAN, when)
-        return plan_test(rng, self.streets, self.training, self.route_m, wanted["unseen"], wanted["reversed"])
+        return plan_test(
+            rng, self.streets, self.training, self.route_m, wanted["unseen"], wanted["reversed"]
+        )
 
 
-def training_routes(seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool) -> Routes:
-    """A random route of `route_m` metres, or that of a trajectory file, at most as long; raises ConfigError for a bad file."""
+def training_routes(
+    seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool
+) -> Routes:
+    """A random route of `route_m` metres, or that of a trajectory file, at most as long; raises
+    ConfigError for a bad file."""
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     if route_file is None:
         training = plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m)
         return Routes(seed, _paved(streets, streets_only), training, route_m)
     route = read_route(Path(route_file))
-    spans_m, world_m = np.ptp(route, axis=0), np.ptp(streets.nodes_m, axis=0)
+    spans_m = np.ptp(route, axis=0)
+    world_m = np.ptp(streets.nodes_m, axis=0)
     if (spans_m > world_m).any():
         raise ConfigError(
-            f"route_file={route_file}: spans {spans_m[0]:.0f} × {spans_m[1]:.0f} m, the world of blocks={blocks}"
-            f" only {world_m[0]:.0f} × {world_m[1]:.0f} m"
+            f"route_file={route_file}: spans {spans_m[0]:.0f} × {spans_m[1]:.0f} m, the world of "
+            f"blocks={blocks} only {world_m[0]:.0f} × {world_m[1]:.0f} m"
         )
     streets, corners = add_route(streets, route)
     training = follow(streets, half_edges_through(streets, corners))
     length_m = float(np.hypot(*np.diff(training.line_m, axis=0).T).sum())
     if length_m < MIN_ROUTE_M:
-        raise ConfigError(f"route_file={route_file}: only {length_m:.0f} m long, needs at least {MIN_ROUTE_M:.0f} m")
+        raise ConfigError(
+            f"route_file={route_file}: only {length_m:.0f} m long, needs at least "
+            f"{MIN_ROUTE_M:.0f} m"
+        )
     return Routes(seed, _paved(streets, streets_only), training, min(route_m, length_m))
 
 
-def loop_routes(seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]) -> Routes:
-    """A route of `route_m` metres whose second half has the wanted shares `unseen` and `reversed` relative to its first."""
+def loop_routes(
+    seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]
+) -> Routes:
+    """A route of `route_m` metres whose second half has the wanted shares `unseen` and `reversed`
+    relative to its first."""
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
-    plan = plan_loops(generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"])
+    plan = plan_loops(
+        generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"]
+    )
     return Routes(seed, _paved(streets, streets_only), plan, route_m)
 
 
@@ -68,18 +90,28 @@ def _paved(streets: Streets, streets_only: bool) -> Streets:
 def read_route(path: Path) -> Floats:
     """Route (n, 2) in metres, moved so that its bounding box is centred on the origin.
 
-    The file has columns x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks; comments start with #, and a
-    first line of names is skipped. Raises ConfigError for any other file.
+    The file has columns x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks;
+    comments start with #, and a first line of names is skipped. Raises ConfigError for any other
+    file.
     """
     try:
-        lines = [line.split("#")[0].replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines()]
+        lines = [
+            line.split("#")[0].replace(",", " ").split()
+            for line in path.read_text(encoding="utf-8").splitlines()
+        ]
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"route_file={path}: cannot be read as text: {error}") from None
     rows = [line for line in lines if line]
     if rows and not _numbers(rows[0]):
         rows = rows[1:]
-    if any(len(row) != len(rows[0]) or not _numbers(row) for row in rows) or not rows or len(rows[0]) not in (2, TUM_COLUMNS):
-        raise ConfigError(f"route_file={path}: expected rows of x, y or of TUM's stamp x y z qx qy qz qw")
+    if (
+        any(len(row) != len(rows[0]) or not _numbers(row) for row in rows)
+        or not rows
+        or len(rows[0]) not in (2, TUM_COLUMNS)
+    ):
+        raise ConfigError(
+            f"route_file={path}: expected rows of x, y or of TUM's stamp x y z qx qy qz qw"
+        )
     route_m = np.array(rows, float)[:, [1, 2] if len(rows[0]) == TUM_COLUMNS else [0, 1]]
     moved = np.hypot(*np.diff(route_m, axis=0).T) > 0
     if not np.isfinite(route_m).all() or not moved.any():

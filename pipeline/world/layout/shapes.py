@@ -1,6 +1,7 @@
 """The shapes that a ray can hit: boxes, upright cylinders and porous crowns, as numpy records.
 
-World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training sequence's date.
+World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training
+sequence's date.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,8 @@ class Kind(IntEnum):
 
 
 class Species(IntEnum):
-    """The species of a porous shape, which determines its extinction over the year (`day.extinction_per_m`)."""
+    """The species of a porous shape, which determines its extinction over the year
+    (`day.extinction_per_m`)."""
 
     SOLID = -1
     DECIDUOUS = 0
@@ -46,16 +48,21 @@ class Species(IntEnum):
 def _record(*lengths: str) -> np.dtype[Any]:
     """All shapes share their last fields; 8 bytes per field keep the records aligned."""
     tail = ["reflectance", "extinction_per_m", "born_day", "dead_day"]
-    return np.dtype([(name, "f8") for name in [*lengths, *tail]] + [("kind", "i8"), ("species", "i8")])
+    return np.dtype(
+        [(name, "f8") for name in [*lengths, *tail]] + [("kind", "i8"), ("species", "i8")]
+    )
 
 
-BOX = _record("x_m", "y_m", "half_length_m", "half_width_m", "cos_yaw", "sin_yaw", "bottom_m", "top_m")
+BOX = _record(
+    "x_m", "y_m", "half_length_m", "half_width_m", "cos_yaw", "sin_yaw", "bottom_m", "top_m"
+)
 CYLINDER = _record("x_m", "y_m", "radius_m", "bottom_m", "top_m")
 CROWN = _record("x_m", "y_m", "z_m", "radius_m", "half_height_m")
 
 
 def records(dtype: np.dtype[Any], **columns: object) -> Records:
-    """Records from columns (n,) or single values; fields not given are 0, and the shape is solid and stands all year."""
+    """Records from columns (n,) or single values; fields not given are 0, and the shape is solid
+    and stands all year."""
     length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
     table = np.zeros(length or (1,), dtype)
     table["born_day"], table["dead_day"], table["species"] = *ALWAYS, Species.SOLID

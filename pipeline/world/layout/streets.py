@@ -10,11 +10,13 @@ from pipeline.world import Floats
 
 PITCH_M = 95.0
 PITCH_FACTORS = (0.75, 1.3)
-JITTER_SD_M, JITTER_CLIP_M = 10.0, 18.0
+JITTER_SD_M = 10.0
+JITTER_CLIP_M = 18.0
 REMOVED_SHARE = 0.15
 DIAGONAL_SHARE = 0.08
 PATH_SHARE = 0.35
-PATH_HALF_WIDTH_M, ROAD_HALF_WIDTH_M = 2.0, 4.0
+PATH_HALF_WIDTH_M = 2.0
+ROAD_HALF_WIDTH_M = 4.0
 
 ROUTE_STEP_M = 10.0
 ROUTE_MERGE_M = 5.0
@@ -25,7 +27,10 @@ Floats = Floats
 
 @dataclass(frozen=True)
 class Streets:
-    """Corners and straight streets between them. Half-edge 2e is street e from start to end, 2e + 1 is the reverse."""
+    """Corners and straight streets between them.
+
+    Half-edge 2e is street e from start to end, 2e + 1 is the reverse.
+    """
 
     nodes_m: Floats
     """(v, 2) corners; the first (blocks + 1)² are the grid's, row by row in x."""
@@ -56,22 +61,28 @@ class Streets:
         return along, np.stack([-along[:, 1], along[:, 0]], 1)
 
     def beside(self, street: int, stations_m: Floats, left_m: Floats | float) -> Floats:
-        """World points (n, 2), `stations_m` (n,) along a street and `left_m` (n,) or all so far to the left of its middle."""
+        """World points (n, 2), `stations_m` (n,) along a street and `left_m` (n,) or all so far to
+        the left of its middle."""
         along, left = self.directions()
         return np.asarray(
-            self.starts_m[street] + stations_m[:, None] * along[street] + np.reshape(left_m, (-1, 1)) * left[street]
+            self.starts_m[street]
+            + stations_m[:, None] * along[street]
+            + np.reshape(left_m, (-1, 1)) * left[street]
         )
 
     def clearance_m(self, points_m: Floats) -> Floats:
-        """Distance (n,) from `points_m` (n, 2) to the border of the nearest street, negative on a street."""
+        """Distance (n,) from `points_m` (n, 2) to the border of the nearest street, negative on a
+        street."""
         gaps_m = distance_to_segments_m(points_m, self.starts_m, self.ends_m) - self.half_widths_m
         return np.asarray(gaps_m.min(1))
 
 
 def distance_to_segments_m(points_m: Floats, starts_m: Floats, ends_m: Floats) -> Floats:
-    """Distances (n, e) from `points_m` (n, 2) to the segments from `starts_m` to `ends_m` (e, 2)."""
+    """Distances (n, e) from `points_m` (n, 2) to the segments from `starts_m` to `ends_m` (e,
+    2)."""
     span_x, span_y = (ends_m - starts_m).T
-    off_x, off_y = points_m[:, :1] - starts_m[:, 0], points_m[:, 1:] - starts_m[:, 1]
+    off_x = points_m[:, :1] - starts_m[:, 0]
+    off_y = points_m[:, 1:] - starts_m[:, 1]
     share = ((off_x * span_x + off_y * span_y) / (span_x**2 + span_y**2)).clip(0, 1)
     return np.asarray(np.hypot(off_x - share * span_x, off_y - share * span_y))
 
@@ -87,7 +98,8 @@ def points_along(line_m: Floats, stations_m: Floats) -> Floats:
 
 
 def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
-    """The streets of blocks × blocks blocks around the origin; every corner has at least two streets."""
+    """The streets of blocks × blocks blocks around the origin; every corner has at least two
+    streets."""
     side = blocks + 1
     axes = [np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)]) for _ in "xy"]
     grid_m = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
@@ -106,7 +118,8 @@ def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
 def _thin_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
     """The shuffled edges without a share REMOVED_SHARE of them; every corner keeps at least two."""
     streets_at = np.bincount(edges.ravel(), minlength=nodes)
-    kept, to_remove = [], int(REMOVED_SHARE * len(edges))
+    kept = []
+    to_remove = int(REMOVED_SHARE * len(edges))
     for start, end in edges:
         if to_remove and streets_at[start] > 2 and streets_at[end] > 2:
             streets_at[[start, end]] -= 1
@@ -119,11 +132,16 @@ def _thin_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
 def add_route(streets: Streets, route_m: Floats) -> tuple[Streets, list[int]]:
     """The streets with a route (n, 2) added as a footpath, and the corners that it visits in order.
 
-    Where the route meets itself it shares corners. Links connect it to the grid, for the other sequences.
+    Where the route meets itself it shares corners. Links connect it to the grid, for the other
+    sequences.
     """
-    length_m, grid_corners = driven_m(route_m)[-1], len(streets.nodes_m)
-    first, *stops = points_along(route_m, np.linspace(0, length_m, max(2, round(length_m / ROUTE_STEP_M) + 1)))
-    nodes, visited = [*streets.nodes_m, first], [grid_corners]
+    length_m = driven_m(route_m)[-1]
+    grid_corners = len(streets.nodes_m)
+    first, *stops = points_along(
+        route_m, np.linspace(0, length_m, max(2, round(length_m / ROUTE_STEP_M) + 1))
+    )
+    nodes = [*streets.nodes_m, first]
+    visited = [grid_corners]
     for stop in stops:
         gaps_m = np.hypot(*(np.array(nodes[grid_corners:]) - stop).T)
         gaps_m[visited[-1] - grid_corners] = np.inf

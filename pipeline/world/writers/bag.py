@@ -1,4 +1,5 @@
-"""Writes a ROS bag: clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics (METHODS 7.4)."""
+"""Writes a ROS bag: clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics
+(METHODS 7.4)."""
 
 from pathlib import Path
 from typing import Literal
@@ -13,30 +14,46 @@ from pipeline.world.driving.odometry import wheel_odometry
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.writer import Writer
 
-CLOUDS, TRUTH, ODOMETRY = "/points", "/ground_truth", "/odom"
-WORLD, START, BODY, LIDAR = "map", "odom", "base_link", "velodyne"
+CLOUDS = "/points"
+TRUTH = "/ground_truth"
+ODOMETRY = "/odom"
+WORLD = "map"
+START = "odom"
+BODY = "base_link"
+LIDAR = "velodyne"
 
 
 class BagWriterInOrder(Writer):
-    """Writes one sequence as `bag.bag`, or as the folder `bag` of ROS 2, in its folder, with messages in order of time."""
+    """Writes one sequence as `bag.bag`, or as the folder `bag` of ROS 2, in its folder, with
+    messages in order of time."""
 
     in_order = True
 
-    def __init__(self, folder: Path, sequence: str, body_T_sensor: Poses, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        sequence: str,
+        body_T_sensor: Poses,
+        kind: Literal["ros1", "sqlite3", "mcap"],
+    ) -> None:
         super().__init__(folder, sequence, body_T_sensor)
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
         self._waiting: list[tuple[int, Poses, Poses]] = []
 
     def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
-        """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches their stamps."""
+        """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches
+        their stamps."""
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
-        self._waiting = list(zip(drive.utimes.tolist(), surveyed.world_T_body, drifted, strict=True))[::-1]
+        self._waiting = list(
+            zip(drive.utimes.tolist(), surveyed.world_T_body, drifted, strict=True)
+        )[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write the poses up to the stamp of the scan, and its cloud."""
         self._write_poses(utime)
-        points_m, intensity = returns.points_m.astype(np.float32), returns.intensity.astype(np.float32)
+        points_m = returns.points_m.astype(np.float32)
+        intensity = returns.intensity.astype(np.float32)
         self._bag.points(utime * 1000, LIDAR, points_m, intensity, returns.laser, CLOUDS)
 
     def close(self) -> None:

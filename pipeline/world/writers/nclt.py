@@ -1,4 +1,5 @@
-"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry (METHODS 7.1)."""
+"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry
+(METHODS 7.1)."""
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.writer import Writer, xyzrpy
 
 LEADING_GAPS = 5
-"""Number of NaN rows at the start of the truth: in the real files the SLAM solution begins later."""
+"""Number of NaN rows at the start of the truth: in the real files the SLAM solution begins
+later."""
 
 
 class NcltWriter(Writer):

@@ -1,4 +1,5 @@
-"""Writes labels that no robot could record, beside the logs: the kind of each point, and the events of the year."""
+"""Writes labels that no robot could record, beside the logs: the kind of each point, and the events
+of the year."""
 
 import json
 from collections.abc import Sequence
@@ -22,10 +23,13 @@ class TruthWriter:
         np.save(self._kinds() / f"{utime}.npy", returns.kind)
 
     def write_year(self, day: int, events: Sequence[Event], plan: dict[str, float]) -> None:
-        """Create the folders; write the events of the whole year, the day of the sequence in it, and the shares of its route."""
+        """Create the folders; write the events of the whole year, the day of the sequence in it,
+        and the shares of its route."""
         self._kinds().mkdir(parents=True, exist_ok=True)
         year = {"day": day, "events": [asdict(event) for event in events], "plan": plan}
-        (self.folder / "year.json").write_text(json.dumps(year, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        (self.folder / "year.json").write_text(
+            json.dumps(year, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
 
     def _kinds(self) -> Path:
         return self.folder / "kinds"

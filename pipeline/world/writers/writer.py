@@ -22,11 +22,13 @@ class Writer(ABC):
     sequence: str
     body_T_sensor: Poses
     in_order: ClassVar[bool] = False
-    """Whether the scans must be written in order by one process; otherwise any worker may write them in any order."""
+    """Whether the scans must be written in order by one process; otherwise any worker may write
+    them in any order."""
 
     @abstractmethod
     def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
-        """Create the folders, and write everything but the scans: the poses as `surveyed`, the odometry and the calibration."""
+        """Create the folders, and write everything but the scans: the poses as `surveyed`, the
+        odometry and the calibration."""
 
     @abstractmethod
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:

@@ -27,13 +27,18 @@ BOOTSTRAP = Bootstrap(block_m=15.0, resamples=40)
 
 
 def evaluation(
-    days: int = 20, places: np.ndarray = PLACES, threshold: float = 0.5, wrong: Sequence[int] = (), heading_deg: float = np.nan
+    days: int = 20,
+    places: np.ndarray = PLACES,
+    threshold: float = 0.5,
+    wrong: Sequence[int] = (),
+    heading_deg: float = np.nan,
 ) -> Evaluation:
     """Seven queries, the last two unseen, with two kinds of novelty.
 
-    By cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned around), false alarm (unseen),
-    correct rejection; by distance the fourth is a hit. Entropy ranks 9 of 10 pairs of seen and unseen right, energy all.
-    The queries of `wrong` are placed 200 m off as well.
+    By cells: hit, miss, false alarm (200 m off), false alarm (next cell, 6 m off), hit (turned
+    around), false alarm (unseen), correct rejection; by distance the fourth is a hit. Entropy ranks
+    9 of 10 pairs of seen and unseen right, energy all. The queries of `wrong` are placed 200 m off
+    as well.
     """
     xy_m = np.array([(0, 0), (10, 0), (20, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
     answers_xy_m = np.stack([xy_m + np.array([off, 0.0]) for off in (1.0, 300.0)], axis=1)
@@ -46,7 +51,9 @@ def evaluation(
         places=answered,
         costs=np.stack([cost, np.ones_like(cost)], axis=1),
         xy_m=answers_xy_m,
-        novelty=np.array([[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32),
+        novelty=np.array(
+            [[0.1, 1], [0.8, 2], [0.2, 3], [0.3, 4], [0.05, 5], [0.4, 8], [0.9, 9]], np.float32
+        ),
         confidence=1 - cost / 2,
         heading_deg=np.full((7, 2), heading_deg, np.float32),
         kinds=("entropy", "energy"),
@@ -66,38 +73,62 @@ def evaluation(
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     """Its numbers are those of the table of results."""
     rows = [each for each in of_evaluation(one) if not each.get("kind")]
-    numbers = {(each["protocol"], each["number"]): (each["value"], each["low"], each["high"]) for each in rows}
+    numbers = {
+        (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
+        for each in rows
+    }
     return Result(model, sequence, days, one, 0.9, numbers)
 
 
 def results(*models: str) -> list[Result]:
     return [
-        result(model, date, days, evaluation(days)) for model in models for date, days in (("2012-02-04", 20), ("2012-03-17", 62))
+        result(model, date, days, evaluation(days))
+        for model in models
+        for date, days in (("2012-02-04", 20), ("2012-03-17", 62))
     ]
 
 
 def bounded(one: Result, low: float, high: float) -> Result:
     """The same with another interval of all numbers."""
-    return replace(one, numbers={key: (value, low, high) for key, (value, _, _) in one.numbers.items()})
+    return replace(
+        one, numbers={key: (value, low, high) for key, (value, _, _) in one.numbers.items()}
+    )
 
 
 ONE = results("sci")
 BOTH = results("sci", "m2dp")
-NOTHING = result("sci", "2012-02-04", 20, evaluation(20, np.full(7, -1), float(np.finfo(np.float64).min)))
+NOTHING = result(
+    "sci", "2012-02-04", 20, evaluation(20, np.full(7, -1), float(np.finfo(np.float64).min))
+)
 """A sequence that training never saw, and a threshold that accepts nothing."""
 
 
 def compared(
-    values: Mapping[tuple[str, Kind], Sequence[Sequence[Sequence[float]]]], n_way: Mapping[str, int], **own: float
+    values: Mapping[tuple[str, Kind], Sequence[Sequence[Sequence[float]]]],
+    n_way: Mapping[str, int],
+    **own: float,
 ) -> Comparison:
-    """Values (seed, sequence, repeat) by model and kind, the same of all numbers but those of `own`, the same everywhere."""
+    """Values (seed, sequence, repeat) by model and kind, the same of all numbers but those of
+    `own`, the same everywhere."""
     rows = []
     for (model, kind), array in values.items():
-        (method, _, variant), place = model.partition("-"), vars(kind)
+        (method, _, variant) = model.partition("-")
+        place = vars(kind)
         for (seed, sequence, repeat), value in np.ndenumerate(np.array(array)):
-            where = {"method": method, "variant": variant, "seed": seed, "repeat": repeat, "sequence": DAYS[sequence]}
+            where = {
+                "method": method,
+                "variant": variant,
+                "seed": seed,
+                "repeat": repeat,
+                "sequence": DAYS[sequence],
+            }
             for one in MEASURES:
-                rows.append(place | where | {"days": sequence} | row(one.name, one.protocol, own.get(one.name, value)))
+                rows.append(
+                    place
+                    | where
+                    | {"days": sequence}
+                    | row(one.name, one.protocol, own.get(one.name, value))
+                )
     return Comparison(table(rows), n_way)
 
 
@@ -118,7 +149,9 @@ BUILT = compared(
     {
         (model, Kind("construction" if level else "", level, shadow)): [[[auc], [auc]]]
         for model, aucs in (("sci", (0.8, 0.7, 0.6, 0.6, 0.3)), ("m2dp", (0.5,) * 5))
-        for (level, shadow), auc in zip(((0, False), (1, False), (2, False), (1, True), (2, True)), aucs, strict=True)
+        for (level, shadow), auc in zip(
+            ((0, False), (1, False), (2, False), (1, True), (2, True)), aucs, strict=True
+        )
     },
     {},
 )
@@ -129,10 +162,16 @@ def words(fig: Figure) -> list[str]:
 
 
 def saved_alike(draw: Callable[[], Figure | None], folder: Path) -> Figure:
-    """A drawn figure is the same file each time, without a date, and says SIMULATED only if it is."""
-    first, again, recorded = draw(), draw(), draw()
+    """A drawn figure is the same file each time, without a date, and says SIMULATED only if it
+    is."""
+    first = draw()
+    again = draw()
+    recorded = draw()
     assert first is not None and again is not None and recorded is not None  # noqa: PT018
-    assert save(first, folder / "a.svg", True).read_bytes() == save(again, folder / "b.svg", True).read_bytes()
+    assert (
+        save(first, folder / "a.svg", True).read_bytes()
+        == save(again, folder / "b.svg", True).read_bytes()
+    )
     assert "<dc:date>" not in save(recorded, folder / "a.svg", False).read_text()
     assert SIMULATED in words(first)
     assert SIMULATED not in words(recorded)

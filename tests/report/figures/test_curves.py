@@ -17,12 +17,17 @@ def test_curves_have_a_panel_a_sequence_one_legend_and_a_dot_at_the_models_thres
     assert [axis.get_title() for axis in fig.axes] == ["2012-02-04, +20 d", "2012-03-17, +62 d"]
     assert [text.get_text() for text in fig.legends[0].get_texts()] == ["sci", "m2dp"]
     dots = [line for line in fig.axes[0].lines if line.get_marker() == marker("sci")]
-    (dot,) = (line.get_xydata() for line in dots if to_hex(line.get_color()).upper() == colour("sci"))
+    (dot,) = (
+        line.get_xydata() for line in dots if to_hex(line.get_color()).upper() == colour("sci")
+    )
     assert dot == pytest.approx(np.array([[2 / 3, 2 / 5]]))
 
 
-def test_the_exact_curve_passes_every_novelty_and_by_distance_a_misplaced_query_lowers_recall() -> None:
-    # Accepted one by one as novelty rises: right, right, misplaced, misplaced, unseen, right, unseen; 5 are seen.
+def test_the_exact_curve_passes_every_novelty_and_by_distance_a_misplaced_query_lowers_recall() -> (
+    None
+):
+    # Accepted one by one as novelty rises: right, right, misplaced, misplaced, unseen, right,
+    # unseen; 5 are seen.
     precision, recall = ONE[0].evaluation.exact_curve("cells")
     assert precision == pytest.approx([1, 1, 1, 2 / 3, 2 / 4, 2 / 5, 3 / 6, 3 / 7])
     assert recall == pytest.approx([0, 1 / 5, 2 / 5, 2 / 4, 2 / 3, 2 / 3, 1, 1])
@@ -37,7 +42,9 @@ def test_recall_among_the_first_n_is_the_mean_over_faint_sequences() -> None:
     assert [axis.get_title() for axis in fig.axes] == ["by cells", "by distance"]
     thick = [line for line in fig.axes[0].lines if line.get_linewidth() > 1]
     assert len(thick) == 2
-    assert thick[0].get_ydata()[:2].tolist() == pytest.approx([0.6, 1.0])  # 3 of 5 seen, then the second answers of two more
+    assert thick[0].get_ydata()[:2].tolist() == pytest.approx(
+        [0.6, 1.0]
+    )  # 3 of 5 seen, then the second answers of two more
 
 
 def test_the_history_has_a_panel_a_curve_and_marks_the_round_that_was_kept() -> None:
@@ -46,15 +53,25 @@ def test_the_history_has_a_panel_a_curve_and_marks_the_round_that_was_kept() -> 
     assert "sci: kept after round 2 of 3" in words(fig)  # round 1, counted from 0, is the second
     assert [axis.get_ylabel() for axis in fig.axes] == ["loss", "recall"]
     assert fig.axes[1].get_ylim() == (0, 1)
-    assert [line.get_xydata().tolist() for line in fig.axes[1].lines if line.get_marker() == "o"] == [[[2, 0.4]]]
+    assert [
+        line.get_xydata().tolist() for line in fig.axes[1].lines if line.get_marker() == "o"
+    ] == [[[2, 0.4]]]
     unknown = curves.history(losses, None, "sci")
     assert "sci: 3 rounds" in words(unknown)
     assert [line.get_marker() for line in unknown.axes[0].lines] == [""]
 
 
-def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_and_names_the_oracle() -> None:
-    fig = curves.year([bounded(one, low, 0.9) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15")
-    assert [axis.get_ylabel() for axis in fig.axes] == ["AUC top-1 by cells", "recall@1 by cells", "recall@1 by distance"]
+def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_and_names_the_oracle() -> (
+    None
+):
+    fig = curves.year(
+        [bounded(one, low, 0.9) for one, low in zip(ONE, (0.1, 0.3), strict=True)], "2012-01-15"
+    )
+    assert [axis.get_ylabel() for axis in fig.axes] == [
+        "AUC top-1 by cells",
+        "recall@1 by cells",
+        "recall@1 by distance",
+    ]
     assert fig.axes[-1].get_xticks().tolist() == [20, 62]
     assert {"2012-02-04", "2012-03-17", "sci", "oracle recall@1"} <= set(words(fig))
     (band,) = fig.axes[0].collections
@@ -74,10 +91,16 @@ def test_histograms_stack_right_and_misplaced_to_an_area_of_one() -> None:
 
 def test_rejection_shows_each_kind_beside_the_other_and_the_wanted_precision() -> None:
     fig = rejection.rejection(ONE)
-    assert [text.get_text() for text in fig.legends[0].get_texts()] == ["entropy (in use)", "energy", "wanted precision 0.9"]
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == [
+        "entropy (in use)",
+        "energy",
+        "wanted precision 0.9",
+    ]
     entropy, energy, wanted = fig.axes[0].lines
     assert entropy.get_ydata().tolist() == pytest.approx([2 / 5, 2 / 5])
-    assert energy.get_ydata().tolist() == pytest.approx([3 / 5, 3 / 5])  # it accepts the five seen, three of them right
+    assert energy.get_ydata().tolist() == pytest.approx(
+        [3 / 5, 3 / 5]
+    )  # it accepts the five seen, three of them right
     assert (entropy.get_xdata() < energy.get_xdata()).all()
     assert wanted.get_ydata()[0] == 0.9
     single = [replace(one, evaluation=replace(one.evaluation, kinds=("distance",))) for one in ONE]
@@ -88,7 +111,8 @@ def test_reliability_pools_the_seen_queries_of_all_sequences() -> None:
     (name, bins, error), (other, scaled, _) = rejection.confidences(ONE)
     assert (name, other) == ("raw: 1 − cost", "temperature-scaled")
     assert bins.count.sum() == scaled.count.sum() == 10
-    # Raw confidences .95 .25 .85 .75 .95, of which the first, second and last are right: |.95−1|·2 + .75 + .85 + .75 over 5.
+    # Raw confidences .95 .25 .85 .75 .95, of which the first, second and last are right: |.95−1|·2
+    # + .75 + .85 + .75 over 5.
     assert error == pytest.approx((0.1 + 0.75 + 0.85 + 0.75) / 5)
     fig = rejection.diagram(ONE)
     assert fig is not None

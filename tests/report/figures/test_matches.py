@@ -12,9 +12,15 @@ from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> Any:
     """One seen query every 10 m of a straight path, all misplaced by 200 m, or all right."""
-    n, base = len(novelty), ONE[0].evaluation
+    n = len(novelty)
+    base = ONE[0].evaluation
     rank = np.full(n, 0 if outcome == HIT else -1)
-    judged = {"seen": np.ones(n, bool), "unseen": np.zeros(n, bool), "outcome": np.full(n, outcome, np.int8), "true_rank": rank}
+    judged = {
+        "seen": np.ones(n, bool),
+        "unseen": np.zeros(n, bool),
+        "outcome": np.full(n, outcome, np.int8),
+        "true_rank": rank,
+    }
     wide = replace(
         base,
         cells=replace(base.cells, **judged),
@@ -27,29 +33,45 @@ def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> An
 
 
 def shown(examples: list[Example], verdict: str) -> list[tuple[int, int]]:
-    return [(example.result.days, example.query) for example in examples if example.verdict == verdict]
+    return [
+        (example.result.days, example.query) for example in examples if example.verdict == verdict
+    ]
 
 
 def test_the_wrong_examples_are_of_least_novelty_and_no_neighbours() -> None:
-    # Novelties rise along the path, so the four surest are queries 0 1 2 3; 40 m apart are 0 4 8 12.
-    assert shown(choose([along(np.linspace(0.1, 0.4, 30))]), "misplaced") == [(20, 0), (20, 4), (20, 8), (20, 12)]
+    # Novelties rise along the path, so the four surest are queries 0 1 2 3; 40 m apart are 0 4 8
+    # 12.
+    assert shown(choose([along(np.linspace(0.1, 0.4, 30))]), "misplaced") == [
+        (20, 0),
+        (20, 4),
+        (20, 8),
+        (20, 12),
+    ]
 
 
 def test_the_wrong_examples_come_from_all_sequences_and_one_spot_is_shown_once() -> None:
-    first, second = along(np.full(6, 0.3)), along(np.full(6, 0.3), days=62)
+    first = along(np.full(6, 0.3))
+    second = along(np.full(6, 0.3), days=62)
     second.evaluation.novelty[2] = 0.1
-    assert shown(choose([second, first]), "misplaced") == [(62, 2)]  # every other lies within 40 m of it
-    surest, *others = choose([along(np.linspace(0.2, 0.5, 40), days=62), along(np.linspace(0.1, 0.9, 40))])
+    assert shown(choose([second, first]), "misplaced") == [
+        (62, 2)
+    ]  # every other lies within 40 m of it
+    surest, *others = choose(
+        [along(np.linspace(0.2, 0.5, 40), days=62), along(np.linspace(0.1, 0.9, 40))]
+    )
     assert (surest.result.days, surest.query, len(others)) == (20, 0, 3)
     for i, one in enumerate(others):
-        assert all(np.linalg.norm(one.xy_m - other.xy_m) >= APART_M for other in [surest, *others[:i]])
+        assert all(
+            np.linalg.norm(one.xy_m - other.xy_m) >= APART_M for other in [surest, *others[:i]]
+        )
 
 
 def test_right_examples_are_spread_over_the_year_and_one_is_turned() -> None:
     drives = [along(np.array([0.3, 0.1, 0.2]), days, HIT) for days in (10, 20, 30, 40, 50)]
     drives[1].evaluation.turn_deg[1] = -170.0
     drives[3].evaluation.turn_deg[0] = 120.0
-    # Of three hits the middle novelty is the third's; they lie within 40 m, so the same spot is shown where there is no other.
+    # Of three hits the middle novelty is the third's; they lie within 40 m, so the same spot is
+    # shown where there is no other.
     assert shown(choose(drives), "right") == [(10, 2), (30, 2), (50, 2), (20, 1)]
 
 
@@ -58,12 +80,20 @@ def test_a_query_in_the_next_cell_and_an_accepted_unseen_one_are_named_as_such()
     assert [(example.verdict, example.query) for example in examples] == [
         *(("right", 0), ("right", 4), ("next cell", 3), ("misplaced", 2), ("unseen", 5))
     ]
-    assert examples[0].caption() == "right, accepted\n2012-02-04, +20 d\nnovelty 0.100, 1.0 m off\nheading +0° to training"
-    assert examples[3].caption() == "misplaced, accepted\n2012-02-04, +20 d\nnovelty 0.200, 200 m off\nheading +0° to training"
+    assert (
+        examples[0].caption()
+        == "right, accepted\n2012-02-04, +20 d\nnovelty 0.100, 1.0 m off\nheading +0° to training"
+    )
+    assert (
+        examples[3].caption()
+        == "misplaced, accepted\n2012-02-04, +20 d\nnovelty 0.200, 200 m off\nheading +0° to training"
+    )
     assert [degrees(angle) for angle in (-177.4, -0.3, 90)] == ["−177°", "+0°", "+90°"]
 
 
-def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_truth_by_the_nearest() -> None:
+def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_truth_by_the_nearest() -> (
+    None
+):
     training = Training(None, TRAIN_PLACES, TRAIN_XY_M)
     assert training.answered(3, TRAIN_XY_M[15:20].mean(axis=0)) == 17  # submaps 15 to 19
     assert [training.answered(3, TRAIN_XY_M[row]) for row in (18, 40)] == [18, 19]
@@ -77,7 +107,12 @@ def test_each_row_shows_the_query_the_answer_and_for_a_wrong_one_the_truth() -> 
     examples = choose(ONE[:1])
     fig = matches(examples, Training(heights, TRAIN_PLACES, TRAIN_XY_M), lambda _: heights)
     rows = np.array(fig.axes).reshape(len(examples), 4)
-    assert [[len(axis.images) for axis in row[1:]] for row in rows] == [[1, 1, 0]] * 2 + [[1, 1, 1]] * 3
+    assert [[len(axis.images) for axis in row[1:]] for row in rows] == [[1, 1, 0]] * 2 + [
+        [1, 1, 1]
+    ] * 3
     assert "100 m away" in [text.get_text() for text in rows[-1, 3].texts]
     top = rows[0, 1].images[0]
-    assert (top.origin, top.get_array().shape) == ("lower", (40, 120, 3))  # near rings at the bottom
+    assert (top.origin, top.get_array().shape) == (
+        "lower",
+        (40, 120, 3),
+    )  # near rings at the bottom

@@ -1,4 +1,5 @@
-"""The moving picture: what became of each query, how many frames there are, what a frame shows, and the command."""
+"""The moving picture: what became of each query, how many frames there are, what a frame shows, and
+the command."""
 
 import shutil
 from dataclasses import replace
@@ -72,7 +73,9 @@ def at(drive: Drive, frame: np.ndarray, query: int) -> np.ndarray:
     return frame[int(len(frame) - y_px), int(x_px)]
 
 
-def test_the_outcomes_are_those_of_the_evaluation_and_end_in_its_recall(study: Study, drive: Drive) -> None:
+def test_the_outcomes_are_those_of_the_evaluation_and_end_in_its_recall(
+    study: Study, drive: Drive
+) -> None:
     assert drive.outcome.tolist() == OUTCOMES
     assert drive.counted.tolist() == [[1, 2, 3, 4, 5, 5, 5], [1, 2, 2, 3, 4, 4, 4]]
     assert drive.driven_m.tolist() == [0, 10, 20, 30, 40, 140, 160]
@@ -83,14 +86,20 @@ def test_the_outcomes_are_those_of_the_evaluation_and_end_in_its_recall(study: S
 
 
 @pytest.mark.parametrize(
-    ("days", "words"), [(446, "446 days later"), (1, "1 day later"), (0, "the same day"), (-3, "3 days earlier")]
+    ("days", "words"),
+    [(446, "446 days later"), (1, "1 day later"), (0, "the same day"), (-3, "3 days earlier")],
 )
-def test_the_title_says_both_days_and_what_lies_between(drive: Drive, days: int, words: str) -> None:
+def test_the_title_says_both_days_and_what_lies_between(
+    drive: Drive, days: int, words: str
+) -> None:
     assert replace(drive, days=days).title == f"Learned {TRAIN}, driven {DAY}, {words}"
 
 
-def test_a_matched_view_is_rolled_to_look_like_its_query_and_is_missing_without_an_answer(drive: Drive) -> None:
-    seen, answers = heights(50), drive.train_xy_m[[40, 7]]
+def test_a_matched_view_is_rolled_to_look_like_its_query_and_is_missing_without_an_answer(
+    drive: Drive,
+) -> None:
+    seen = heights(50)
+    answers = drive.train_xy_m[[40, 7]]
     asked = np.stack([np.roll(seen[40], 30, axis=1), np.roll(seen[7], -13, axis=1), seen[1]])
     own = replace(drive, answer_xy_m=np.vstack([answers, [[np.nan, np.nan]]]))
     pairs = own.pairs(Views(asked, seen), np.arange(3))
@@ -100,7 +109,8 @@ def test_a_matched_view_is_rolled_to_look_like_its_query_and_is_missing_without_
 
 
 def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: Path) -> None:
-    """From each of 50 scans a post at (30.1, 5.1), 3 m high, and a kerb beside it; from the first one a passer at (60.1, 5.1)."""
+    """From each of 50 scans a post at (30.1, 5.1), 3 m high, and a kerb beside it; from the first
+    one a passer at (60.1, 5.1)."""
     own = replace(study, artifacts=tmp_path)
     assert own.artifacts != study.artifacts
     shutil.copytree(study.find("submaps", TRAIN), own.find("submaps", TRAIN))
@@ -109,7 +119,9 @@ def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: P
     stands = np.array([(30.1, 5.1, 3.0), (30.1, -5.1, 0.5)])
     points_m = stands[None] - np.stack([x_m, 0 * x_m, 0 * x_m], axis=1)[:, None]
     points_m = np.vstack([[(60.1 - x_m[0], 5.1, 3.0)], points_m.reshape(-1, 3)])
-    with store.write(own.find("scans", TRAIN), schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as draft:
+    with store.write(
+        own.find("scans", TRAIN), schemas.SCANS, grain_m=0.005, skipped={}, clipped=0
+    ) as draft:
         draft.put("points", np.rint(points_m / 0.005).astype(np.int16))
         draft.put("offsets", np.array([0, *range(3, 102, 2)]))
         draft.put("stamps_ns", np.arange(50))
@@ -125,7 +137,9 @@ def test_a_short_drive_has_a_frame_a_query_and_a_long_one_ends_with_its_last(dri
     assert set(np.diff(shown)) == {7, 8}
 
 
-def test_the_file_repeats_for_ever_and_stays_at_its_last_frame(drive: Drive, file: Path, tmp_path: Path) -> None:
+def test_the_file_repeats_for_ever_and_stays_at_its_last_frame(
+    drive: Drive, file: Path, tmp_path: Path
+) -> None:
     with Image.open(file) as image:
         assert (image.n_frames, image.info["loop"]) == (7, 0)
         lasting = []
@@ -138,13 +152,18 @@ def test_the_file_repeats_for_ever_and_stays_at_its_last_frame(drive: Drive, fil
 
 
 def test_a_dot_stays_behind_in_the_colour_of_its_outcome(drive: Drive, file: Path) -> None:
-    last, third = pixels(file, 6), pixels(file, 2)
+    last = pixels(file, 6)
+    third = pixels(file, 2)
     for query, outcome in enumerate(OUTCOMES[:6]):  # the robot stands on the last one
         assert (at(drive, last, query) == rgb(TINTS[outcome])).all()
     assert (at(drive, third, 1) == rgb(TINTS[RIGHT])).all()
     assert not (at(drive, third, 3) == rgb(TINTS[RIGHT])).all()  # not yet there
-    wrong = [int((pixels(file, frame) == rgb(TINTS[WRONG])).all(axis=2).sum()) for frame in range(7)]
-    assert 0 < wrong[0] == wrong[1] < wrong[3] < wrong[2]  # the legend's; the dot; the dot and the way to the answer
+    wrong = [
+        int((pixels(file, frame) == rgb(TINTS[WRONG])).all(axis=2).sum()) for frame in range(7)
+    ]
+    assert (
+        0 < wrong[0] == wrong[1] < wrong[3] < wrong[2]
+    )  # the legend's; the dot; the dot and the way to the answer
     assert wrong[3] == wrong[6]
 
 
@@ -170,7 +189,8 @@ def test_simulated_stands_on_every_frame_of_simulated_drives_alone(drive: Drive)
 
 
 def test_without_scan_contexts_a_frame_shows_no_views(drive: Drive) -> None:
-    (seen,), (unseen,) = frames(drive, ENDS), frames(replace(drive, views=None), ENDS)
+    (seen,) = frames(drive, ENDS)
+    (unseen,) = frames(replace(drive, views=None), ENDS)
     box = np.s_[94:160, 520:880]
     assert (seen[box] < 255).any(axis=2).all()
     assert (unseen[box] == 255).all()
@@ -184,14 +204,21 @@ def test_answers_that_are_none_are_wrong_and_drawn_as_such(drive: Drive) -> None
     assert (canvas.off.get_text(), canvas.number.get_text()) == ("no answer", "0.0 %")
 
 
-def test_the_command_draws_the_last_day_or_another(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    backwards = {"studies": {"campus": WORDS | {"tests": [*TESTS][::-1]}}}  # the oldest day, wherever it is listed
+def test_the_command_draws_the_last_day_or_another(
+    project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    backwards = {
+        "studies": {"campus": WORDS | {"tests": [*TESTS][::-1]}}
+    }  # the oldest day, wherever it is listed
     (project / "conf/studies.yaml").write_text(yaml.safe_dump(backwards))
     main(["picture", "campus/10m/sci-4way", "-o", "year.webp"])
     assert f"driven {max(TESTS)}, 287 days later: " in capsys.readouterr().out
     main(["picture", "campus/10m/sci", DAY, "-o", "year.png"])
     size = Path("year.png").stat().st_size
-    line = f"year.png: Learned {TRAIN}, driven {DAY}, 20 days later: 4 of 5 answers right within 15 m, simulated; 7 frames, "
+    line = (
+        f"year.png: Learned {TRAIN}, driven {DAY}, 20 days later: 4 of 5 answers right within 15 "
+        "m, simulated; 7 frames, "
+    )
     assert capsys.readouterr().out == f"{line}{size / 1e6:.2f} MB\n"
     for name in ("year.webp", "year.png"):
         with Image.open(name) as image:
@@ -205,12 +232,17 @@ def test_the_command_draws_the_last_day_or_another(project: Path, capsys: pytest
         ("town/10m/sci -o a.gif", "no such study and grid, expected one of campus/10m"),
         ("campus/5m/sci -o a.gif", "no such study and grid, expected one of campus/10m"),
         ("campus/10m/sad -o a.gif", "no such method, expected one of sci, sci-4way, scan_context"),
-        ("campus/10m/sci 1999-01-01 -o a.gif", "1999-01-01: no such test day, expected one of 2012-02-04, "),
+        (
+            "campus/10m/sci 1999-01-01 -o a.gif",
+            "1999-01-01: no such test day, expected one of 2012-02-04, ",
+        ),
         ("campus/10m/sci -o a.mp4", "a.mp4: expected a name that ends in .gif, .webp, .png"),
         ("campus/10m/sci -o there/a.gif", "there/a.gif: no folder there"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line(project: Path, capsys: pytest.CaptureFixture[str], words: str, said: str) -> None:
+def test_what_cannot_be_drawn_is_one_line(
+    project: Path, capsys: pytest.CaptureFixture[str], words: str, said: str
+) -> None:
     with pytest.raises(SystemExit) as stop:
         main(["picture", *words.split()])
     (line,) = capsys.readouterr().err.splitlines()
@@ -218,7 +250,9 @@ def test_what_cannot_be_drawn_is_one_line(project: Path, capsys: pytest.CaptureF
     assert not list(project.glob("a.*"))
 
 
-def test_what_is_not_built_yet_is_one_line(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_not_built_yet_is_one_line(
+    project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (project / "artifacts").unlink()
     with pytest.raises(SystemExit):
         main(["picture", "campus/10m/sci", "-o", "a.gif"])
@@ -228,6 +262,8 @@ def test_what_is_not_built_yet_is_one_line(project: Path, capsys: pytest.Capture
 
 def test_the_last_day_is_found_though_some_rows_are_of_no_day() -> None:
     days = {"2012-02-04": 20.0, "2013-04-05": 446.0}
-    rows = [{"sequence": day, "days": age} for day, age in days.items()] + [{"sequence": day, "days": np.nan} for day in days]
+    rows = [{"sequence": day, "days": age} for day, age in days.items()] + [
+        {"sequence": day, "days": np.nan} for day in days
+    ]
     assert last_day(pd.DataFrame(rows), [*days]) == "2013-04-05"
     assert last_day(pd.DataFrame(rows[::-1]), [*days]) == "2013-04-05"

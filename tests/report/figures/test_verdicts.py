@@ -11,11 +11,17 @@ ERROR_M = np.array([0.1, 0.2, 50.0, 1.0, 0.3, np.nan, 80.0])
 POSED = [
     replace(
         one,
-        evaluation=replace(one.evaluation, pose_error_m=ERROR_M, pose_error_deg=np.where(ERROR_M > 2, 90, 0.5), promised=0.35),
+        evaluation=replace(
+            one.evaluation,
+            pose_error_m=ERROR_M,
+            pose_error_deg=np.where(ERROR_M > 2, 90, 0.5),
+            promised=0.35,
+        ),
     )
     for one in ONE
 ]
-"""Novelties .1 .8 .2 .3 .05 .4 .9: accepted are the first and the third to the fifth, of which the third is wrong."""
+"""Novelties .1 .8 .2 .3 .05 .4 .9: accepted are the first and the third to the fifth, of which the
+third is wrong."""
 
 
 def test_errors_stand_over_the_novelty_and_the_promise_is_counted() -> None:
@@ -32,4 +38,9 @@ def test_errors_stand_over_the_novelty_and_the_promise_is_counted() -> None:
 def test_a_map_of_poses_counts_what_was_accepted_and_right() -> None:
     fig = maps.fix_map(POSED[0], TRAIN_XY_M)
     legend = [text.get_text() for text in fig.legends[0].get_texts()]
-    assert legend == ["right 4, 3 accepted", "wrong 3, 1 accepted", "faint: rejected", "training path"]
+    assert legend == [
+        "right 4, 3 accepted",
+        "wrong 3, 1 accepted",
+        "faint: rejected",
+        "training path",
+    ]

@@ -1,4 +1,5 @@
-"""Figures of paper 2: curves and indices by heading, what networks learned, and the octree's bird-view."""
+"""Figures of paper 2: curves and indices by heading, what networks learned, and the octree's
+bird-view."""
 
 import math
 from collections.abc import Callable
@@ -17,24 +18,45 @@ from pipeline.report.figures.style import colour
 from pipeline.views.birdview import BirdView
 from tests.report.figures.made import saved_alike, words
 
-RIGHT, HALF, WRONG = np.ones(4, bool), np.array([1, 0, 1, 0], bool), np.zeros(4, bool)
+RIGHT = np.ones(4, bool)
+HALF = np.array([1, 0, 1, 0], bool)
+WRONG = np.zeros(4, bool)
 NO_PICTURES = np.zeros((0, 4, 4), np.uint8)
 
 
 def at(*correct: np.ndarray) -> Judged:
     """Four queries from each of some headings, of falling score, matched 1 m off or 80 m off."""
-    right, nothing = np.stack(correct), np.zeros((len(correct), 4))
+    right = np.stack(correct)
+    nothing = np.zeros((len(correct), 4))
     return Judged(
-        headings_deg=(np.arange(len(correct)) + 0.5) * 360 / len(correct), row=nothing.astype(int),
-        answer_xy_m=np.zeros((len(correct), 4, 2)), error_m=np.where(right, 1.0, 80.0), correct=right, valid=np.ones(4, bool),
-        score=np.tile(np.array([4, 3, 2, 1], np.float32), (len(correct), 1)), xy_m=np.zeros((4, 2)), correct_m=10.0, length=10,
-        novelty="cost", bytes_per_place=1.0, pictures=NO_PICTURES, reconstructed=NO_PICTURES,
-    )  # fmt: skip
+        headings_deg=(np.arange(len(correct)) + 0.5) * 360 / len(correct),
+        row=nothing.astype(int),
+        answer_xy_m=np.zeros((len(correct), 4, 2)),
+        error_m=np.where(right, 1.0, 80.0),
+        correct=right,
+        valid=np.ones(4, bool),
+        score=np.tile(np.array([4, 3, 2, 1], np.float32), (len(correct), 1)),
+        xy_m=np.zeros((4, 2)),
+        correct_m=10.0,
+        length=10,
+        novelty="cost",
+        bytes_per_place=1.0,
+        pictures=NO_PICTURES,
+        reconstructed=NO_PICTURES,
+    )
 
 
 GROUP = {"pfl": [at(RIGHT, HALF), at(HALF, HALF)], "sad": [at(WRONG, HALF)]}
-INDICES = {(model, name): np.array([[0.5, 0.9], [0.7, np.nan]]) for model in ("pfl", "sad") for name in viewpoints.INDICES}
-LEARNED = {"code_variance": np.array([0.4, 0.1]), "code_distance": np.array([8.0, 2.0]), "held_out_error": np.array([0.5, 0.25])}
+INDICES = {
+    (model, name): np.array([[0.5, 0.9], [0.7, np.nan]])
+    for model in ("pfl", "sad")
+    for name in viewpoints.INDICES
+}
+LEARNED = {
+    "code_variance": np.array([0.4, 0.1]),
+    "code_distance": np.array([8.0, 2.0]),
+    "held_out_error": np.array([0.5, 0.25]),
+}
 CURVES = {"pfl": [LEARNED, {name: 3 * curve for name, curve in LEARNED.items()}], "sad": [{}]}
 SEEN = np.zeros((16, 4, 4), np.uint8)
 SEEN[:, 0, 0] = np.arange(16)
@@ -50,8 +72,12 @@ def pose(x: float, y: float, yaw: float) -> np.ndarray:
 
 def wall() -> np.ndarray:
     """8 m ahead, from 4 m left to 4 m right, 3 m high, and the ground before it."""
-    upright = np.stack(np.meshgrid([8.2], np.arange(-3.9, 4, 0.2), np.arange(0.1, 3, 0.2)), -1).reshape(-1, 3)
-    ground = np.stack(np.meshgrid(np.arange(2, 8, 0.25), np.arange(-3.9, 4, 0.25), [0.0]), -1).reshape(-1, 3)
+    upright = np.stack(
+        np.meshgrid([8.2], np.arange(-3.9, 4, 0.2), np.arange(0.1, 3, 0.2)), -1
+    ).reshape(-1, 3)
+    ground = np.stack(
+        np.meshgrid(np.arange(2, 8, 0.25), np.arange(-3.9, 4, 0.25), [0.0]), -1
+    ).reshape(-1, 3)
     return np.concatenate([upright, ground])
 
 
@@ -71,60 +97,111 @@ FIGURES: list[Callable[[], Figure | None]] = [
 
 
 def lines(axis: Axes, model: str) -> list[np.ndarray]:
-    return [np.asarray(line.get_xydata()) for line in axis.lines if to_hex(line.get_color()).upper() == colour(model)]
+    return [
+        np.asarray(line.get_xydata())
+        for line in axis.lines
+        if to_hex(line.get_color()).upper() == colour(model)
+    ]
 
 
 @pytest.mark.parametrize("draw", FIGURES)
-def test_a_figure_of_simulated_data_says_so_and_is_the_same_file_each_time(draw, tmp_path: Path) -> None:
+def test_a_figure_of_simulated_data_says_so_and_is_the_same_file_each_time(
+    draw, tmp_path: Path
+) -> None:
     saved_alike(draw, tmp_path)
 
 
 def test_curves_have_a_panel_a_heading_a_line_a_seed_and_the_accuracy_in_words() -> None:
     first, second = viewpoints.precision_recall(GROUP, "a").axes
-    assert (first.get_title(), second.get_title()) == ("90°", "270°")  # two headings: half way between 0° and 180°
-    assert lines(second, "sad")[0] == pytest.approx(np.array([[0, 1], [0.5, 1], [0.5, 0.5], [1, 2 / 3], [1, 0.5]]))
+    assert (first.get_title(), second.get_title()) == (
+        "90°",
+        "270°",
+    )  # two headings: half way between 0° and 180°
+    assert lines(second, "sad")[0] == pytest.approx(
+        np.array([[0, 1], [0.5, 1], [0.5, 0.5], [1, 2 / 3], [1, 0.5]])
+    )
     assert len(lines(second, "pfl")) == 2
     assert not lines(first, "sad")  # without a correct match recall is of nothing
     sad, pfl = first.texts
-    assert (sad.get_text(), pfl.get_text(), sad.get_ha()) == ("0.000", "0.750", "left")  # pfl: (1 + 1/2)/2 over its seeds
+    assert (sad.get_text(), pfl.get_text(), sad.get_ha()) == (
+        "0.000",
+        "0.750",
+        "left",
+    )  # pfl: (1 + 1/2)/2 over its seeds
     assert sad.xyann < pfl.xyann  # in the legend's order
 
 
 def test_the_accuracies_of_poor_models_stand_where_no_curve_is() -> None:
-    pfl, sad = viewpoints.precision_recall({"pfl": [at(HALF)], "sad": [at(WRONG)]}, "a").axes[0].texts
+    pfl, sad = (
+        viewpoints.precision_recall({"pfl": [at(HALF)], "sad": [at(WRONG)]}, "a").axes[0].texts
+    )
     assert (pfl.get_text(), sad.get_text(), pfl.get_ha()) == ("0.500", "0.000", "right")
     assert sad.xyann < pfl.xyann
 
 
 def test_each_index_is_the_mean_over_sequences_and_seeds_and_a_missing_one_a_gap() -> None:
     roc, _, accuracy, _ = viewpoints.indices(INDICES, (90.0, 270.0), 10.0).axes
-    assert (roc.get_title(), accuracy.get_title()) == ("ROC-AUC, the paper's index", "accuracy within 10 m")
-    (pfl,), (sad,) = lines(accuracy, "pfl"), lines(accuracy, "sad")
+    assert (roc.get_title(), accuracy.get_title()) == (
+        "ROC-AUC, the paper's index",
+        "accuracy within 10 m",
+    )
+    (pfl,) = lines(accuracy, "pfl")
+    (sad,) = lines(accuracy, "sad")
     assert pfl[:, 1] == pytest.approx([0.6, 0.9])
     assert len(accuracy.collections[0].get_offsets()) == 4
     assert pfl[0, 0] < sad[0, 0]  # side by side
     assert [text.get_text() for text in roc.get_xticklabels()] == ["90°", "270°"]
     nothing = {key: np.full((1, 2), np.nan) for key in INDICES}
-    assert np.isnan(lines(viewpoints.indices(nothing, (90.0, 270.0), 10.0).axes[0], "pfl")[0][:, 1]).all()
+    assert np.isnan(
+        lines(viewpoints.indices(nothing, (90.0, 270.0), 10.0).axes[0], "pfl")[0][:, 1]
+    ).all()
 
 
-def test_reconstructions_stand_below_what_was_seen_at_every_other_heading_with_their_error() -> None:
+def test_reconstructions_stand_below_what_was_seen_at_every_other_heading_with_their_error() -> (
+    None
+):
     pictures = {"pfl": (SEEN, SEEN), "afl": (SEEN, np.full_like(SEEN, 255))}
     axes = np.reshape(viewpoints.reconstructions(pictures).axes, (3, 8))
-    assert [axis.get_title() for axis in axes[0]] == ["0°", "45°", "90°", "135°", "180°", "225°", "270°", "315°"]
+    assert [axis.get_title() for axis in axes[0]] == [
+        "0°",
+        "45°",
+        "90°",
+        "135°",
+        "180°",
+        "225°",
+        "270°",
+        "315°",
+    ]
     assert [axis.images[0].get_array()[0, 0] for axis in axes[0]] == list(range(0, 16, 2))
     assert [line[0].get_ylabel() for line in axes] == ["seen", "pfl", "afl"]
     assert {axis.get_xlabel() for axis in axes[1]} == {"0.000"}
-    # All white of black but for one of sixteen pixels, 0 to 14 of 255: (255/127.5)² = 4, and ((255 − 14)/127.5)²/16 + 4·15/16.
-    assert (axes[2, 0].get_xlabel(), axes[2, 7].get_xlabel()) == ("4.000", f"{(241 / 127.5) ** 2 / 16 + 3.75:.3f}")
-    others = {"pfl": (SEEN[:3], SEEN[:3]), "afl": (SEEN[3:6], SEEN[3:6]), "sad": (SEEN[3:6], SEEN[3:6])}
-    assert [axis.get_ylabel() for axis in viewpoints.reconstructions(others).axes[::3]] == ["seen", "pfl", "seen", "afl", "sad"]
+    # All white of black but for one of sixteen pixels, 0 to 14 of 255: (255/127.5)² = 4, and ((255
+    # − 14)/127.5)²/16 + 4·15/16.
+    assert (axes[2, 0].get_xlabel(), axes[2, 7].get_xlabel()) == (
+        "4.000",
+        f"{(241 / 127.5) ** 2 / 16 + 3.75:.3f}",
+    )
+    others = {
+        "pfl": (SEEN[:3], SEEN[:3]),
+        "afl": (SEEN[3:6], SEEN[3:6]),
+        "sad": (SEEN[3:6], SEEN[3:6]),
+    }
+    assert [axis.get_ylabel() for axis in viewpoints.reconstructions(others).axes[::3]] == [
+        "seen",
+        "pfl",
+        "seen",
+        "afl",
+        "sad",
+    ]
 
 
 def test_collapse_is_shown_by_a_line_a_seed_of_the_models_that_have_the_curves() -> None:
     fig = viewpoints.collapse(CURVES)
     assert fig is not None
-    assert [line[:, 1].tolist() for line in lines(fig.axes[0], "pfl")] == [[0.4, 0.1], pytest.approx([1.2, 0.3])]
+    assert [line[:, 1].tolist() for line in lines(fig.axes[0], "pfl")] == [
+        [0.4, 0.1],
+        pytest.approx([1.2, 0.3]),
+    ]
     assert lines(fig.axes[1], "pfl")[0].tolist() == [[1, 8.0], [2, 2.0]]
     assert "sad" not in words(fig)
     assert viewpoints.collapse({"sad": [{}]}) is None
@@ -132,7 +209,9 @@ def test_collapse_is_shown_by_a_line_a_seed_of_the_models_that_have_the_curves()
 
 @pytest.mark.parametrize("place", [pose(0, 0, 0), pose(40.2, -3.1, 2.0)])
 @pytest.mark.parametrize(("depth", "edge_m"), [(6, 0.5), (4, 2.0)])
-def test_squares_lie_where_the_wall_is_with_the_height_of_its_top(place: np.ndarray, depth: int, edge_m: float) -> None:
+def test_squares_lie_where_the_wall_is_with_the_height_of_its_top(
+    place: np.ndarray, depth: int, edge_m: float
+) -> None:
     octree_map = VIEW.octree.grow()
     octree_map.insert(wall(), place)
     corners_m, heights_m = birdview.tops(octree_map, place, VIEW, depth)
