@@ -1,12 +1,15 @@
-"""What verdicts on poses are worth, day by day: `python -m benchmarks.verdicts ARTIFACTS
-STUDY/GRID/MODEL [SITE]`.
+"""What verdicts on poses are worth, day by day.
 
-It reads the poses that `dvc repro` built. A row a day and promise: how many of the seen queries (<
-5 m of training) have a right pose (2 m and 5°); of the right poses the share that is accepted;
-wrong ones of those accepted, with an exact interval of 95 %; what is called near (within 15 m) or
-ambiguous besides, and how much of the first is true. The calibration error is that of the chance
-against the truth, over ten bins of as many poses. With the file of a packed SITE every twentieth
-query is localised by it: CPU time of one thread from points to fix, drawing and ranking included.
+`python -m benchmarks.verdicts ARTIFACTS STUDY/GRID/MODEL [SITE]` reads the poses that `dvc repro`
+built. Of each day: how many of the queries that training saw (nearer than 5 m) have a right pose (2
+m and 5°); the calibration error, of the chance against the truth over ten bins of as many poses;
+the coverage, the share of all queries that could be accepted at a precision by a threshold chosen
+afterwards. Then a row a promise: of the right poses the share that is accepted; wrong ones of those
+accepted, with an exact interval of 95 %; what is called near (within 15 m) or ambiguous besides,
+and how much of the first is true.
+
+With the file of a packed SITE every twentieth query is localised by it: CPU time of one thread from
+points to fix, drawing and ranking included.
 """
 
 import os
@@ -29,6 +32,7 @@ from pipeline.posing.verdict import BELIEFS, NEAR_M, right
 SEEN_M = 5.0
 EVERY = 20
 BINS = 10
+PRECISIONS = (0.95, 0.99, 0.999)
 
 
 def interval(wrong: int, accepted: int) -> tuple[float, float]:
@@ -48,6 +52,13 @@ def calibration(chance: NDArray[np.float64], good: NDArray[np.bool_]) -> float:
     return sum(off) / max(len(order), 1)
 
 
+def coverage(doubts: NDArray[np.float64], good: NDArray[np.bool_], precision: float) -> float:
+    """The largest share of all queries (q,) that can be accepted, by one doubt, at a precision."""
+    order = np.argsort(doubts, kind="stable")
+    kept = np.flatnonzero(np.cumsum(good[order]) >= precision * np.arange(1, len(good) + 1))
+    return float(kept.max(initial=-1) + 1) / max(len(good), 1)
+
+
 def day(
     fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]
 ) -> list[str]:
@@ -61,10 +72,12 @@ def day(
     good = right(world_T_query, world_T_true)
     seen = away_m < SEEN_M
     near = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < NEAR_M
-    told = calibration(1 - doubts[:, 0], good)
+    error = calibration(1 - doubts[:, 0], good)
+    covered = ", ".join(f"{coverage(doubts[:, 0], good, p):.3f} at {p}" for p in PRECISIONS)
     rows = [
         f"{n} queries, {seen.sum()} seen, right of these {good[seen].mean():.3f}; calibration "
-        f"error {told:.3f}"
+        f"error {error:.3f}",
+        f"  of all queries, in hindsight, by the doubt alone: {covered}",
     ]
     limits = zip(
         *(fixes.attrs[name] for name in ("promised", "promised_place", "promised_several")),
