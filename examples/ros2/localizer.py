@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import YearlocError
 from pipeline.formats.bag import ODOMETRY
 from pipeline.formats.messages import pose_numbers, poses
 from pipeline.formats.pointcloud2 import decode
@@ -24,10 +23,9 @@ from pipeline.kernel_cache import cold
 from pipeline.online.inputs import NO_POSE, placed, placement
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
-from pipeline.online.site import Site
-from pipeline.online.tracking import Tracker
 from pipeline.readers.log import raised
 from pipeline.running.memory import keep_freed_memory
+from yearloc import Site, Tracker, YearlocError
 
 
 def stamp_ns(header: Any) -> int:

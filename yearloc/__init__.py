@@ -1,0 +1,18 @@
+"""Ask a packed site where a scan was taken, and whether to believe it.
+
+    from yearloc import Site
+
+    site = Site.open("campus.site")
+    fix = site.localize(points_m)
+    if fix.verdict == "accepted":
+        print(fix.world_T_sensor)
+
+A `Tracker` follows a drive scan by scan. These names keep their meaning from one version to the
+next; whatever else lies in `pipeline` may change.
+"""
+
+from pipeline.errors import YearlocError
+from pipeline.online.site import Fix, Site
+from pipeline.online.tracking import Tracker
+
+__all__ = ["Fix", "Site", "Tracker", "YearlocError"]
