@@ -10,10 +10,10 @@ def spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex64]:
     blurred."""
     clipped = np.clip(heights_m, 0.0, 15.0).astype(np.float64)  # as in the colour images
     blurred = uniform_filter(clipped, (0, 3, 3), mode=("nearest", "nearest", "wrap"))
-    found: NDArray[np.complex64] = np.fft.rfft(
+    spectrum: NDArray[np.complex64] = np.fft.rfft(
         blurred - blurred.mean(axis=(1, 2), keepdims=True), axis=2
     ).astype(np.complex64)
-    return found
+    return spectrum
 
 
 def best_shifts(

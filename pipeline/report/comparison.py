@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.report.found import Found, deviation
+from pipeline.report.found import Measurement, deviation
 from pipeline.studies.expansion import ModelName
 
 ONE_SEED = 0.02
@@ -84,12 +84,14 @@ class Comparison:
         for no rows."""
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
-        own = table[table["number"].isin({one.name for one in MEASURES}) & (table["kind"] == "")]
-        families = [
-            ModelName(*names).family for names in zip(own["method"], own["variant"], strict=True)
+        rows = table[
+            table["number"].isin({measure.name for measure in MEASURES}) & (table["kind"] == "")
         ]
-        cases = [Kind(*key) for key in own[["change", "level", "shadow"]].itertuples(index=False)]
-        days = dict(zip(own["sequence"], own["days"], strict=True))
+        families = [
+            ModelName(*names).family for names in zip(rows["method"], rows["variant"], strict=True)
+        ]
+        cases = [Kind(*key) for key in rows[["change", "level", "shadow"]].itertuples(index=False)]
+        days = dict(zip(rows["sequence"], rows["days"], strict=True))
         self.models = list(dict.fromkeys(families))  # methods and variants, in the order they come
         self.kinds = sorted(
             dict.fromkeys(cases), key=lambda kind: kind.change != ""
@@ -97,27 +99,31 @@ class Comparison:
         self.changes = [kind for kind in self.kinds if kind.change]
         self.sequences = sorted(days, key=lambda name: (days[name], name))
         self.seeds: dict[str, int] = (
-            own.groupby(families)["seed"].max() + 1
+            rows.groupby(families)["seed"].max() + 1
         ).to_dict()  # how many each model has
-        self.repeats = int(own["repeat"].max()) + 1  # the most that a kind of case has
-        self._methods = dict(zip(families, own["method"], strict=True))
+        self.repeats = int(rows["repeat"].max()) + 1  # the most that a kind of case has
+        self._methods = dict(zip(families, rows["method"], strict=True))
         self._n_way = n_way
         columns = (
             families,
             cases,
-            *(own[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
+            *(rows[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
         )
-        self._values = dict(zip(zip(*columns, strict=True), own["value"], strict=True))
+        self._values = dict(zip(zip(*columns, strict=True), rows["value"], strict=True))
 
     def ways(self) -> dict[int, str]:
         """N to model, ascending, of the method with most models that were trained N ways."""
-        of: dict[str, dict[int, str]] = {}
+        models_by_method: dict[str, dict[int, str]] = {}
         for model, method in self._methods.items():
             if model in self._n_way:
-                of.setdefault(method, {})[self._n_way[model]] = model
-        return dict(sorted(max(of.values(), key=len).items())) if of else {}
+                models_by_method.setdefault(method, {})[self._n_way[model]] = model
+        return (
+            dict(sorted(max(models_by_method.values(), key=len).items()))
+            if models_by_method
+            else {}
+        )
 
-    def found(self, model: str, kind: Kind, measure: Measure) -> Found:
+    def measurement(self, model: str, kind: Kind, measure: Measure) -> Measurement:
         """One number of one model in one kind of case."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
@@ -132,25 +138,34 @@ class Comparison:
             )
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
-            return Found(values)
-        whole = self.found(model, Kind(), replace(measure, relative=False)).values[:, :, :1]
-        return Found(np.divide(values, whole, out=np.full_like(values, np.nan), where=whole > 0))
+            return Measurement(values)
+        as_driven = self.measurement(model, Kind(), replace(measure, relative=False)).values[
+            :, :, :1
+        ]
+        return Measurement(
+            np.divide(values, as_driven, out=np.full_like(values, np.nan), where=as_driven > 0)
+        )
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
         """The models, the largest number first, those without one last."""
-        means = {model: self.found(model, kind, measure).mean for model in self.models}
+        means = {model: self.measurement(model, kind, measure).mean for model in self.models}
         return sorted(self.models, key=lambda model: -np.nan_to_num(means[model], nan=-np.inf))
 
-    def ahead(self, one: str, other: str, kind: Kind, measure: Measure) -> Margin:
+    def ahead(self, model: str, reference: str, kind: Kind, measure: Measure) -> Margin:
         """Of one model over another."""
-        ours = self.found(one, kind, measure)
-        theirs = self.found(other, kind, measure)
-        apart = ours.by_sequence - theirs.by_sequence
-        apart = apart[np.isfinite(apart)]
-        if not len(apart):
+        model_numbers = self.measurement(model, kind, measure)
+        reference_numbers = self.measurement(reference, kind, measure)
+        differences = model_numbers.by_sequence - reference_numbers.by_sequence
+        differences = differences[np.isfinite(differences)]
+        if not len(differences):
             return Margin(np.nan, 0, False)
-        seeds = (ONE_SEED if np.isnan(one.over_seeds) else one.over_seeds for one in (ours, theirs))
-        value = float(apart.mean())
-        noise = np.nanmax([deviation(apart), *seeds])
-        same = bool((apart > 0).all() or (apart < 0).all())
-        return Margin(value, len(apart), len(apart) > 1 and same and abs(value) > noise)
+        seeds = (
+            ONE_SEED if np.isnan(measurement.over_seeds) else measurement.over_seeds
+            for measurement in (model_numbers, reference_numbers)
+        )
+        value = float(differences.mean())
+        noise = np.nanmax([deviation(differences), *seeds])
+        same_sign = bool((differences > 0).all() or (differences < 0).all())
+        return Margin(
+            value, len(differences), len(differences) > 1 and same_sign and abs(value) > noise
+        )

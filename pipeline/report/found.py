@@ -5,15 +5,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Found:
+class Measurement:
     """One number of one model in one kind of case; means are of the finite values, NaN of none."""
 
     def __init__(self, values: NDArray[np.float64]) -> None:
         """Values (seed, sequence, repeat), NaN where there is none."""
         self.values = values
-        each = _mean(values, 2)
-        self.by_sequence = _mean(each, 0)  # (sequence,) means over repeats, then over seeds
-        self.by_seed = _mean(each, 1)  # (seed,) means over repeats, then over sequences
+        repeat_means = _mean(values, 2)
+        self.by_sequence = _mean(repeat_means, 0)  # (sequence,) means over repeats, then over seeds
+        self.by_seed = _mean(repeat_means, 1)  # (seed,) means over repeats, then over sequences
         self.by_repeat = _mean(
             _mean(values, 0), 0
         )  # (repeat,) means over seeds, then over sequences
@@ -26,9 +26,9 @@ class Found:
             _mean(np.ma.filled(np.ma.masked_invalid(values).std(axis=2, ddof=1), np.nan), None)
         )
 
-    def on(self, sequence: int) -> "Found":
+    def on(self, sequence: int) -> "Measurement":
         """The same on one sequence alone."""
-        return Found(self.values[:, sequence : sequence + 1])
+        return Measurement(self.values[:, sequence : sequence + 1])
 
 
 def _mean(values: NDArray[np.float64], axis: int | None) -> NDArray[np.float64]:
@@ -38,5 +38,5 @@ def _mean(values: NDArray[np.float64], axis: int | None) -> NDArray[np.float64]:
 
 def deviation(values: NDArray[np.float64]) -> float:
     """Standard deviation of the finite ones; NaN of fewer than two."""
-    there = values[np.isfinite(values)]
-    return float(there.std(ddof=1)) if len(there) > 1 else np.nan
+    finite = values[np.isfinite(values)]
+    return float(finite.std(ddof=1)) if len(finite) > 1 else np.nan

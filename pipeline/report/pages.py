@@ -34,7 +34,7 @@ class Block(NamedTuple):
 
 def blocks(page: str) -> list[Block]:
     """The blocks of a page in its order; raises ConfigError for a mark that is none."""
-    found = []
+    page_blocks = []
     for mark in MARK.finditer(page):
         words = mark["words"].split()
         kind = words[2] if len(words) > 2 else ""
@@ -43,8 +43,8 @@ def blocks(page: str) -> list[Block]:
                 f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and "
                 f"{', '.join(KINDS[:-1])} or {KINDS[-1]} MODEL"
             )
-        found.append(Block(*words))
-    return found
+        page_blocks.append(Block(*words))
+    return page_blocks
 
 
 def filled(page: str, texts: Mapping[Block, str]) -> str:
@@ -65,12 +65,12 @@ def table_texts(
     `arithmetic`."""
     texts = {}
     for name, study in studies.items():
-        own = {name: study}
+        one_study = {name: study}
         rows = results[results["study"] == name]
         for kind, text in (
-            ("brief", f"```\n{brief(rows, own, WIDEST).strip()}\n```"),
-            ("tables", document(rows, own)),
-            (arithmetic, scores(rows, own)),
+            ("brief", f"```\n{brief(rows, one_study, WIDEST).strip()}\n```"),
+            ("tables", document(rows, one_study)),
+            (arithmetic, scores(rows, one_study)),
         ):
             texts[Block(name, study["budget"], kind)] = text
     return texts

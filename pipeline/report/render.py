@@ -34,19 +34,21 @@ def template(name: str, **values: Any) -> str:
     return _environment(name.endswith(".html.j2")).get_template(name).render(**values)
 
 
-def texts(one: Section | Illustration) -> tuple[str, str, str]:
+def texts(piece: Section | Illustration) -> tuple[str, str, str]:
     """Title, question and remarks of a section; of a figure its title, nothing, and how to read
     it."""
-    if isinstance(one, Section):
-        title, question, remarks = f"{words('sections', one.kind, **one.values)}\n\n".split("\n", 2)
+    if isinstance(piece, Section):
+        title, question, remarks = f"{words('sections', piece.kind, **piece.values)}\n\n".split(
+            "\n", 2
+        )
         return title, question, remarks.strip()
-    title, _, read = words("figures", one.kind, **one.values).partition("\n")
+    title, _, read = words("figures", piece.kind, **piece.values).partition("\n")
     return title, "", " ".join(read.split())
 
 
-def title(one: Section | Illustration) -> str:
+def title(piece: Section | Illustration) -> str:
     """Of a section or a figure."""
-    return texts(one)[0]
+    return texts(piece)[0]
 
 
 def caption(table: Table) -> str:
@@ -61,12 +63,12 @@ def sentence(finding: Finding) -> str:
 
 def words(*path: str, **values: Any) -> str:
     """The text at a path of words.yaml, filled; empty where the path ends before a text."""
-    found: Any = _words()
+    entry: Any = _words()
     for key in path:
-        found = found.get(key, "") if isinstance(found, Mapping) else ""
+        entry = entry.get(key, "") if isinstance(entry, Mapping) else ""
     return (
-        BLANKS.sub(" ", _environment(False).from_string(found).render(**values)).strip()
-        if found
+        BLANKS.sub(" ", _environment(False).from_string(entry).render(**values)).strip()
+        if entry
         else ""
     )
 
@@ -130,18 +132,18 @@ class _Numbers(Formatter):
 def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
     """A pattern filled with each item, a mapping or a sequence."""
     filled = (
-        _Numbers().vformat(pattern, (), one)
-        if isinstance(one, Mapping)
-        else _Numbers().format(pattern, *one)
-        for one in items
+        _Numbers().vformat(pattern, (), item)
+        if isinstance(item, Mapping)
+        else _Numbers().format(pattern, *item)
+        for item in items
     )
     return between.join(filled)
 
 
 @cache
 def _words() -> Mapping[str, Any]:
-    found: Mapping[str, Any] = yaml.safe_load(part("words.yaml"))
-    return found
+    entries: Mapping[str, Any] = yaml.safe_load(part("words.yaml"))
+    return entries
 
 
 class _Filled(Environment):
@@ -164,7 +166,7 @@ def _environment(html: bool) -> Environment:
         "undefined": StrictUndefined,
     }
     env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
-    for own in (
+    for function in (
         fixed,
         signed,
         listing,
@@ -178,7 +180,7 @@ def _environment(html: bool) -> Environment:
         texts,
         day,
     ):
-        env.filters[own.__name__] = own
+        env.filters[function.__name__] = function
     env.filters |= {
         "g": "{:g}".format,
         "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",

@@ -41,24 +41,29 @@ def write(
     for name, words in studies.items():
         for grid in words["grids"]:
             study = Study(artifacts, name, words, grid, table[table["study"] == name])
-            own = folder / name / grid
-            own.mkdir(parents=True)
-            found = list(_sections(study, own, few, view))
-            (own / "report.md").write_text(
-                template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8"
+            study_folder = folder / name / grid
+            study_folder.mkdir(parents=True)
+            study_sections = list(_sections(study, study_folder, few, view))
+            (study_folder / "report.md").write_text(
+                template("report.md.j2", study=study, sections=study_sections, folder=study_folder),
+                encoding="utf-8",
             )
             files = [
-                {"file": one.path.name}
-                | {name: one.values.get(name, "") for name in ("model", "sequence")}
-                for section in found
-                for one in section.illustrations
+                {"file": illustration.path.name}
+                | {key: illustration.values.get(key, "") for key in ("model", "sequence")}
+                for section in study_sections
+                for illustration in section.illustrations
             ]
-            (own / "results.txt").write_text(
-                terminal.text(study, len(list(own.glob("*.svg")))) + "\n", encoding="utf-8"
+            (study_folder / "results.txt").write_text(
+                terminal.text(study, len(list(study_folder.glob("*.svg")))) + "\n", encoding="utf-8"
             )
-            (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n", encoding="utf-8")
+            (study_folder / MANIFEST).write_text(
+                json.dumps(files, indent=1) + "\n", encoding="utf-8"
+            )
             entries.append(
-                page.Entry(study, found, Front(study) if asks_about_the_year(words) else None)
+                page.Entry(
+                    study, study_sections, Front(study) if asks_about_the_year(words) else None
+                )
             )
     if not entries:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")

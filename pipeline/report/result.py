@@ -64,8 +64,8 @@ def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
     InputError of none."""
     ordered = _by_day(results)
     return {
-        model: [one for one in ordered if one.model == model]
-        for model in dict.fromkeys(one.model for one in results)
+        model: [result for result in ordered if result.model == model]
+        for model in dict.fromkeys(result.model for result in results)
     }
 
 
@@ -79,15 +79,15 @@ def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
     raises InputError of none."""
     ordered = _by_day(results)
     return {
-        name: [one for one in ordered if one.sequence == name]
-        for name in dict.fromkeys(one.sequence for one in ordered)
+        name: [result for result in ordered if result.sequence == name]
+        for name in dict.fromkeys(result.sequence for result in ordered)
     }
 
 
 def _by_day(results: Sequence[Result]) -> list[Result]:
     if not results:
         raise InputError("a figure needs at least one result")
-    return sorted(results, key=lambda one: (one.days, one.sequence))
+    return sorted(results, key=lambda result: (result.days, result.sequence))
 
 
 def day(sequence: str) -> str:

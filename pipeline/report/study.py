@@ -22,7 +22,7 @@ from pipeline.studies.expansion import ModelName, answerers, folder, models_of
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainingRecord:
     """How a model was trained, as its file keeps it."""
 
     recipe: Mapping[str, str]  # the parameters that it was trained with
@@ -46,11 +46,11 @@ class Learned:
             for name in sorted(model)
             if name.startswith("curves/")
         }
-        kept = int(model["best_epoch"]) if "best_epoch" in model else None
+        best_round = int(model["best_epoch"]) if "best_epoch" in model else None
         return cls(
             store.read_recipe(path),
             curves,
-            kept,
+            best_round,
             sum(array.nbytes for array in model.values()) / 1e6,
         )
 
@@ -69,9 +69,12 @@ def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
     """The rows of paired tests by one protocol, with the column `model`."""
-    own = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
-    return own.assign(
-        model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)]
+    paired_rows = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
+    return paired_rows.assign(
+        model=[
+            ModelName(*names).name
+            for names in zip(paired_rows["method"], paired_rows["variant"], strict=True)
+        ]
     )
 
 
@@ -117,17 +120,17 @@ class Study:
     def families(self) -> list[str]:
         """The models that the year is reported of: each method's own, and in a study of the year
         its variants."""
-        every = [model for model in answerers(self.words) if not model.seed]
+        first_seeds = [model for model in answerers(self.words) if not model.seed]
         return [
             model.name
-            for model in every
+            for model in first_seeds
             if model.posed or not model.variant or self.words["question"] == "year"
         ]
 
     @cached_property
-    def models(self) -> dict[str, Learned]:
+    def models(self) -> dict[str, TrainingRecord]:
         """Of each of those."""
-        return {name: Learned.read(self.find("train", model=name)) for name in self.families}
+        return {name: TrainingRecord.read(self.find("train", model=name)) for name in self.families}
 
     @cached_property
     def trained(self) -> dict[str, Path]:
@@ -142,7 +145,7 @@ class Study:
     @cached_property
     def results(self) -> list[Result]:
         """Each of the families on each test sequence."""
-        found = []
+        results = []
         numbers = {}
         for (method, variant, sequence), group in self.driven.groupby(
             ["method", "variant", "sequence"]
@@ -154,18 +157,18 @@ class Study:
             for sequence in self.words["tests"]:
                 artifact = self.artifact("evaluate", sequence, model)
                 evaluation = Evaluation.read(artifact)
-                wanted = float(artifact.attrs["wanted_precision"])
-                found.append(
+                wanted_precision = float(artifact.attrs["wanted_precision"])
+                results.append(
                     Result(
                         model,
                         sequence,
                         evaluation.days,
                         evaluation,
-                        wanted,
+                        wanted_precision,
                         numbers[model, sequence],
                     )
                 )
-        return [one for group in by_model(found).values() for one in group]
+        return [result for group in by_model(results).values() for result in group]
 
     @cached_property
     def ranked(self) -> list[str]:
@@ -173,7 +176,7 @@ class Study:
         sequences."""
         groups = by_model(self.results).items()
         means = {
-            model: average([one.number("distance", "recall_at_1") for one in group])
+            model: average([result.number("distance", "recall_at_1") for result in group])
             for model, group in groups
         }
         return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
@@ -186,7 +189,10 @@ class Study:
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:
         """The training path (n, 2)."""
-        poses = [self.artifact("submaps", one).load("world_T_anchor") for one in self.train.split()]
+        poses = [
+            self.artifact("submaps", sequence).load("world_T_anchor")
+            for sequence in self.train.split()
+        ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
 
     @cached_property
@@ -217,16 +223,16 @@ class Study:
         """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model,
         the others of both; what a model with poses answered lies with the poses."""
         views = {method["name"]: method["view"] for method in self.words["methods"]}
-        answers = {one.name: one for one in answerers(self.words)}.get(model)
-        if kind == "localize" and answers:
-            return self.artifacts / folder(self.name, self.grid, answers) / f"{sequence}.zarr"
-        learner = replace(answers, posed=False, path="").name if answers else model
-        within = {
+        answerer = {candidate.name: candidate for candidate in answerers(self.words)}.get(model)
+        if kind == "localize" and answerer:
+            return self.artifacts / folder(self.name, self.grid, answerer) / f"{sequence}.zarr"
+        learner = replace(answerer, posed=False, path="").name if answerer else model
+        relative_path = {
             "labels": f"{self.grid}/{sequence}.zarr",
-            "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",
+            "views": f"{views[answerer.method] if answerer else ''}/{sequence}.zarr",
             "train": f"{self.grid}/{learner}.safetensors",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
-        return self.artifacts / kind / self.name / within
+        return self.artifacts / kind / self.name / relative_path
 
     def artifact(self, kind: str, sequence: str = "", model: str = "") -> Artifact:
         """The artifact itself; raises ArtifactError where it is not there."""

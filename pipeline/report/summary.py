@@ -62,31 +62,42 @@ class Summary:
         Raises ArtifactError for a table of an earlier version, which does not say how near is
         right.
         """
-        own = results[
+        driven_rows = results[
             (results["change"] == "")
             & (results["kind"] == "")
             & (results["stress"] == "")
             & (results["seed"] == 0)
         ]
-        asked = own[own["sequence"].isin(study["tests"]) & (own["protocol"] == "distance")]
+        test_rows = driven_rows[
+            driven_rows["sequence"].isin(study["tests"]) & (driven_rows["protocol"] == "distance")
+        ]
         days = (
-            asked.drop_duplicates("sequence")
+            test_rows.drop_duplicates("sequence")
             .sort_values(["days", "sequence"])
             .set_index("sequence")["days"]
         )
-        found = asked.set_index(["method", "variant", "number", "sequence"])[
+        indexed_rows = test_rows.set_index(["method", "variant", "number", "sequence"])[
             ["value", "low", "high"]
         ]
-        known = dict(zip(found.index, found.itertuples(index=False, name=None), strict=True))
-        cost = own[own["number"] == "query_ms"].set_index(["method", "variant"])["value"].to_dict()
+        values_by_key = dict(
+            zip(indexed_rows.index, indexed_rows.itertuples(index=False, name=None), strict=True)
+        )
+        cost = (
+            driven_rows[driven_rows["number"] == "query_ms"]
+            .set_index(["method", "variant"])["value"]
+            .to_dict()
+        )
         rows = []
         for method, variant in (
-            asked[asked["number"] == "answered"][["method", "variant"]]
+            test_rows[test_rows["number"] == "answered"][["method", "variant"]]
             .drop_duplicates()
             .itertuples(index=False)
         ):
-            of = {
-                name: [known.get((method, variant, name, day), (np.nan,) * 3) for day in days.index]
+            daily = {
+                name: [
+                    values_by_key.get((method, variant, name, day), (np.nan,) * 3)
+                    for day in days.index
+                ]
                 for name in (
                     "recall_at_1",
                     "answered",
@@ -95,11 +106,11 @@ class Summary:
                     "wanted_precision",
                 )
             }
-            right, answers, of_those, promised, wanted = (
-                [value for value, *_ in values] for values in of.values()
+            right, answers, kept, promised, wanted = (
+                [value for value, *_ in values] for values in daily.values()
             )
-            void = [(method, variant, VOID, day) in known for day in days.index]
-            bounds = [(low, high) for _, low, high in of["recall_at_1"]]
+            void = [(method, variant, VOID, day) in values_by_key for day in days.index]
+            bounds = [(low, high) for _, low, high in daily["recall_at_1"]]
             ms = float(cost.get((method, variant), np.nan))
             rows.append(
                 Row(
@@ -108,14 +119,16 @@ class Summary:
                     bounds,
                     void,
                     answers,
-                    of_those,
+                    kept,
                     promised[-1],
                     wanted[-1],
                     ms,
                 )
             )
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
-        within_m = own.loc[(own["number"] == "correct_m") & (own["sequence"] == ""), "value"].max()
+        within_m = driven_rows.loc[
+            (driven_rows["number"] == "correct_m") & (driven_rows["sequence"] == ""), "value"
+        ].max()
         if rows and np.isnan(within_m):
             raise ArtifactError(
                 "the tables of results do not say how near is right; `dvc repro` gathers them anew"

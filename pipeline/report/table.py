@@ -95,7 +95,8 @@ def table(
 ) -> Table:
     """A table in whose rows all but cells is words."""
     cells = tuple(
-        tuple(one if isinstance(one, Cell) else Cell(str(one)) for one in row) for row in rows
+        tuple(entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row)
+        for row in rows
     )
     return Table(kind, tuple(header), cells, words, values=values)
 
@@ -124,7 +125,7 @@ def count(value: float) -> Cell:
 
 def difference(value: float, digits: int, interval: tuple[float, float] = (np.nan, np.nan)) -> Cell:
     """A difference with its sign: `+0.031 [−0.010, +0.080]`."""
-    low, high = (signed(one, digits) for one in interval)
+    low, high = (signed(bound, digits) for bound in interval)
     small = f"[{low}, {high}]" if np.isfinite(interval[0]) else ""
     return Cell(signed(value, digits), float(value), small) if np.isfinite(value) else Cell(MISSING)
 
@@ -144,8 +145,8 @@ def spread(values: Iterable[float], digits: int) -> Cell:
 
 def average(values: Any) -> float:
     """Of the finite numbers; NaN of none."""
-    there = np.asarray(values, float)[np.isfinite(values)]
-    return float(there.mean()) if len(there) else np.nan
+    finite = np.asarray(values, float)[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else np.nan
 
 
 def fixed(value: float, digits: int, sign: str = "-") -> str:
@@ -173,8 +174,8 @@ def bracket(interval: tuple[float, float] | None, digits: int) -> str:
     """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; nothing for none."""
     if interval is None or not np.isfinite(interval[0]):
         return ""
-    shown = (
+    bounds = (
         "1.0" if digits > 1 and 0.995 < value <= 1 else short(value, min(digits, 2))
         for value in interval
     )
-    return f"[{', '.join(shown)}]"
+    return f"[{', '.join(bounds)}]"

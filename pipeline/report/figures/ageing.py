@@ -46,15 +46,15 @@ def lines(rows: Sequence[AgeingLine]) -> Figure:
     shades = tints(model for model in models if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
     axes = fig.subplots(len(shades), len(columns), squeeze=False, sharex=True, sharey="col")
-    for column, (title, found) in zip(axes.T, columns.items(), strict=True):
+    for column, (title, by_model) in zip(axes.T, columns.items(), strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
         column[0].set_ylim(
-            *((-4.0, 104.0) if any(row.rises for row in found.values()) else (0.0, 1.04))
+            *((-4.0, 104.0) if any(row.rises for row in by_model.values()) else (0.0, 1.04))
         )
         for axis, (model, tint) in zip(column, shades.items(), strict=True):
-            if oracle := found.get(ORACLE):
+            if oracle := by_model.get(ORACLE):
                 axis.plot(oracle.days, oracle.fitted[:, 0], color="0.7", lw=0.8, zorder=2)
-            if row := found.get(model):
+            if row := by_model.get(model):
                 _panel(axis, row, tint)
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
@@ -76,8 +76,8 @@ def slopes(rows: Sequence[AgeingLine]) -> Figure:
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
     axes = fig.subplots(1, len(columns), squeeze=False, sharey=True)[0]
-    for axis, (title, found) in zip(axes, columns.items(), strict=True):
-        for model, row in found.items():
+    for axis, (title, by_model) in zip(axes, columns.items(), strict=True):
+        for model, row in by_model.items():
             y = models.index(model)
             tint = shades[model]
             (value, low, high) = row.slope
@@ -92,7 +92,9 @@ def slopes(rows: Sequence[AgeingLine]) -> Figure:
                 mew=0.9,
                 zorder=3,
             )
-        far = ROOM * float(np.nanmax([0.0, *(abs(row.slope[0]) for row in found.values())])) or 1.0
+        far = (
+            ROOM * float(np.nanmax([0.0, *(abs(row.slope[0]) for row in by_model.values())])) or 1.0
+        )
         axis.set_xlim(-far, far)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)

@@ -27,14 +27,15 @@ def check_ending(path: Path) -> None:
         raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
-def palette(inks: Sequence[str], others: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they
     are."""
     shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (
         1 - np.array([to_rgb(ink) for ink in inks])
     )
     return np.unique(
-        np.concatenate([others, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]), axis=0
+        np.concatenate([more_colours, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]),
+        axis=0,
     )
 
 
@@ -48,22 +49,24 @@ def save(
     """
     check_ending(path)
     tree = KDTree(table)
-    first, *others = (_indexed(frame, table, tree) for frame in frames)
-    lasting = [FRAME_MS] * len(others) + [END_MS]
+    first, *later_frames = (_indexed(frame, table, tree) for frame in frames)
+    lasting = [FRAME_MS] * len(later_frames) + [END_MS]
     options: dict[str, Any] = {"duration": lasting, "loop": 0, "lossless": True, "optimize": True}
     with replace(path) as scratch:
-        first.save(scratch, ENDINGS[path.suffix], save_all=True, append_images=others, **options)
+        first.save(
+            scratch, ENDINGS[path.suffix], save_all=True, append_images=later_frames, **options
+        )
     return len(lasting), path.stat().st_size
 
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
     """A frame in the colours of the palette, each pixel in the one nearest to its own."""
-    packed, where = np.unique(
+    packed, colour_of_pixel = np.unique(
         frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True
     )
     nearest = np.asarray(
         tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1]
     )
-    image = Image.fromarray(nearest.astype(np.uint8)[where].reshape(frame.shape[:2]))
+    image = Image.fromarray(nearest.astype(np.uint8)[colour_of_pixel].reshape(frame.shape[:2]))
     image.putpalette(table.tobytes())
     return image

@@ -41,10 +41,10 @@ def year(results: Sequence[Result], train: str) -> Figure:
         protocol = measure.protocol
         for model, group in groups.items():
             (tint, dash) = looks[model]
-            days = [one.days for one in group]
-            values = np.array([one.number(protocol, measure.name) for one in group])
+            days = [result.days for result in group]
+            values = np.array([result.number(protocol, measure.name) for result in group])
             bounds = np.array(
-                [one.interval(protocol, measure.name) or (np.nan, np.nan) for one in group]
+                [result.interval(protocol, measure.name) or (np.nan, np.nan) for result in group]
             ).T
             axis.fill_between(
                 days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1
@@ -64,17 +64,19 @@ def year(results: Sequence[Result], train: str) -> Figure:
             )
             lines.append((model, tint, np.stack([days, values], axis=1)))
         first = [group[0] for group in by_sequence(results).values()]
-        oracle = [one.number(protocol, "oracle") for one in first]
-        lines.append(oracle_line(axis, [one.days for one in first], oracle, "oracle recall@1"))
+        oracle = [result.number(protocol, "oracle") for result in first]
+        lines.append(
+            oracle_line(axis, [result.days for result in first], oracle, "oracle recall@1")
+        )
         axis.set_ylabel(measure.title)
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
         name_ends(axis, lines, gap=0.088)
-    shown = {
+    day_labels = {
         result.days: day(result.sequence) for result in results
     }  # two sequences of one day share a label
     axes[-1].set_xticks(
-        list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor"
+        list(day_labels), list(day_labels.values()), rotation=40, ha="right", rotation_mode="anchor"
     )
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
@@ -129,15 +131,15 @@ def recall_at(results: Sequence[Result]) -> Figure:
     looks = look(by_model(results))
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
-    every = [
+    recalls = [
         result.evaluation.protocol(protocol).recall_at
         for protocol in PROTOCOLS
         for result in results
     ]
-    axes[0].set_ylim(*share_limits(*every))
+    axes[0].set_ylim(*share_limits(*recalls))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
         means = []
-        n = np.arange(1, len(every[0]) + 1)
+        n = np.arange(1, len(recalls[0]) + 1)
         for model, group in groups.items():
             curves = np.stack(
                 [result.evaluation.protocol(protocol).recall_at for result in group]

@@ -61,38 +61,40 @@ class Drive:
         """What a model of a study answered on one of its test days; raises ArtifactError where that
         is not built."""
         artifact = study.artifact("evaluate", sequence, model)
-        given = Evaluation.read(artifact)
+        evaluation = Evaluation.read(artifact)
         rules = artifact.attrs["distance"]
         looked_at = store.read(study.find("views", sequence, model), *schemas.LOOKED_AT)
         views = None
         if looked_at.attrs["kind"] == schemas.VIEWS.kind:
             learned = [
-                store.read(study.find("views", one, model), schemas.VIEWS).load("images")
-                for one in study.train.split()
+                store.read(study.find("views", train_sequence, model), schemas.VIEWS).load("images")
+                for train_sequence in study.train.split()
             ]
             views = Views(looked_at.load("images"), np.concatenate(learned))
         heading_rad = yaw(looked_at.load("world_T_anchor"))
-        if not len(given.xy_m) == len(heading_rad) > 0:
+        if not len(evaluation.xy_m) == len(heading_rad) > 0:
             raise ArtifactError(
-                f"{artifact.path}: {len(given.xy_m)} queries of {len(heading_rad)} views; `dvc "
-                "repro` it"
+                f"{artifact.path}: {len(evaluation.xy_m)} queries of {len(heading_rad)} views; "
+                "`dvc repro` it"
             )
-        right = np.where(given.distance.true_rank == 0, RIGHT, WRONG)
+        right = np.where(evaluation.distance.true_rank == 0, RIGHT, WRONG)
         return cls(
             where=study.where,
             model=model,
             trained=" and ".join(map(day, study.train.split())),
             driven=day(sequence),
-            days=given.days,
+            days=evaluation.days,
             simulated=study.simulated,
             correct_m=rules["correct_m"],
             seen_m=rules["seen_m"],
-            walls_xy_m=np.concatenate([walls(study, one) for one in study.train.split()]),
+            walls_xy_m=np.concatenate(
+                [walls(study, train_sequence) for train_sequence in study.train.split()]
+            ),
             train_xy_m=study.train_xy_m,
-            xy_m=given.xy_m,
+            xy_m=evaluation.xy_m,
             heading_rad=heading_rad,
-            answer_xy_m=given.answer_xy_m,
-            outcome=np.where(given.distance.seen, right, NOT_COUNTED),
+            answer_xy_m=evaluation.answer_xy_m,
+            outcome=np.where(evaluation.distance.seen, right, NOT_COUNTED),
             views=views,
         )
 
@@ -130,18 +132,18 @@ class Drive:
 
         That one is rolled to look most like the query; it is NaN where there is no answer.
         """
-        shown = views.queries[queries]
+        query_views = views.queries[queries]
         sectors = views.queries.shape[2]
-        known = np.isfinite(self.answer_xy_m[queries]).all(axis=1)
-        matched = np.full(shown.shape, np.nan, np.float32)
-        if known.any():
-            found = views.training[
-                KDTree(self.train_xy_m).query(self.answer_xy_m[queries[known]])[1]
+        answered = np.isfinite(self.answer_xy_m[queries]).all(axis=1)
+        matched = np.full(query_views.shape, np.nan, np.float32)
+        if answered.any():
+            answer_views = views.training[
+                KDTree(self.train_xy_m).query(self.answer_xy_m[queries[answered]])[1]
             ]
-            shifts = best_shifts(spectra(shown[known]), spectra(found), sectors)
+            shifts = best_shifts(spectra(query_views[answered]), spectra(answer_views), sectors)
             columns = (np.arange(sectors) - shifts[:, None]) % sectors
-            matched[known] = np.take_along_axis(found, columns[:, None], axis=2)
-        return np.stack([shown, matched], axis=1)
+            matched[answered] = np.take_along_axis(answer_views, columns[:, None], axis=2)
+        return np.stack([query_views, matched], axis=1)
 
 
 def walls(study: Study, sequence: str) -> NDArray[np.float64]:
@@ -153,13 +155,17 @@ def walls(study: Study, sequence: str) -> NDArray[np.float64]:
     except ArtifactError:
         return np.empty((0, 2))
     world_T_anchor = submaps.load("world_T_anchor")
-    found = []
+    wall_points = []
     for row in np.unique(
         np.linspace(0, len(world_T_anchor) - 1, LOOKS).round().astype(int)
     ).tolist():
         points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))
         points_m = points_m[(points_m[:, 2] > WALL_M[0]) & (points_m[:, 2] < WALL_M[1])]
-        found.append(points_m[:, :2] @ world_T_anchor[row, :2, :2].T + world_T_anchor[row, :2, 3])
+        wall_points.append(
+            points_m[:, :2] @ world_T_anchor[row, :2, :2].T + world_T_anchor[row, :2, 3]
+        )
     cell_m = float(np.ptp(study.train_xy_m, axis=0).max()) / CELLS + 0.2
-    cells, counts = np.unique(np.floor(np.concatenate(found) / cell_m), axis=0, return_counts=True)
+    cells, counts = np.unique(
+        np.floor(np.concatenate(wall_points) / cell_m), axis=0, return_counts=True
+    )
     return np.asarray((cells[counts >= max(FEWEST, np.median(counts))] + 0.5) * cell_m)

@@ -50,22 +50,24 @@ def by_distance(
         column[0].set_title(
             f"{'recall@1' if name == 'recall' else 'exact AUC'}, by {protocol}", pad=5
         )
-        for shown, beside, shade in ((False, BESIDE, "0.75"), (True, -BESIDE, "0.35")):
+        for is_shown, beside, shade in ((False, BESIDE, "0.75"), (True, -BESIDE, "0.35")):
             for axis, (model, tint) in zip(column, shades.items(), strict=True):
-                one = values[model, protocol, shown]
-                numbers = one.recall if name == "recall" else one.auc
+                band_values = values[model, protocol, is_shown]
+                numbers = band_values.recall if name == "recall" else band_values.auc
                 for band in np.flatnonzero(np.isfinite(numbers[:, 0])):
-                    alpha = PALE if one.seen[band] < few else 1.0
-                    fill = {} if shown else HOLLOW
+                    alpha = PALE if band_values.seen[band] < few else 1.0
+                    fill = {} if is_shown else HOLLOW
                     points(
                         axis,
                         [band + beside],
                         numbers[[band]],
-                        tint if shown else "0.6",
+                        tint if is_shown else "0.6",
                         alpha=alpha,
                         **fill,
                     )
-            queries = one.seen if name == "recall" else one.seen + one.unseen
+            queries = (
+                band_values.seen if name == "recall" else band_values.seen + band_values.unseen
+            )
             bars = counts.bar(
                 np.arange(len(names)) + 1.4 * beside, queries, 2 * BESIDE, color=shade
             )

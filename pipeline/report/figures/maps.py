@@ -48,15 +48,15 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
     """By cells: which of ANSWERS the first answer to each query (q,) is, and whether it is
     accepted."""
-    by = result.evaluation.cells
-    found = np.where(by.seen, np.where(by.true_rank == 0, RIGHT, WRONG), UNSEEN)
-    return found, np.isin(by.outcome, (HIT, FALSE_ALARM))
+    judgement = result.evaluation.cells
+    kinds = np.where(judgement.seen, np.where(judgement.true_rank == 0, RIGHT, WRONG), UNSEEN)
+    return kinds, np.isin(judgement.outcome, (HIT, FALSE_ALARM))
 
 
 @styled
 def _single(
     result: Result,
-    found: NDArray[np.integer],
+    kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
     names: Sequence[str],
     train_xy_m: NDArray[np.float64],
@@ -68,16 +68,16 @@ def _single(
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
     fig = figure(width_in, height_in + 0.6, heading)
     axis = fig.subplots()
-    _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=6.0)
+    _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=6.0)
     scale_bar(axis, box)
     counts = [
-        (np.sum(found == code), np.sum(accepted & (found == code))) for code in range(len(names))
+        (np.sum(kinds == code), np.sum(accepted & (kinds == code))) for code in range(len(names))
     ]
     _legend(
         fig,
         [
-            f"{name} {count}, {taken} accepted"
-            for name, (count, taken) in zip(names, counts, strict=True)
+            f"{name} {count}, {accepted_count} accepted"
+            for name, (count, accepted_count) in zip(names, counts, strict=True)
         ],
     )
     return fig
@@ -104,8 +104,8 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
-        found, accepted = answers(result)
-        _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=1.6)
+        kinds, accepted = answers(result)
+        _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=1.6)
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
@@ -120,7 +120,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
             )
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
         for code, (_, tint, _) in enumerate(ANSWERS):
-            count = str(np.sum(found == code))
+            count = str(np.sum(kinds == code))
             axis.text(
                 0.25 + 0.25 * code,
                 -0.02,
@@ -139,7 +139,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
 def _map(
     axis: Axes,
     xy_m: NDArray[np.float64],
-    found: NDArray[np.integer],
+    kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
     train_xy_m: NDArray[np.float64],
     box: NDArray[np.float64],
@@ -149,13 +149,13 @@ def _map(
     in an SVG; what the model rejects is faint and lies below, and what is wrong lies above what is
     right."""
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
-    drawn = product((False, True), (RIGHT, UNSEEN, WRONG))
-    for order, (taken, code) in enumerate(drawn, start=2):
+    layers = product((False, True), (RIGHT, UNSEEN, WRONG))
+    for order, (is_accepted, code) in enumerate(layers, start=2):
         _, tint, marker = ANSWERS[code]
-        x_m, y_m = xy_m[(found == code) & (accepted == taken)].T
+        x_m, y_m = xy_m[(kinds == code) & (accepted == is_accepted)].T
         look: Any = {
             "marker": marker,
-            "alpha": 1.0 if taken else REJECTED,
+            "alpha": 1.0 if is_accepted else REJECTED,
             "linewidths": 0,
             "zorder": order,
             "rasterized": True,

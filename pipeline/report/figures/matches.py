@@ -68,9 +68,9 @@ class Example:
             f"{degrees(e.turn_deg[i])} to training"
         )
 
-    def apart(self, others: Sequence["Example"]) -> bool:
+    def apart(self, examples: Sequence["Example"]) -> bool:
         """At least APART_M from all others."""
-        return all(np.linalg.norm(self.xy_m - other.xy_m) >= APART_M for other in others)
+        return all(np.linalg.norm(self.xy_m - example.xy_m) >= APART_M for example in examples)
 
 
 def choose(results: Sequence[Result]) -> list[Example]:
@@ -78,20 +78,22 @@ def choose(results: Sequence[Result]) -> list[Example]:
     least novelty by kind."""
     group = of_one_model(results)
     chosen = _right(group)
-    for verdict, number, which in WRONG:
-        found: list[Example] = []
-        for example in _surest(group, verdict, which):
-            if len(found) < number and example.apart(found):
-                found.append(example)
-        chosen += found
+    for verdict, number, select in WRONG:
+        examples: list[Example] = []
+        for example in _surest(group, verdict, select):
+            if len(examples) < number and example.apart(examples):
+                examples.append(example)
+        chosen += examples
     return chosen
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
     """The hit of median novelty in sequences spread over the year; then the surest one that drove
     another way than training."""
-    every = (_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group)
-    hits = [ordered for ordered in every if ordered]
+    hits_by_result = (
+        _surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group
+    )
+    hits = [ordered for ordered in hits_by_result if ordered]
     chosen: list[Example] = []
     for n in np.unique(np.linspace(0, len(hits) - 1, RIGHT).round().astype(int)) if hits else ():
         middle = len(hits[n]) // 2
@@ -102,23 +104,25 @@ def _right(group: Sequence[Result]) -> list[Example]:
     turned = _surest(
         group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
     )
-    shown = {(example.result.sequence, example.query) for example in chosen}
+    chosen_keys = {(example.result.sequence, example.query) for example in chosen}
     return (
         chosen
-        + [example for example in turned if (example.result.sequence, example.query) not in shown][
-            :1
-        ]
+        + [
+            example
+            for example in turned
+            if (example.result.sequence, example.query) not in chosen_keys
+        ][:1]
     )
 
 
-def _surest(group: Sequence[Result], verdict: str, which: Which) -> list[Example]:
+def _surest(group: Sequence[Result], verdict: str, select: Which) -> list[Example]:
     """The queries of some kind in all sequences, least novel first."""
-    found = [
+    examples = [
         Example(result, int(i), verdict)
         for result in group
-        for i in np.flatnonzero(which(result.evaluation))
+        for i in np.flatnonzero(select(result.evaluation))
     ]
-    return sorted(found, key=lambda example: example.novelty)
+    return sorted(examples, key=lambda example: example.novelty)
 
 
 def degrees(angle_deg: float) -> str:
@@ -147,7 +151,10 @@ class Training:
 
 @styled
 def matches(
-    examples: Sequence[Example], training: Training, images: Callable[[str], Any], own: bool = True
+    examples: Sequence[Example],
+    training: Training,
+    images: Callable[[str], Any],
+    own_views: bool = True,
 ) -> Figure:
     """A row an example: the query's image, the answered place's, and for a wrong answer the
     training image nearest to the query.
@@ -157,7 +164,7 @@ def matches(
     query, as the network's own training copies are.
     """
     heading = "queries and the training images they were matched with" + (
-        "" if own else ", as Scan Contexts"
+        "" if own_views else ", as Scan Contexts"
     )
     fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), f"{examples[0].result.model}: {heading}")
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.report.figures.style import QUIET, VEIL, folded, look
-from pipeline.report.found import Found
+from pipeline.report.found import Measurement
 from pipeline.studies.colours import marker
 
 LINE_IN = 0.125  # height of a line of text
@@ -66,10 +66,12 @@ def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) 
 def share_limits(*values: Any) -> tuple[float, float]:
     """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with
     a margin."""
-    every = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(one, np.float64)) for one in values)])
-    every = every[np.isfinite(every)]
-    low = max(0.0, float(np.floor(every.min() * 10) / 10))
-    high = float(every.max())
+    shares = np.concatenate(
+        [[0.9, 1.0], *(np.ravel(np.asarray(value, np.float64)) for value in values)]
+    )
+    shares = shares[np.isfinite(shares)]
+    low = max(0.0, float(np.floor(shares.min() * 10) / 10))
+    high = float(shares.max())
     return low - 0.02 * (high - low), high + 0.03 * (high - low)
 
 
@@ -80,7 +82,7 @@ def points(
     tint: str,
     marker: str = "o",
     alpha: float = 1.0,
-    **own: Any,
+    **options: Any,
 ) -> None:
     """Markers of values (n, 3) with their intervals as bars."""
     value, low, high = values.T
@@ -94,19 +96,21 @@ def points(
         "zorder": 3,
         "clip_on": False,
     }
-    axis.plot(x, value, color=tint, alpha=alpha, **(look | own))
+    axis.plot(x, value, color=tint, alpha=alpha, **(look | options))
 
 
-def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
+def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:
     """A line a model through its means, each slightly beside the others, bars are deviations over
     the test sequences."""
-    looks = look(found)
+    looks = look(rows)
     lines = []
-    for i, (model, row) in enumerate(found.items()):
+    for i, (model, row) in enumerate(rows.items()):
         (tint, dash) = looks[model]
-        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
-        means, apart = means_of(row)
-        axis.vlines(x, means - apart, means + apart, color=tint, lw=0.7, alpha=0.45, zorder=1)
+        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(rows) - 0.5)
+        means, deviations = means_of(row)
+        axis.vlines(
+            x, means - deviations, means + deviations, color=tint, lw=0.7, alpha=0.45, zorder=1
+        )
         axis.plot(
             x,
             means,
@@ -124,9 +128,14 @@ def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
     return lines
 
 
-def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
+def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
     """Means and deviations over the test sequences (2, k)."""
-    return np.array([[one.mean for one in found], [one.over_sequences for one in found]])
+    return np.array(
+        [
+            [measurement.mean for measurement in measurements],
+            [measurement.over_sequences for measurement in measurements],
+        ]
+    )
 
 
 def oracle_line(

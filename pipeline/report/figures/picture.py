@@ -47,9 +47,11 @@ def write(drive: Drive, path: Path, progress: Progress) -> tuple[int, int]:
 
     Raises ConfigError for another ending.
     """
-    shown = queries(drive)
+    frame_queries = queries(drive)
     table = animation.palette((*TINTS.values(), PATH, WALL, INK, GREY), HEIGHTS)
-    return animation.save(progress.track(frames(drive, shown), len(shown), "frames"), path, table)
+    return animation.save(
+        progress.track(frames(drive, frame_queries), len(frame_queries), "frames"), path, table
+    )
 
 
 def queries(drive: Drive) -> NDArray[np.int64]:
@@ -59,11 +61,11 @@ def queries(drive: Drive) -> NDArray[np.int64]:
     return np.linspace(0, count - 1, min(count, FRAMES)).round().astype(np.int64)
 
 
-def frames(drive: Drive, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+def frames(drive: Drive, frame_queries: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
     """Draw a frame (height, width, 3) for each query of `shown`."""
     canvas = Canvas(drive)
-    pairs = drive.pairs(drive.views, shown) if drive.views else None
-    for number, query in enumerate(shown.tolist()):
+    pairs = drive.pairs(drive.views, frame_queries) if drive.views else None
+    for number, query in enumerate(frame_queries.tolist()):
         yield canvas.drawn(query, None if pairs is None else pairs[number])
 
 
@@ -83,17 +85,17 @@ class Canvas:
             self.text(RIGHT_PX, 15, SIMULATED, style="italic", color=GREY, ha="right")
         self._map(self.axes(12, 70, 490, 430))
         self.images = []
-        about = "the answer to its view"
-        about_px = 180
+        caption = "the answer to its view"
+        caption_px = 180
         top = 210
         if drive.views:
             self.text(520, 72, "the robot's view: 360° across, distance down")
             self.images = [self._view(y_px) for y_px in (94, 250)]
-            about = "the training view it matches"
-            about_px = 228
+            caption = "the training view it matches"
+            caption_px = 228
             top = 380
-        self.text(520, about_px, about)
-        self.off = self.text(RIGHT_PX, about_px, "", weight="bold", ha="right")
+        self.text(520, caption_px, caption)
+        self.off = self.text(RIGHT_PX, caption_px, "", weight="bold", ha="right")
         self.number = self.text(520, top, "", size=20, weight="bold")
         self.counts = self.text(RIGHT_PX, top + 8, "", ha="right")
         self._curve(self.axes(566, top + 44, 314, 96))
@@ -107,8 +109,8 @@ class Canvas:
 
     def text(self, x_px: float, y_px: float, words: str, **style: Any) -> Text:
         """Words below a pixel, and right of it."""
-        usual: Any = {"va": "top", "ha": "left", "color": INK, "size": SIZE}
-        return self.figure.text(x_px / WIDTH_PX, 1 - y_px / HEIGHT_PX, words, **usual | style)
+        defaults: Any = {"va": "top", "ha": "left", "color": INK, "size": SIZE}
+        return self.figure.text(x_px / WIDTH_PX, 1 - y_px / HEIGHT_PX, words, **defaults | style)
 
     def _map(self, axis: Axes) -> None:
         """The site and the training path; empty lines for the dots, the robot and its answer."""

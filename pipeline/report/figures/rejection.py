@@ -48,10 +48,12 @@ def histograms(results: Sequence[Result], protocol: str) -> Figure:
     misplaced stacked, unseen."""
     group = of_one_model(results)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    every = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(np.float64)
-    every = every[np.isfinite(every)]
-    low = every.min(initial=0.0)
-    high = every.max(initial=0.0)
+    novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(
+        np.float64
+    )
+    novelties = novelties[np.isfinite(novelties)]
+    low = novelties.min(initial=0.0)
+    high = novelties.max(initial=0.0)
     edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
     rows, columns = balanced(len(group), 5)
     width_in = WIDTH_IN if columns > 1 else 4.8
@@ -68,13 +70,14 @@ def histograms(results: Sequence[Result], protocol: str) -> Figure:
 
 
 def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]) -> None:
-    by = result.evaluation.protocol(protocol)
+    judgement = result.evaluation.protocol(protocol)
     threshold = result.evaluation.reject_from[0]
     novelty = result.evaluation.novelty[:, 0].astype(np.float64)
-    right = by.seen & (by.true_rank == 0)
-    per_query = 1 / (max(int(by.seen.sum()), 1) * np.diff(edges)[0])
+    right = judgement.seen & (judgement.true_rank == 0)
+    per_query = 1 / (max(int(judgement.seen.sum()), 1) * np.diff(edges)[0])
     right_density, wrong_density = (
-        np.histogram(novelty[of], edges)[0] * per_query for of in (right, by.seen & ~right)
+        np.histogram(novelty[mask], edges)[0] * per_query
+        for mask in (right, judgement.seen & ~right)
     )
     axis.stairs(right_density, edges, fill=True, color=RIGHT, lw=0)
     axis.stairs(
@@ -85,9 +88,12 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
         color=MISPLACED,
         lw=0,
     )
-    if by.unseen.any():
+    if judgement.unseen.any():
         axis.stairs(
-            np.histogram(novelty[by.unseen], edges, density=True)[0], edges, color=UNSEEN, lw=1.2
+            np.histogram(novelty[judgement.unseen], edges, density=True)[0],
+            edges,
+            color=UNSEEN,
+            lw=1.2,
         )
     if edges[0] <= threshold <= edges[-1]:
         axis.axvline(threshold, **MARK)
@@ -118,21 +124,31 @@ def rejection(results: Sequence[Result]) -> Figure:
     for row, name in zip(axes, ("precision", "recall"), strict=True):
         number = MEASURES.index(f"{name}_at_threshold")
         precise = MEASURES.index("precision_at_threshold")
-        by = [[result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS]
+        judgements = [
+            [result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS
+        ]
         values = np.array(
-            [[one.rejection[:, number] for one in row_of] for row_of in by]
+            [
+                [judgement.rejection[:, number] for judgement in protocol_row]
+                for protocol_row in judgements
+            ]
         )  # (protocol, sequence, kind, 3)
-        values[np.isnan([[one.rejection[:, precise, 0] for one in row_of] for row_of in by])] = (
-            np.nan
-        )  # where nothing is accepted
+        values[
+            np.isnan(
+                [
+                    [judgement.rejection[:, precise, 0] for judgement in protocol_row]
+                    for protocol_row in judgements
+                ]
+            )
+        ] = np.nan  # where nothing is accepted
         for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
-            for k, (one, (tint, marker)) in enumerate(
+            for k, (kind_values, (tint, marker)) in enumerate(
                 zip(of_kinds[: len(kinds)], KINDS, strict=False)
             ):
                 points(
                     axis,
                     np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2),
-                    one,
+                    kind_values,
                     tint,
                     marker,
                 )
@@ -154,8 +170,8 @@ def rejection(results: Sequence[Result]) -> Figure:
     ]
     promised = group[0].evaluation.kept[: len(kinds)]
     names = [
-        name + f", keeps {one:.3f}" * (one < wanted)
-        for name, one in zip(names, promised, strict=True)
+        name + f", keeps {precision:.3f}" * (precision < wanted)
+        for name, precision in zip(names, promised, strict=True)
     ]
     entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
@@ -178,7 +194,11 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     ):  # without a confidence, a cost is no chance either, but a distance
         return []
     named = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
-    return [(name, reliability(one, right), ece(one, right)) for name, one in named if chances(one)]
+    return [
+        (name, reliability(confidence, right), ece(confidence, right))
+        for name, confidence in named
+        if chances(confidence)
+    ]
 
 
 @styled
@@ -188,7 +208,7 @@ def diagram(results: Sequence[Result]) -> Figure | None:
     Below: the share of the queries in each bin. The mean distance to the diagonal over the queries
     is the ECE.
     """
-    if not (found := confidences(results)):
+    if not (calibrations := confidences(results)):
         return None
     model = results[0].model
     count = sum(int(result.evaluation.cells.seen.sum()) for result in results)
@@ -198,9 +218,9 @@ def diagram(results: Sequence[Result]) -> Figure | None:
         f"{model}: confidence against the share right, by cells ({count:,} seen queries)",
     )
     axes = fig.subplots(
-        2, len(found), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
+        2, len(calibrations), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
     )
-    for (upper, lower), (name, bins, error) in zip(axes.T, found, strict=True):
+    for (upper, lower), (name, bins, error) in zip(axes.T, calibrations, strict=True):
         full = bins.count > 0
         upper.plot([0, 1], [0, 1], **MARK)
         upper.vlines(

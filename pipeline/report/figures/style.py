@@ -76,13 +76,13 @@ def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
     models = list(models)
     looks = {}
     for model in models:
-        kin = sorted(
-            {one for one in models if method_of(one) == method_of(model)},
-            key=lambda one: ("-" in one, len(one), one),
+        variants = sorted(
+            {name for name in models if method_of(name) == method_of(model)},
+            key=lambda name: ("-" in name, len(name), name),
         )
-        place = kin.index(model)
+        place = variants.index(model)
         rgb = np.array(to_rgb(colour(model)))
-        shade = 1.0 - 0.6 * place / max(len(kin) - 1, 1)
+        shade = 1.0 - 0.6 * place / max(len(variants) - 1, 1)
         looks[model] = to_hex((*(shade * rgb),)).upper(), DASHES[place % len(DASHES)]
     return looks
 

@@ -90,12 +90,12 @@ def _panel(
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]
         dash = DASHES[i // len(PALETTE) % len(DASHES)] if joined else ""
-        shown = [
-            (x, found) for x, job in jobs if (found := job.finite(measure.protocol, measure.name))
+        drawn_jobs = [
+            (x, values) for x, job in jobs if (values := job.finite(measure.protocol, measure.name))
         ]
-        means = [np.mean(found) for _, found in shown]
+        means = [np.mean(values) for _, values in drawn_jobs]
         axis.plot(
-            [x for x, _ in shown],
+            [x for x, _ in drawn_jobs],
             means,
             color=tint,
             ls=dash,
@@ -106,8 +106,8 @@ def _panel(
             label=name,
             zorder=3,
         )
-        for x, found in shown:
-            axis.scatter([x] * len(found), found, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+        for x, values in drawn_jobs:
+            axis.scatter([x] * len(values), values, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
             oracle.setdefault(x, []).extend(job.finite(measure.protocol, "oracle"))
             if job.error is not None:
@@ -115,7 +115,7 @@ def _panel(
                 axis.plot(
                     x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low
                 )
-    best = np.array(sorted((x, np.mean(found)) for x, found in oracle.items() if found)).reshape(
+    best = np.array(sorted((x, np.mean(values)) for x, values in oracle.items() if values)).reshape(
         -1, 2
     )
     axis.plot(

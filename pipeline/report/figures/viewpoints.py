@@ -48,9 +48,9 @@ def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Fi
         WIDTH_IN, 0.9 + 1.55 * rows, f"Precision over recall of the correct matches, {sequence}"
     )
     axes = panels(fig, len(headings_deg), columns, x="recall of the correct", y="precision")
-    at = NUMBERS.index("accuracy")
+    accuracy_at = NUMBERS.index("accuracy")
     accuracy = {
-        model: np.mean([judged.values[:, at] for judged in seeds], axis=0)
+        model: np.mean([judged.values[:, accuracy_at] for judged in seeds], axis=0)
         for model, seeds in group.items()
     }
     upper = bool(np.max([*accuracy.values()]) < CROWDED)
@@ -86,18 +86,24 @@ def indices(
     none.
     """
     looks = look(dict.fromkeys(model for model, _ in values))
-    at = np.arange(len(headings_deg))
+    positions = np.arange(len(headings_deg))
     fig = figure(WIDTH_IN, 4.4, "Each index over the heading of the query")
     for axis, (name, title) in zip(
         panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True
     ):
         for i, (model, (tint, dash)) in enumerate(looks.items()):
-            every = np.ma.masked_invalid(values[model, name])
-            x = at + 0.5 * ((i + 0.5) / len(looks) - 0.5)
+            finite = np.ma.masked_invalid(values[model, name])
+            x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
             axis.scatter(
-                np.broadcast_to(x, every.shape), every, 6, tint, alpha=0.35, linewidths=0, zorder=2
+                np.broadcast_to(x, finite.shape),
+                finite,
+                6,
+                tint,
+                alpha=0.35,
+                linewidths=0,
+                zorder=2,
             )
-            means = every.mean(axis=0).filled(np.nan)
+            means = finite.mean(axis=0).filled(np.nan)
             axis.plot(
                 x,
                 means,
@@ -113,7 +119,7 @@ def indices(
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
-        axis.set_xticks(at, [f"{deg:g}°" for deg in headings_deg], size=6.5)
+        axis.set_xticks(positions, [f"{deg:g}°" for deg in headings_deg], size=6.5)
         axis.set_title(title.format(correct_m=correct_m), pad=5)
         axis.grid(axis="y")
     below(fig, handles(looks))
@@ -135,20 +141,20 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
         WIDTH_IN, 0.45 + (side_in + 0.12) * len(rows), "Seen, and reconstructed from a code"
     )
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
-    for line, (name, seen, shown) in zip(axes, rows, strict=True):
+    for line, (name, seen, rebuilt) in zip(axes, rows, strict=True):
         for axis, i in zip(line, columns, strict=True):
             axis.imshow(
-                (seen if shown is None else shown)[i],
+                (seen if rebuilt is None else rebuilt)[i],
                 cmap="gray",
                 vmin=0,
                 vmax=255,
                 interpolation="nearest",
             )
             axis.set(xticks=[], yticks=[])
-            if shown is not None:
-                error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
+            if rebuilt is not None:
+                error = np.square((rebuilt[i].astype(np.float64) - seen[i]) / 127.5).mean()
                 axis.set_xlabel(f"{error:.3f}", size=7, labelpad=2)
-        line[0].set_ylabel(name, color="0.1" if shown is None else colour(name))
+        line[0].set_ylabel(name, color="0.1" if rebuilt is None else colour(name))
     for axis, i in zip(axes[0], columns, strict=True):
         axis.set_title(f"{i * 360 / headings:g}°", pad=4)
     return fig
@@ -162,26 +168,28 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
     model.
     """
-    found = {
-        model: [one for one in seeds if COLLAPSE.keys() & one.keys()]
+    seeds_by_model = {
+        model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]
         for model, seeds in curves.items()
     }
-    found = {model: seeds for model, seeds in found.items() if seeds}
-    if not found:
+    seeds_by_model = {model: seeds for model, seeds in seeds_by_model.items() if seeds}
+    if not seeds_by_model:
         return None
-    looks = look(found)
+    looks = look(seeds_by_model)
     fig = figure(WIDTH_IN, 2.5, "While learning")
     for axis, (name, title) in zip(
         panels(fig, len(COLLAPSE), len(COLLAPSE), shared=False), COLLAPSE.items(), strict=True
     ):
         for model, (tint, dash) in looks.items():
-            for curve in (one[name] for one in found[model] if name in one):
+            for curve in (
+                seed_curves[name] for seed_curves in seeds_by_model[model] if name in seed_curves
+            ):
                 few = "." if len(curve) < 3 else ""
-                width = 1.0 if len(found[model]) > 1 else 1.3
+                width = 1.0 if len(seeds_by_model[model]) > 1 else 1.3
                 axis.plot(
                     1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
                 )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    below(fig, handles(found))
+    below(fig, handles(seeds_by_model))
     return fig

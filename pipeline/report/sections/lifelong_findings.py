@@ -18,62 +18,75 @@ from pipeline.report.sections.lifelong_numbers import (
 from pipeline.report.table import average
 
 
-def findings(every: Sequence[StrategyNumbers]) -> list[Finding]:
+def findings(strategies: Sequence[StrategyNumbers]) -> list[Finding]:
     """Of each model those that its strategies allow: what growth forgets, what it lacks, what a
     site regains by itself."""
     models = {
-        model: [one for one in every if one.model == model]
-        for model in dict.fromkeys(one.model for one in every)
+        model: [strategy for strategy in strategies if strategy.model == model]
+        for model in dict.fromkeys(strategy.model for strategy in strategies)
     }
-    about = {"protocol": PROTOCOL, "strategy": GROWN}
-    found = []
-    for model, own in models.items():
-        if listed := against(own, "forgetting", TUNED):
-            found.append(
-                Finding("growth_forgets", model=model, reference=TUNED, listed=listed, **about)
+    context = {"protocol": PROTOCOL, "strategy": GROWN}
+    verdicts = []
+    for model, model_strategies in models.items():
+        if listed := against(model_strategies, "forgetting", TUNED):
+            verdicts.append(
+                Finding("growth_forgets", model=model, reference=TUNED, listed=listed, **context)
             )
-    for model, own in models.items():
-        if listed := against(own, "recall_of_all", JOINT):
-            found.append(
-                Finding("below_joint", model=model, reference=JOINT, listed=listed, **about)
+    for model, model_strategies in models.items():
+        if listed := against(model_strategies, "recall_of_all", JOINT):
+            verdicts.append(
+                Finding("below_joint", model=model, reference=JOINT, listed=listed, **context)
             )
-    return [*found, *(one for own in models.values() for one in regained(own))]
+    return [
+        *verdicts,
+        *(
+            finding
+            for model_strategies in models.values()
+            for finding in regained(model_strategies)
+        ),
+    ]
 
 
-def against(every: Sequence[StrategyNumbers], number: str, reference: str) -> list[dict[str, Any]]:
+def against(
+    strategies: Sequence[StrategyNumbers], number: str, reference: str
+) -> list[dict[str, Any]]:
     """One model's growth and a reference in each order, after the last step: means over the seeds
     of both; the mean, lowest and highest difference on the same seed."""
-    known = {(one.order, one.strategy): one for one in every}
+    by_key = {(strategy.order, strategy.name): strategy for strategy in strategies}
     listed = []
-    for order in dict.fromkeys(one.order for one in every):
-        if (order, GROWN) in known and (order, reference) in known:
-            own, theirs = (
-                known[order, strategy].last(number, PROTOCOL) for strategy in (GROWN, reference)
+    for order in dict.fromkeys(strategy.order for strategy in strategies):
+        if (order, GROWN) in by_key and (order, reference) in by_key:
+            grown_values, reference_values = (
+                by_key[order, name].last(number, PROTOCOL) for name in (GROWN, reference)
             )
-            apart = own - theirs
-            ends = {"low": float(apart.min()), "high": float(apart.max()), "seeds": len(apart)}
+            differences = grown_values - reference_values
+            ends = {
+                "low": float(differences.min()),
+                "high": float(differences.max()),
+                "seeds": len(differences),
+            }
             listed.append(
                 {
                     "order": order,
-                    "own": average(own),
-                    "reference": average(theirs),
-                    "apart": average(apart),
+                    "own": average(grown_values),
+                    "reference": average(reference_values),
+                    "apart": average(differences),
                     **ends,
                 }
             )
     return listed
 
 
-def regained(every: Sequence[StrategyNumbers]) -> Iterator[Finding]:
+def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
     """One model's recall on the day that is asked last and on average, before and after days that
     nobody surveyed; and how many scans were adopted, and at a wrong pose."""
-    updates = [one for one in every if one.order == UPDATES]
+    updates = [strategy for strategy in strategies if strategy.order == UPDATES]
     listed = []
-    for one in updates:
-        recall = one.over("recall_at_1", PROTOCOL, one.groups[-1])
-        means = one.over("mean_recall", PROTOCOL)
+    for strategy in updates:
+        recall = strategy.over("recall_at_1", PROTOCOL, strategy.groups[-1])
+        means = strategy.over("mean_recall", PROTOCOL)
         counts = {
-            name: average(np.nansum(one.over(name), axis=1))
+            name: average(np.nansum(strategy.over(name), axis=1))
             for name in ("asked", "adopted", "wrong")
         }
         ends = {
@@ -83,18 +96,18 @@ def regained(every: Sequence[StrategyNumbers]) -> Iterator[Finding]:
         }
         listed.append(
             {
-                "strategy": one.strategy,
+                "strategy": strategy.name,
                 "means": [average(means[:, 0]), average(means[:, -1])],
                 **ends,
                 **counts,
             }
         )
-    for one in updates[:1]:
+    for strategy in updates[:1]:
         yield Finding(
             "regained",
-            model=one.model,
+            model=strategy.model,
             protocol=PROTOCOL,
-            last=one.groups[-1],
-            seeds=len(one.seeds),
+            last=strategy.groups[-1],
+            seeds=len(strategy.seeds),
             listed=listed,
         )

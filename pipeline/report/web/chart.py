@@ -83,39 +83,43 @@ def chart(
         return round(high - BOTTOM - value * (high - TOP - BOTTOM), 1)
 
     lines = []
-    for one in sorted(
-        series, key=lambda one: (OTHER, NEXT, BEST).index(roles.get(one.model, OTHER))
+    for curve in sorted(
+        series, key=lambda curve: (OTHER, NEXT, BEST).index(roles.get(curve.model, OTHER))
     ):
-        at = [i for i, pair in enumerate(zip(one.x, one.y, strict=True)) if np.isfinite(pair).all()]
-        if not at:
+        drawn_points = [
+            i
+            for i, pair in enumerate(zip(curve.x, curve.y, strict=True))
+            if np.isfinite(pair).all()
+        ]
+        if not drawn_points:
             continue
-        points = [(across(one.x[i]), up(one.y[i])) for i in at]
+        points = [(across(curve.x[i]), up(curve.y[i])) for i in drawn_points]
         edges = [
-            (across(one.x[i]), *map(up, one.bounds[i]))
-            for i in at
-            if one.bounds and np.isfinite(one.bounds[i]).all()
+            (across(curve.x[i]), *map(up, curve.bounds[i]))
+            for i in drawn_points
+            if curve.bounds and np.isfinite(curve.bounds[i]).all()
         ]
         band = [
             *((x, top) for x, _, top in edges),
             *((x, bottom) for x, bottom, _ in reversed(edges)),
         ]
-        opens = one.opens or [""] * len(one.dots)
+        opens = curve.opens or [""] * len(curve.dots)
         dots = [
             (across(x), up(y), text, day)
-            for (x, y, text), day in zip(one.dots, opens, strict=True)
+            for (x, y, text), day in zip(curve.dots, opens, strict=True)
             if np.isfinite([x, y]).all()
         ]
         lines.append(
             Line(
-                one.model,
-                roles.get(one.model, OTHER),
+                curve.model,
+                roles.get(curve.model, OTHER),
                 _points(points),
                 _points(band),
                 dots,
                 points[-1],
             )
         )
-    heights = _apart([line.end[1] for line in lines], high - BOTTOM)
+    heights = _moved_apart([line.end[1] for line in lines], high - BOTTOM)
     named = [Line(**{**vars(line), "name_y": y}) for line, y in zip(lines, heights, strict=True)]
     shares = [(up(share), f"{100 * share:.0f} %") for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
     return Chart(named, [(across(x), text) for x, text in x_ticks.items()], shares, high)
@@ -125,7 +129,7 @@ def _points(points: Sequence[tuple[float, float]]) -> str:
     return " ".join(f"{x:g},{y:g}" for x, y in points)
 
 
-def _apart(heights: Sequence[float], lowest: float) -> list[float]:
+def _moved_apart(heights: Sequence[float], lowest: float) -> list[float]:
     """Heights moved as little as a pass downwards and one upwards need to be APART, none below
     `lowest`."""
     order = np.argsort(heights, kind="stable")
@@ -136,6 +140,6 @@ def _apart(heights: Sequence[float], lowest: float) -> list[float]:
         moved[-1] = min(moved[-1], lowest)
     for after, before in pairwise(reversed(range(len(moved)))):
         moved[before] = min(moved[before], moved[after] - APART)
-    found = np.empty(len(moved))
-    found[order] = moved
-    return [round(float(y), 1) for y in found]
+    spaced = np.empty(len(moved))
+    spaced[order] = moved
+    return [round(float(y), 1) for y in spaced]

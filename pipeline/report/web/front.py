@@ -39,8 +39,10 @@ class Front:
     @cached_property
     def summary(self) -> Summary:
         """The models, the best first."""
-        found = Summary.of(self.study.rows, self.study.words)
-        return replace(found, rows=[row for row in found.rows if row.model in self.study.families])
+        summary = Summary.of(self.study.rows, self.study.words)
+        return replace(
+            summary, rows=[row for row in summary.rows if row.model in self.study.families]
+        )
 
     @property
     def best(self) -> Row:
@@ -79,10 +81,10 @@ class Front:
             return self._places
         lines = []
         for row in self.summary.rows:
-            told = zip(days, row.right, self.dates, strict=True)
+            points = zip(days, row.right, self.dates, strict=True)
             dots = [
                 (day, share, f"{row.model}, {name}: {percent(share, 1)} right")
-                for day, share, name in told
+                for day, share, name in points
             ]
             bounds = row.bounds if row is self.best else ()
             lines.append(Series(row.model, days, row.right, bounds, dots, self.summary.tests))
@@ -98,10 +100,10 @@ class Front:
     def _places(self) -> Chart:
         """How often a right answer is among the first n."""
         lines = []
-        most = 1
-        for model, (one, *_) in by_model(self.study.results).items():
-            shares = one.evaluation.distance.recall_at
-            most = max(most, len(shares))
+        longest = 1
+        for model, (result, *_) in by_model(self.study.results).items():
+            shares = result.evaluation.distance.recall_at
+            longest = max(longest, len(shares))
             dots = [(1.0, float(shares[0]), f"{model}: {percent(shares[0], 1)} right at once")]
             lines.append(
                 Series(
@@ -116,8 +118,8 @@ class Front:
         return chart(
             lines,
             self.roles,
-            (1, most),
-            {n: str(n) for n in (1, 5, 10, 15, 20, 25) if n <= most},
+            (1, longest),
+            {n: str(n) for n in (1, 5, 10, 15, 20, 25) if n <= longest},
             HIGH,
         )
 
@@ -127,7 +129,7 @@ class Front:
         so many answers are right."""
         lines = []
         for model, group in by_model(self.study.results).items():
-            novelty, right = _judged(group[-1])
+            novelty, right = _judged_queries(group[-1])
             accepted = novelty < group[-1].evaluation.reject_from[0]
             kept = float(right[accepted].mean()) if accepted.any() else np.nan
             share = float(accepted.mean())
@@ -162,31 +164,33 @@ class Front:
         """How often models are right when their queries are altered, and as driven on the same
         days; None where none are."""
         rows = self.study.rows
-        asked = rows[
+        recall_rows = rows[
             (rows["protocol"] == "distance")
             & (rows["number"] == "recall_at_1")
             & (rows["kind"] == "")
             & (rows["seed"] == 0)
         ]
-        asked = asked[
-            asked["change"].isin(["", "turned", "demolition", "construction"])
-            & (asked["sequence"] != "")
+        recall_rows = recall_rows[
+            recall_rows["change"].isin(["", "turned", "demolition", "construction"])
+            & (recall_rows["sequence"] != "")
         ]
-        days = asked.loc[asked["change"] != "", "sequence"].unique()
-        asked = asked[asked["sequence"].isin(days) & (asked["stress"] == "")]
+        days = recall_rows.loc[recall_rows["change"] != "", "sequence"].unique()
+        recall_rows = recall_rows[
+            recall_rows["sequence"].isin(days) & (recall_rows["stress"] == "")
+        ]
         kinds = [
             Kind(*key)
-            for key in asked[["change", "level", "shadow"]]
+            for key in recall_rows[["change", "level", "shadow"]]
             .drop_duplicates()
             .itertuples(index=False)
         ]
         means = (
-            asked.groupby(["method", "variant", "change", "level", "shadow"])["value"]
+            recall_rows.groupby(["method", "variant", "change", "level", "shadow"])["value"]
             .mean()
             .to_dict()
         )
-        shown = sorted(kinds, key=lambda kind: kind.change != "")[: CASES + 1]
-        found = []
+        shown_kinds = sorted(kinds, key=lambda kind: kind.change != "")[: CASES + 1]
+        table_rows = []
         slopes = indexed(
             self.study.driven.query(f"number == 'recall_at_1_per_{PER_DAYS}_days'"),
             "method",
@@ -196,18 +200,18 @@ class Front:
             method, _, variant = row.model.partition("-")
             values = [
                 means.get((method, variant, kind.change, kind.level, kind.shadow), np.nan)
-                for kind in shown
+                for kind in shown_kinds
             ]
             slope, *bounds = slopes.get((method, variant), NONE)
             older = difference(slope, DIGITS, (bounds[0], bounds[1]))
-            found += (
+            table_rows += (
                 [(row.model, *(number(value, DIGITS) for value in values), older)]
                 if np.isfinite(values[1:]).any()
                 else []
             )
         named = ", ".join(dates(self.study.results).get(day, day) for day in days)
-        header = ("method", *(kind.label for kind in shown), f"{PER_DAYS} days older")
-        return table("altered", header, found, days=named) if found else None
+        header = ("method", *(kind.label for kind in shown_kinds), f"{PER_DAYS} days older")
+        return table("altered", header, table_rows, days=named) if table_rows else None
 
     @property
     def cut_short(self) -> list[tuple[str, float]]:
@@ -243,12 +247,14 @@ def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[fl
     ]
 
 
-def _judged(result: Result) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
+def _judged_queries(result: Result) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
     """Novelty (q,) of the queries that are judged by distance, and whether the first answer to each
     is right."""
-    by = result.evaluation.distance
-    judged = by.outcome != NOT_JUDGED
-    return result.evaluation.novelty[judged, 0], (by.seen & (by.true_rank == 0))[judged]
+    judgement = result.evaluation.distance
+    judged = judgement.outcome != NOT_JUDGED
+    return result.evaluation.novelty[judged, 0], (judgement.seen & (judgement.true_rank == 0))[
+        judged
+    ]
 
 
 def _spaced(days: Sequence[int]) -> list[int]:

@@ -27,11 +27,14 @@ COLUMNS = 16  # views beside each other in a picture
 
 def chart(study: Study) -> dict[str, Any]:
     """All that the map of a study shows; without pictures where no model looks at Scan Contexts."""
-    found = (
-        (model, Views.read(*(study.find("views", one, model) for one in study.train.split())))
+    candidates = (
+        (
+            model,
+            Views.read(*(study.find("views", sequence, model) for sequence in study.train.split())),
+        )
         for model in study.models
     )
-    looking, train = next(((model, views) for model, views in found if views), ("", None))
+    view_model, train = next(((model, views) for model, views in candidates if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
     origin_m = np.rint(
         study.train_xy_m.mean(axis=0)
@@ -41,7 +44,7 @@ def chart(study: Study) -> dict[str, Any]:
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
         first = results[0]
-        views = Views.read(study.find("views", sequence, looking)) if train else None
+        views = Views.read(study.find("views", sequence, view_model)) if train else None
         looked_at = store.read(study.find("views", sequence, first.model), *schemas.LOOKED_AT)
         sequences.append(
             {
@@ -54,8 +57,8 @@ def chart(study: Study) -> dict[str, Any]:
                 "views": views.picture if views else None,
             }
         )
-        for one in results:
-            answers[one.model][sequence] = _answers(study, one, views, training, origin_m)
+        for result in results:
+            answers[result.model][sequence] = _answers(study, result, views, training, origin_m)
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -64,7 +67,9 @@ def chart(study: Study) -> dict[str, Any]:
         "path": packed(study.train_xy_m - origin_m, "f4"),
         "train": train.picture if train else None,
         "sequences": sequences,
-        "answers": {model: given for model, given in answers.items() if given},
+        "answers": {
+            model: model_answers for model, model_answers in answers.items() if model_answers
+        },
     }
 
 
@@ -142,7 +147,7 @@ def _answers(
 ) -> dict[str, Any]:
     """What one model answered, with outcomes by both protocols; headings (q,) are of queries as
     driven, whose rows come first."""
-    given = result.evaluation
+    evaluation = result.evaluation
     count = len(result.evaluation.xy_m)
     try:
         rankings = store.read(
@@ -152,17 +157,17 @@ def _answers(
     except ArtifactError:
         first_deg = np.full(count, np.nan)
     answers = {
-        "xy": packed(given.answer_xy_m - origin_m, "f4"),
-        "novelty": packed(given.novelty[:, 0], "f4"),
-        "kind": given.kinds[0],
-        "threshold": given.reject_from[0],
+        "xy": packed(evaluation.answer_xy_m - origin_m, "f4"),
+        "novelty": packed(evaluation.novelty[:, 0], "f4"),
+        "kind": evaluation.kinds[0],
+        "threshold": evaluation.reject_from[0],
         "heading": packed(first_deg, "f4") if np.isfinite(first_deg).any() else None,
     }
-    for protocol, by in (("distance", given.distance), ("cells", given.cells)):
+    for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
         judged = {
-            "outcome": packed(by.outcome, "i1"),
-            "rank": packed(by.true_rank, "i2"),
-            "seen": packed(by.seen, "u1"),
+            "outcome": packed(judgement.outcome, "i1"),
+            "rank": packed(judgement.true_rank, "i2"),
+            "seen": packed(judgement.seen, "u1"),
         }
         answers[protocol] = judged
-    return answers | training.nearest(given.answer_xy_m, views)
+    return answers | training.nearest(evaluation.answer_xy_m, views)

@@ -61,7 +61,12 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
     lines = list[str]()
     pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
-    for path in (one.path for section in sections for one in section.illustrations if one.on_page):
+    for path in (
+        illustration.path
+        for section in sections
+        for illustration in section.illustrations
+        if illustration.on_page
+    ):
         try:
             pictures[path] = Picture.of(path.read_text(encoding="utf-8"))
         except OSError:
@@ -69,7 +74,7 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
     fronts = [entry.front for entry in entries if entry.front]
     artifacts = {
         path: (*lock.of(path), recipe)
-        for path, recipe in _artifacts([one.study for one in fronts], sections).items()
+        for path, recipe in _artifacts([front.study for front in fronts], sections).items()
     }
     stages = [
         stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage
@@ -109,17 +114,17 @@ def _artifacts(
             for sequence in driven
         }
         recipes |= {
-            study.source(kind, one.sequence, one.model): {}
-            for one in study.results
+            study.source(kind, result.sequence, result.model): {}
+            for result in study.results
             for kind in ("localize", "evaluate")
         }
         for model in (name for name, path in study.trained.items() if path.is_file()):
-            shown = {
+            parameters = {
                 name: value
                 for name, value in study.recipe(model).items()
                 if not name.startswith("_")
             }
-            recipes[study.source("train", model=model)] = shown
+            recipes[study.source("train", model=model)] = parameters
     named = [path for section in sections for path in section.sources]
     return recipes | {path: {} for path in named if path not in recipes}
 
@@ -130,7 +135,7 @@ def _json(value: Any) -> Markup:
 
 
 def _yaml(files: Mapping[str, Any]) -> str:
-    own = {file: values for file, values in files.items() if file not in LISTS}
+    stage_files = {file: values for file, values in files.items() if file not in LISTS}
     return yaml.safe_dump(
-        own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
+        stage_files, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
     )
