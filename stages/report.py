@@ -1,5 +1,4 @@
-"""The table of results, and the arrays that figures show → markdown, SVGs and one HTML page for all
-studies."""
+"""Stage `report`: the table of results and artifacts → markdown, SVGs and one HTML page."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,8 +28,10 @@ def main(cfg: DictConfig) -> str:
 def sweep_report(
     folder: Path, records: Sequence[Record], usual_overrides: Mapping[str, str]
 ) -> str:
-    """Write the table and the figure of a sweep into its folder; returns the table for a
-    terminal."""
+    """Write the table and the figure of a sweep into its folder.
+
+    Returns the table for a terminal.
+    """
     return sweep.write(folder, records, usual_overrides)
 
 

@@ -1,5 +1,4 @@
-"""The results in a few lines: how often each method is right on the first and last day, and how
-often it dares to answer."""
+"""The results in a few lines: each method on the first and last day, and how often it answers."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -34,8 +33,10 @@ NARROWEST = 64
 
 
 def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: int) -> str:
-    """At most LINES lines of at most `width` columns, WIDEST if that is more, for the studies whose
-    table of results this is; recorded ones come first."""
+    """A few lines on each study of a table of results, recorded studies first.
+
+    At most LINES lines of at most `width` columns (WIDEST if that is less).
+    """
     study_grids = [(name, grid) for name, study in studies.items() for grid in study["grids"]]
     study_grids.sort(key=lambda pair: studies[pair[0]]["source"] == "world")
     row_limit = max((LINES - 1) // max(len(study_grids), 1) - AROUND, 2)
@@ -67,8 +68,10 @@ def _print_learning(
     study: Mapping[str, Any],
     row_limit: int,
 ) -> None:
-    """One study of learning further days: recall and forgetting after the last step of each order,
-    means over the seeds."""
+    """One study of learning further days: recall and forgetting after the last step of each order.
+
+    Entries are means over the seeds.
+    """
     strategies = read_strategies(rows)
     orders = by_order(strategies)
     by_model_and_strategy = by_strategy(strategies)

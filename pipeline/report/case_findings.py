@@ -1,5 +1,4 @@
-"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and how much is
-chance."""
+"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and chance."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -19,7 +18,7 @@ PAPERS_WAYS = 4  # the SCI paper finds that so many headings suffice
 
 
 def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
-    """The first model in one kind of case, and by how much it is ahead of the next ones."""
+    """The best model in one kind of case, and by how much it is ahead of the next ones."""
     means = {
         model: comparison.measurement(model, kind, measure)
         for model in comparison.ordered(kind, measure)
@@ -33,7 +32,7 @@ def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
 
 
 def kept(comparison: Comparison, kind: Kind) -> Finding:
-    """Who keeps its AUC, and who loses most of it."""
+    """Which models keep their AUC, and which lose most of it."""
     shares = {
         model: comparison.measurement(model, kind, KEPT).mean
         for model in comparison.ordered(kind, KEPT)
@@ -53,7 +52,7 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
-    """By distance, where many models are at the top."""
+    """Which models are right, by distance, at nearly all queries."""
     right = [
         model
         for model in comparison.models
@@ -65,21 +64,20 @@ def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
-    """How far headings are off, of the models that give any."""
-    listed = [
+    """How large the heading errors are, for the models that give headings."""
+    entries = [
         {"model": model, **_spread(comparison.measurement(model, kind, OFF))}
         for model in comparison.models
     ]
     return Finding(
         "heading_errors",
         kind=kind,
-        listed=[entry for entry in listed if np.isfinite(entry["mean"])],
+        listed=[entry for entry in entries if np.isfinite(entry["mean"])],
     )
 
 
 def chance(comparison: Comparison, kind: Kind) -> Finding:
-    """How far chance alone moves the AUC: from repeat to repeat, from seed to seed, from day to
-    day."""
+    """How far chance alone moves the AUC: between repeats, between seeds, between days."""
     measurements = [comparison.measurement(model, kind, AUC) for model in comparison.models]
     deviations = []
     for name in ("repeat", "seed", "sequence"):
@@ -89,7 +87,7 @@ def chance(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def shadows(comparison: Comparison) -> list[Finding]:
-    """What it changes to hide what lies behind the most walls; nothing where no case does."""
+    """What it changes to hide the space behind the most walls; empty without such cases."""
     shadowed = [
         kind
         for kind in comparison.changes
@@ -117,17 +115,19 @@ def shadows(comparison: Comparison) -> list[Finding]:
 
 
 def n_ways(comparison: Comparison, kind: Kind) -> Finding:
-    """Whether training at four headings suffices for arbitrary ones and keeps normal performance,
-    as the SCI paper finds."""
+    """Whether training at four headings suffices, as the SCI paper finds.
+
+    It must suffice for arbitrary headings and keep the performance at normal ones.
+    """
     ways = comparison.ways()
-    listed = [{"n": n} | _aucs(comparison, model, kind) for n, model in ways.items()]
+    entries = [{"n": n} | _aucs(comparison, model, kind) for n, model in ways.items()]
     four = ways.get(PAPERS_WAYS)
-    if (
-        four is None
-        or len(ways) < 2
-        or np.isnan(share := comparison.measurement(four, kind, KEPT).mean)
-    ):
-        return Finding("n_ways", kind=kind, listed=listed, n=PAPERS_WAYS, tested=False)
+    untested = Finding("n_ways", kind=kind, listed=entries, n=PAPERS_WAYS, tested=False)
+    if four is None or len(ways) < 2:
+        return untested
+    share = comparison.measurement(four, kind, KEPT).mean
+    if np.isnan(share):
+        return untested
     more = [
         {"n": n} | asdict(comparison.ahead(model, four, kind, AUC))
         for n, model in ways.items()
@@ -138,17 +138,17 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
         for n, model in ways.items()
         if n < PAPERS_WAYS
     ]
+    more_is_better = any(margin["clear"] and margin["value"] > 0 for margin in more)
+    fewer_is_better = any(margin["clear"] and margin["value"] < 0 for margin in fewer)
     verdict = {
-        "suffices": share >= WHOLE
-        and not any(margin["clear"] and margin["value"] > 0 for margin in more),
-        "keeps": bool(fewer)
-        and not any(margin["clear"] and margin["value"] < 0 for margin in fewer),
+        "suffices": share >= WHOLE and not more_is_better,
+        "keeps": bool(fewer) and not fewer_is_better,
         "decided": max(margin["number"] for margin in (*more, *fewer)) > 1,
     }
     return Finding(
         "n_ways",
         kind=kind,
-        listed=listed,
+        listed=entries,
         n=PAPERS_WAYS,
         tested=True,
         share=share,
@@ -158,22 +158,18 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
     )
 
 
-def best_on_each(comparison: Comparison, named: Mapping[str, str]) -> Finding:
+def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
     """The best two models on each sequence as driven."""
-    listed = []
+    best_models = []
     for i, sequence in enumerate(comparison.sequences):
         entries = [
             {"model": model, **_spread(comparison.measurement(model, Kind(), RECALL).on(i))}
             for model in comparison.models
         ]
         finite = [entry for entry in entries if np.isfinite(entry["mean"])]
-        listed.append(
-            {
-                "name": named[sequence],
-                "models": sorted(finite, key=lambda entry: -entry["mean"])[:2],
-            }
-        )
-    return Finding("best_on_each", listed=listed)
+        best = sorted(finite, key=lambda entry: -entry["mean"])[:2]
+        best_models.append({"name": titles[sequence], "models": best})
+    return Finding("best_on_each", listed=best_models)
 
 
 def _spread(measurement: Measurement) -> dict[str, Any]:
@@ -181,7 +177,7 @@ def _spread(measurement: Measurement) -> dict[str, Any]:
 
 
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, Any]:
-    """The AUC as driven and altered."""
+    """A model's AUC as driven and altered."""
     return {
         name: comparison.measurement(model, case, AUC).mean
         for name, case in (("driven", Kind()), ("altered", kind))

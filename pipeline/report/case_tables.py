@@ -1,5 +1,7 @@
-"""Tables of altered queries, sequences of stress and cell sizes: means and deviations over
-sequences, seeds and repeats."""
+"""Tables of altered queries, sequences of stress and cell sizes.
+
+Entries are means and deviations over sequences, seeds and repeats.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,8 +33,10 @@ def _over_sequences(comparison: Comparison, model: str, kind: Kind, measure: Mea
 
 
 def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
-    """A row a model and kind of case: means ± deviation over the sequences; of the first measure,
-    over repeats and seeds too."""
+    """A row a model and kind of case: means ± deviation over the sequences.
+
+    For the first measure also the deviations over repeats and over seeds.
+    """
     first = measures[0]
     rows = []
     for model in comparison.ordered(comparison.kinds[-1], first):
@@ -62,8 +66,10 @@ def over_kinds(comparison: Comparison, measure: Measure) -> Table:
 
 
 def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
-    """One measure in one kind of case: a row a model, a column a sequence; means over seeds ±
-    deviation over the repeats."""
+    """One measure in one kind of case: a row a model, a column a sequence.
+
+    Entries are means over the seeds ± deviation over the repeats.
+    """
     rows = []
     for model in comparison.ordered(kind, measure):
         measurements = (
@@ -81,8 +87,8 @@ def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
     )
 
 
-def stress(comparison: Comparison, named: Mapping[str, str]) -> Table:
-    """As driven: a row a sequence and model; means over seeds ± deviation over them."""
+def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
+    """A row a sequence of stress and model, as driven: means ± deviation over the seeds."""
     measures = (RECALL, AUC, AUROC, FAR, FAR_AUROC)
     rows = []
     for i, sequence in enumerate(comparison.sequences):
@@ -91,7 +97,7 @@ def stress(comparison: Comparison, named: Mapping[str, str]) -> Table:
                 spread(comparison.measurement(model, Kind(), measure).on(i).by_seed, measure.digits)
                 for measure in measures
             ]
-            rows.append((named[sequence], model, count(comparison.seeds[model]), *cells))
+            rows.append((titles[sequence], model, count(comparison.seeds[model]), *cells))
     return table(
         "stress",
         ("sequence", "model", "seeds", *(measure.title for measure in measures)),
@@ -101,8 +107,10 @@ def stress(comparison: Comparison, named: Mapping[str, str]) -> Table:
 
 
 def cells(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Table:
-    """One number: a row a model, the best at the largest cells above; a column a size; means ±
-    deviation over the sequences."""
+    """One number: a row a model, the best at the largest cells first; a column a cell size.
+
+    Entries are means ± deviation over the sequences.
+    """
     order = sorted(
         values,
         key=lambda model: -float(np.mean(values[model][-1])) if len(values[model][-1]) else np.inf,

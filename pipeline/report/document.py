@@ -24,7 +24,7 @@ POSES = (
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """All tables, recorded studies first; those that ask about viewpoints alone are left out."""
+    """All tables, recorded studies first; studies of viewpoints alone are left out."""
     filled_studies = []
     for name, study in sorted(studies.items(), key=lambda item: item[1]["source"] == "world"):
         for grid in study["grids"]:
@@ -42,8 +42,7 @@ def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) ->
 
 
 def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """The first table of each study alone: the shares that are right, by day, without what a query
-    costs."""
+    """The scorecard of each study alone, without the time of a query."""
     tables = []
     for name, study in studies.items():
         for grid in study["grids"]:

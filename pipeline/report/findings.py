@@ -27,22 +27,18 @@ SLIGHT = 0.0005  # a loss that is smaller would be printed as 0
 
 @dataclass(frozen=True, init=False)
 class Finding:
-    """One verdict."""
+    """A verdict on the numbers, as data."""
 
     kind: str  # its key in templates/words.yaml, which holds the sentence
-    values: Mapping[
-        str, Any
-        # what the sentence is filled with: names of models, differences, intervals, whether they
-        # clear
-    ]
+    # what the sentence is filled with: names of models, differences, intervals, whether clear
+    values: Mapping[str, Any]
 
     def __init__(self, kind: str, /, **values: Any) -> None:
         vars(self).update(kind=kind, values=values)
 
 
 def answer(study: Study) -> Finding:
-    """The study in a paragraph: how often the best model finds the right place, how that ages, and
-    how the others fare."""
+    """The study in a paragraph: how often the best model is right, how it ages, how others fare."""
     groups = by_model(study.results)
 
     def shares(model: str) -> dict[str, Any]:
@@ -70,11 +66,9 @@ def answer(study: Study) -> Finding:
             "kept": group[0].kept,
         }
 
-    learned = study.models[study.best]
+    record = study.models[study.best]
     (first, *other_models) = map(shares, study.ranked)
-    budget = (
-        float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
-    )
+    budget = float(record.recipe["budget"]) if record.rounds and "budget" in record.recipe else None
     context = {
         "where": study.where,
         "train": day(study.train),
@@ -92,8 +86,10 @@ def answer(study: Study) -> Finding:
 
 
 def doubts(study: Study) -> list[Finding]:
-    """A finding a model, or two where protocols differ: what makes its numbers say little or
-    nothing, and on which tests."""
+    """Why a model's numbers say little or nothing, and on which test sequences.
+
+    A finding a model, or two where the protocols differ.
+    """
     findings = []
     for model, group in by_model(study.results).items():
         doubts_by_protocol = {
@@ -105,7 +101,7 @@ def doubts(study: Study) -> list[Finding]:
         protocols_agree = doubts_by_protocol["cells"] == doubts_by_protocol["distance"]
         if protocols_agree:
             doubts_by_protocol = {"both protocols": doubts_by_protocol["cells"]}
-        for protocol_name, listed in doubts_by_protocol.items():
+        for protocol_name, model_doubts in doubts_by_protocol.items():
             blind = max(
                 result.number(protocol, BLIND)
                 for result in group
@@ -113,9 +109,15 @@ def doubts(study: Study) -> list[Finding]:
                 if protocols_agree or protocol == protocol_name
             )
             context = {"wanted": group[0].wanted_precision, "tests": len(group), "blind": blind}
-            if listed:
+            if model_doubts:
                 findings.append(
-                    Finding("doubts", model=model, protocol=protocol_name, listed=listed, **context)
+                    Finding(
+                        "doubts",
+                        model=model,
+                        protocol=protocol_name,
+                        listed=model_doubts,
+                        **context,
+                    )
                 )
     return findings
 
@@ -131,8 +133,10 @@ def _doubt(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
-    """A finding a model: where it is clearly better than the reference on the same queries, and
-    where worse."""
+    """A finding a model: on which sequences it is clearly better or worse than the reference.
+
+    Both are compared on the same queries.
+    """
     findings = []
     for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
         verdicts = []
@@ -162,15 +166,14 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
 
 
 def novelties(study: Study, protocol: str) -> list[Finding]:
-    """A finding a model: which kind of novelty rejects best, and whose thresholds kept the wanted
-    precision best."""
+    """A finding a model: which kind of novelty rejects best, and which kept its precision best."""
     findings = []
     for model, group in by_model(study.results).items():
         kinds = group[0].evaluation.kinds
         wanted = group[0].wanted_precision
-        values = np.stack(
-            [result.evaluation.protocol(protocol).rejection for result in group]
-        )  # (sequence, kind, measure, 3)
+        judgements = [result.evaluation.protocol(protocol) for result in group]
+        # (sequence, kind, measure, 3)
+        values = np.stack([judgement.rejection for judgement in judgements])
         auroc, area, _, precision, recall = np.moveaxis(values[..., 0], 2, 0)
         finite = np.isfinite(auroc).all(axis=1)
         if not finite.any():
@@ -188,9 +191,8 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
             "ahead": int((auroc[finite][:, first] > auroc[finite][:, 0]).sum()),
             "clearly": int((low > high).sum()),
         }
-        below_wanted = (
-            np.array(group[0].evaluation.kept) < wanted
-        )  # chosen for what could be kept, not for what was wanted
+        # these thresholds were chosen for the precision that could be kept, not the wanted one
+        below_wanted = np.array(group[0].evaluation.kept) < wanted
         chosen = np.isfinite(precision).all(axis=0) & ~below_wanted
         miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
         best = int(miss.argmin())
@@ -207,8 +209,10 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
 
 
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
-    """Which models clearly lose of one number with the days, when to train them again, and what the
-    others may lose."""
+    """Which models clearly lose of one number with the days, and when to train them again.
+
+    For the other models: the most that they may lose.
+    """
     slopes, retrain_after = (
         _lines(rows, protocol, f"{number}_{end}")
         for end in (f"per_{PER_DAYS}_days", "retrain_after_days")
@@ -230,17 +234,25 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
 
 
 def newer(rows: pd.DataFrame) -> Finding:
-    """To which models the seen places clearly look newer with the days."""
+    """For which models the seen places clearly look newer with the days."""
     slopes = _lines(rows, "distance", f"novelty_percentile_per_{PER_DAYS}_days")
-    sure = [{"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0]
+    clear_slopes = [
+        {"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0
+    ]
     return Finding(
-        "newer", known=len(slopes), sure=sure, all=len(sure) == len(slopes), per=PER_DAYS
+        "newer",
+        known=len(slopes),
+        sure=clear_slopes,
+        all=len(clear_slopes) == len(slopes),
+        per=PER_DAYS,
     )
 
 
 def confounders(study: Study) -> Finding:
-    """What else differs between the sequences: the shares of unseen queries, and of seen ones that
-    drive another way."""
+    """What else differs between the sequences than their age.
+
+    These are the shares of unseen queries, and of seen ones that drive another way.
+    """
     results = by_model(study.results)[study.families[0]]
     days = np.array([result.days for result in results], np.float64)
     unseen = np.array(
@@ -264,8 +276,10 @@ def confounders(study: Study) -> Finding:
 def slopes_counted(
     rows: pd.DataFrame, numbers: Sequence[tuple[str, str]], level: float = 0.95
 ) -> Finding:
-    """How many of the slopes that are drawn clearly mean ageing, against how many would by chance;
-    and the oracle's."""
+    """How many of the drawn slopes clearly mean ageing, and how many would by chance.
+
+    Adds the oracle's slope.
+    """
     slopes = [
         (name, slope)
         for protocol, name in numbers
@@ -291,8 +305,10 @@ def slopes_counted(
 
 
 def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
-    """By cells, in the nearest band with enough seen queries: which models clearly do worse there
-    once a change shows."""
+    """Which models clearly do worse once a change shows, by cells.
+
+    Taken from the nearest band with at least `few` seen queries.
+    """
     values = indexed(rows[rows["protocol"] == "cells"], "number", "level", "change", "method")
     models = list(
         dict.fromkeys(
@@ -326,7 +342,7 @@ def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], fe
 
 
 def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -> Finding:
-    """How much there is to see: the changes, and the seen queries near one."""
+    """The number of real changes, and of seen queries near one."""
     counts = {
         kind: int(rows.loc[rows["number"] == f"{kind}_changes", "value"].sum()) for kind in kinds
     }
@@ -342,8 +358,10 @@ def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -
 
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
-    """Which way a number goes from the smallest cells to the largest, model by model, on the same
-    sequences."""
+    """Whether a number rises or falls from the smallest cells to the largest.
+
+    Models are compared with themselves on the same sequences.
+    """
     comparable = {
         model: by_size for model, by_size in values.items() if len(by_size[0]) == len(by_size[-1])
     }
@@ -375,8 +393,8 @@ def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[flo
 def best_at_each_size(
     values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]
 ) -> Finding:
-    """The first model at each size."""
-    listed = []
+    """The best model at each cell size."""
+    best_models = []
     for i, size_m in enumerate(sizes_m):
         means = {
             model: float(np.mean(by_size[i]))
@@ -385,13 +403,12 @@ def best_at_each_size(
         }
         if means:
             best = max(means, key=lambda model: means[model])
-            listed.append({"model": best, "size_m": size_m, "mean": means[best]})
-    return Finding("best_at_each_size", title=title, listed=listed)
+            best_models.append({"model": best, "size_m": size_m, "mean": means[best]})
+    return Finding("best_at_each_size", title=title, listed=best_models)
 
 
 def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding:
-    """What a section rests on: where, cells, how many sequences, repeats and seeds, and the
-    budget."""
+    """The data of a section: where, cells, sequences, repeats, seeds and budget."""
     extent = {
         "sequences": sequences,
         "seeds": seeds,
@@ -402,8 +419,10 @@ def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding
 
 
 def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Values]:
-    """One number of the whole year and its interval, by model; the oracle, and those without an
-    interval, left out."""
+    """One number of the whole year and its interval, by model.
+
+    The oracle, and models without an interval, are left out.
+    """
     number_rows = rows[
         (rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)
     ]

@@ -1,5 +1,4 @@
-"""Published numbers: blocks of README.md and docs/RESULTS.md that are written from the studies'
-tables of results."""
+"""Fills the result blocks of README.md and docs/RESULTS.md from the tables of results."""
 
 import re
 from collections.abc import Mapping
@@ -33,7 +32,7 @@ class Block(NamedTuple):
 
 
 def blocks(page: str) -> list[Block]:
-    """The blocks of a page in its order; raises ConfigError for a mark that is none."""
+    """The blocks of a page in order; raises ConfigError for a mark that cannot be read."""
     page_blocks = []
     for mark in MARK.finditer(page):
         words = mark["words"].split()
@@ -48,8 +47,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def filled(page: str, texts: Mapping[Block, str]) -> str:
-    """The page with the text of each of these blocks between its marks; other blocks stay as they
-    are."""
+    """The page with new texts between the marks of the given blocks; other blocks stay."""
 
     def text(mark: re.Match[str]) -> str:
         block = Block(*mark["words"].split())
@@ -61,8 +59,7 @@ def filled(page: str, texts: Mapping[Block, str]) -> str:
 def table_texts(
     results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str
 ) -> dict[Block, str]:
-    """The text of every block of tables that these studies can fill, on a processor of this
-    `arithmetic`."""
+    """The texts of all blocks of tables that these studies fill, on a processor of `arithmetic`."""
     texts = {}
     for name, study in studies.items():
         one_study = {name: study}

@@ -1,4 +1,4 @@
-"""The table of poses: how near, how often, and whether the promise was kept."""
+"""The table of poses: how accurate they are, and whether the promised precision was kept."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ POSES = (
 
 
 def poses(posed: Sequence[Result]) -> Table:
-    """A row a model and test sequence: how near its poses are, and what became of the promise."""
+    """A row a model and test sequence: pose errors, and the outcome of the promised precision."""
     rows = []
     days = dates(posed)
     for result in posed:

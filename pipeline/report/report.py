@@ -1,4 +1,4 @@
-"""The whole report: markdown and figures of every study, and one HTML page for a reader."""
+"""The whole report: markdown and figures of every study, and one HTML page."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -32,7 +32,7 @@ def write(
     few: int,
     view: Callable[[str], BirdView],
 ) -> str:
-    """Write every study's report and page.html into `folder`; returns a line that says what.
+    """Write every study's report and page.html into `folder`; returns a summary line.
 
     `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real
     change say little.
@@ -73,11 +73,11 @@ def write(
     )
     sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)
-    counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
+    study_count = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6
     return (
-        f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} "
-        "MB"
+        f"{len(sections)} sections and {figures} figures of {study_count}; "
+        f"page.html has {size_mb:.1f} MB"
     )
 
 

@@ -1,5 +1,4 @@
-"""A sweep at a glance: a row a job, which job held-out blocks choose, and how the numbers move with
-what was swept."""
+"""The report of a sweep: a row a job, the job that held-out blocks choose, and a figure."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,12 +25,14 @@ ALSO_DRAWN = (("cells", "oracle"), ("distance", "oracle"))
 
 
 def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str, str]) -> str:
-    """Write sweep.md, sweep.txt and, if any job went well, sweep.svg into `folder`; returns the
-    text for a terminal."""
+    """Write sweep.md, sweep.txt and, if any job succeeded, sweep.svg into `folder`.
+
+    Returns the text for a terminal. `usual_overrides` are not shown.
+    """
     jobs = [_job(record, usual_overrides) for record in records]
     names = dict.fromkeys(name for job in jobs for name in job.values)
     swept = tuple(name for name in names if len({job.values.get(name) for job in jobs}) > 1)
-    listed = _table(jobs, swept)
+    job_table = _table(jobs, swept)
     findings = _findings(jobs, swept)
     first = records[0]
     where = f"{'simulated ' * records[0].simulated}{records[0].dataset}"
@@ -39,7 +40,7 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
         f", {name}={value}" for name, value in jobs[0].values.items() if name not in swept
     )
     head = f"{where}: {len(jobs)} job{'s' * (len(jobs) != 1)}{fixed}"
-    text = "\n\n".join([head, listed.text().rstrip(), *map(sentence, findings)]) + "\n"
+    text = "\n\n".join([head, job_table.text().rstrip(), *map(sentence, findings)]) + "\n"
     (folder / "sweep.txt").write_text(text, encoding="utf-8")
     illustrations = []
     if any(job.numbers for job in jobs):
@@ -55,7 +56,7 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
         values=words,
         findings=findings,
         illustrations=illustrations,
-        tables=[listed],
+        tables=[job_table],
     )
     (folder / "sweep.md").write_text(
         template("section.md.j2", section=section, simulated=first.simulated, folder=folder),
@@ -65,15 +66,14 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
 
 
 def _job(record: Record, usual_overrides: Mapping[str, str]) -> SweepJob:
-    """Without the overrides that are usual."""
+    """The job of a record, without the usual overrides."""
     settings = {key: value for key, value in record.overrides.items() if key not in usual_overrides}
     numbers = {key: values for key in (*SHOWN, *ALSO_DRAWN) if (values := record.values(*key))}
     return SweepJob(record.number, settings, numbers, record.error, record.held_out_auc)
 
 
 def _table(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Table:
-    """A row a job: means over the test sequences ± standard deviation; dashes for a job that
-    failed."""
+    """A row a job: means over the test sequences ± standard deviation; dashes for a failed job."""
     rows = []
     for job in jobs:
         cells = [spread(job.numbers.get(key, ()), digits) for key, (_, digits) in SHOWN.items()]
@@ -92,8 +92,10 @@ def _table(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Table:
 
 
 def _findings(jobs: Sequence[SweepJob], swept: Sequence[str]) -> list[Finding]:
-    """Failures, and for each grid, since the held-out AUC is by cells, which job it chooses and how
-    that job fared."""
+    """The failed jobs, and for each grid the job with the best held-out AUC and its scores.
+
+    Grids are apart, since the held-out AUC is by cells.
+    """
     findings = [
         Finding("sweep_failed", number=job.number, error=job.error) for job in jobs if job.error
     ]

@@ -1,5 +1,7 @@
-"""The tables of a report, from the table of results: every cell is a row of it, or a mean and
-deviation over some rows."""
+"""The tables of a report.
+
+Every cell is a row of the table of results, or a mean and deviation over some of its rows.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -67,28 +69,27 @@ COSTS = (
 
 
 def setup(study: Study, longest: int = 400) -> Table:
-    """A row a model: what it is, what it looks at, how much of its own full training it had, and
-    its size."""
+    """A row a model: what it is, its view, its share of full training, and its size."""
     rows = []
-    for model, learned in (
+    for model, record in (
         (model, study.models[model]) for model in study.families if model in study.trained
     ):
-        recipe = learned.recipe
+        recipe = record.recipe
         description = (
             shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …")
             or MISSING
         )
-        best = "" if learned.best_round is None else f", no. {learned.best_round + 1} kept"
+        best = "" if record.best_round is None else f", no. {record.best_round + 1} kept"
         budget = recipe.get("budget", MISSING)
-        trained = f"{learned.rounds} rounds{best}"
-        training = (budget, trained) if learned.rounds else (MISSING, "nothing")
+        rounds_text = f"{record.rounds} rounds{best}"
+        training = (budget, rounds_text) if record.rounds else (MISSING, "nothing")
         rows.append(
             (
                 model,
                 description,
                 recipe.get("view", MISSING),
                 *training,
-                number(learned.megabytes, 1),
+                number(record.megabytes, 1),
             )
         )
     return table(
@@ -100,8 +101,10 @@ def setup(study: Study, longest: int = 400) -> Table:
 
 
 def sequences(study: Study) -> Table:
-    """Table II of the SCI paper: each test sequence's age, and how much of it lies where training
-    went, by both protocols."""
+    """Table II of the SCI paper: each test sequence's age and how many of its queries are seen.
+
+    Counts are by both protocols.
+    """
     rows = []
     for name, (result, *_) in by_sequence(study.results).items():
         queries = result.number("cells", "queries")
@@ -116,8 +119,10 @@ def sequences(study: Study) -> Table:
 
 
 def main(study: Study, protocol: str, name: str) -> Table:
-    """One number of MAIN by one protocol, a row a model and a column a test day, with intervals;
-    the oracle last."""
+    """One number of MAIN by one protocol: a row a model, a column a test day, the oracle last.
+
+    Cells have 95 % intervals.
+    """
     heading, oracle, oracle_heading, paired_number = MAIN[name]
     marks = _marks(study, protocol, paired_number)
     days = dates(study.results)
@@ -137,13 +142,8 @@ def main(study: Study, protocol: str, name: str) -> Table:
         for model, group in models.items()
     }
     rows = [(model, *map(entry, models[model]), *means[model]) for model in study.ranked]
-    rows.append(
-        (
-            oracle_heading,
-            *(number(value, 3) for value in oracle_values),
-            *[spread(oracle_values, 3)] * several,
-        )
-    )
+    oracle_cells = [number(value, 3) for value in oracle_values]
+    rows.append((oracle_heading, *oracle_cells, *[spread(oracle_values, 3)] * several))
     context: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
     return replace(
         table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **context),
@@ -152,8 +152,10 @@ def main(study: Study, protocol: str, name: str) -> Table:
 
 
 def _marks(study: Study, protocol: str, paired_number: str) -> dict[tuple[str, str], str]:
-    """Model and sequence to + or −: clearly better or worse than the study's first method in the
-    paired test."""
+    """Map model and sequence to + or −, where the paired test is clear.
+
+    It tells whether the model is clearly better or worse than the study's first method.
+    """
     values = indexed(against(study.rows, protocol), "number", "model", "sequence")
     clear = [
         key
@@ -184,7 +186,7 @@ def means(study: Study) -> Table:
 
 
 def everything(study: Study, protocol: str) -> Table:
-    """The numbers of each sequence and model by one protocol."""
+    """All numbers of each sequence and model by one protocol."""
     columns = (
         ("recall@1", "recall_at_1", 3),
         ("oracle", "oracle", 3),
@@ -210,7 +212,7 @@ def everything(study: Study, protocol: str) -> Table:
 
 
 def headings(study: Study) -> Table | None:
-    """How well headings were found, by both protocols; None where no model gives one."""
+    """Errors of the headings by both protocols; None where no model gives a heading."""
     rows: list[tuple[Cell | str, ...]] = []
     columns = [
         (f"{heading}, by {protocol}", protocol, key, digits)
@@ -242,14 +244,13 @@ def headings(study: Study) -> Table | None:
 
 
 def novelties(study: Study, protocol: str) -> Table:
-    """How each kind of novelty rejects by one protocol: means over the test sequences, and the
-    sequence it does worst in."""
+    """How each kind of novelty rejects by one protocol: means, and the sequence of worst AUROC."""
     measure_titles = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps")
     rows = []
     for model, group in by_model(study.results).items():
-        values = np.stack(
-            [result.evaluation.protocol(protocol).rejection[:, :, 0] for result in group]
-        )  # (sequence, kind, measure)
+        judgements = [result.evaluation.protocol(protocol) for result in group]
+        # (sequence, kind, measure)
+        values = np.stack([judgement.rejection[:, :, 0] for judgement in judgements])
         for k, kind in enumerate(group[0].evaluation.kinds):
             auroc = values[:, k, MEASURES.index("auroc")]
             worst_at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
@@ -270,8 +271,10 @@ def novelties(study: Study, protocol: str) -> Table:
 
 
 def paired(study: Study, protocol: str) -> Table | None:
-    """Every model against the first: differences with intervals, p, and who alone was right; None
-    where there is one model."""
+    """Every model against the first: differences with intervals, p, and who alone was right.
+
+    None where there is one model.
+    """
     rows = []
     reference = study.families[0]
     values = indexed(against(study.rows, protocol), "model", "sequence", "number")
@@ -282,15 +285,9 @@ def paired(study: Study, protocol: str) -> Table | None:
             p, *_ = values[model, sequence, f"{name}_difference_p"]
             verdict = "undecided" if not p < LEVEL else "better" if value > 0 else "worse"
             cells += [difference(value, 3, (interval[0], interval[1])), number(p, 3), verdict]
-        rows.append(
-            (
-                *cells,
-                *(
-                    count(values[model, sequence, f"only_{who}_right"][0])
-                    for who in ("this", "reference")
-                ),
-            )
-        )
+        for side in ("this", "reference"):
+            cells.append(count(values[model, sequence, f"only_{side}_right"][0]))
+        rows.append(cells)
     columns = [text for name in COMPARED for text in (f"Δ {TITLES[name]}", "p", "verdict")]
     header = ("model", "sequence", *columns, "only it right", f"only {reference} right")
     return (
@@ -301,8 +298,10 @@ def paired(study: Study, protocol: str) -> Table | None:
 
 
 def costs(study: Study) -> Table | None:
-    """A row a model, variants and seeds too: what training cost where it was done here, and a
-    query's time; None of none."""
+    """A row a model, variants and seeds too: what training cost here, and a query's time.
+
+    None where nothing was measured.
+    """
     values = indexed(study.rows, "method", "variant", "seed", "number")
     rows = []
     numbers = {
@@ -318,7 +317,7 @@ def costs(study: Study) -> Table | None:
 
 
 def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
-    """The line through one number over the days, a row a model and the oracle."""
+    """The line through one number over the days: a row a model and the oracle."""
     values = indexed(rows[rows["protocol"] == protocol], "method", "number")
     table_rows = []
     digits = 1 if name == "novelty_percentile" else 3
@@ -330,10 +329,12 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
         "retrain_after_days",
     )
     for model in dict.fromkeys(rows.loc[rows["number"] == f"{name}_line", "method"]):
-        first, slope, middle, p, lost = (values.get((model, f"{name}_{end}"), NONE) for end in ends)
+        first, slope, middle, p, retrain_after = (
+            values.get((model, f"{name}_{end}"), NONE) for end in ends
+        )
         slopes = difference(slope[0], digits, slope[1:]), difference(middle[0], digits)
-        again = number(np.nan if model == ORACLE else lost[0], 0, lost[1:])
-        table_rows.append((model, number(first[0], digits), *slopes, number(p[0], 3), again))
+        retrain_cell = number(np.nan if model == ORACLE else retrain_after[0], 0, retrain_after[1:])
+        table_rows.append((model, number(first[0], digits), *slopes, number(p[0], 3), retrain_cell))
     header = (
         "model",
         "on day 0",
@@ -346,8 +347,10 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
 
 
 def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[float, str]) -> Table:
-    """One number by one protocol: a row a model, a column a band of distance, with intervals; then
-    the oracle and the queries."""
+    """One number by one protocol: a row a model, a column a band of distance, with intervals.
+
+    Below them stand the oracle and the numbers of queries.
+    """
     numbers = indexed(
         rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)],
         "number",

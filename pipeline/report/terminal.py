@@ -1,5 +1,4 @@
-"""The results as plain text for a terminal: a study's methods and main numbers, and where its
-report lies."""
+"""The results of a study as plain text for a terminal, and where its report lies."""
 
 import textwrap
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 
 def text(study: Study, figures: int) -> str:
-    """Of a study at one cell size, whose report has so many figures."""
+    """The text for a study at one cell size; `figures` is the number of figures in its report."""
     report = study.artifacts / "report" / study.name / study.grid / "report.md"
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 

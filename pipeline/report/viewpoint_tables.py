@@ -1,5 +1,4 @@
-"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, and at every
-heading."""
+"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, at every heading."""
 
 import numpy as np
 import pandas as pd
@@ -12,8 +11,10 @@ HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")
 
 
 def over(study: Study) -> list[Table]:
-    """A row a sequence and method: means over the headings, and of several seeds over these;
-    without rows, no table."""
+    """A row a sequence and method: means over the headings, and over several seeds.
+
+    Tables without rows are left out.
+    """
     totals = indexed(
         study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number"
     )
@@ -46,7 +47,7 @@ def over(study: Study) -> list[Table]:
 
 
 def every_heading(study: Study, name: str) -> Table:
-    """One of paper 2's numbers, a column a heading; means over seeds."""
+    """One of paper 2's numbers: a column a heading, means over the seeds."""
     grouped = {key: wide.groupby("level")[name] for key, wide in _numbers(study).items()}
     degrees = sorted({deg for groups in grouped.values() for deg in groups.groups})
     rows = [
@@ -58,7 +59,7 @@ def every_heading(study: Study, name: str) -> Table:
 
 
 def _numbers(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
-    """Sequence and method to its numbers, a column each, at every seed and heading (`level`)."""
+    """Map sequence and method to a table of numbers: a row a seed and heading (`level`)."""
     viewpoint_rows = study.rows[study.rows["change"] == "viewpoint"]
     groups = viewpoint_rows.groupby(["sequence", "method"], sort=False)
     return {

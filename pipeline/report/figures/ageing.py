@@ -1,4 +1,4 @@
-"""Numbers over the days since training with a line through them, and the slopes of those lines."""
+"""Numbers over the days since training with a fitted line, and the slopes of those lines."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +21,10 @@ ROOM = 2.5
 
 @dataclass(frozen=True, eq=False)
 class AgeingLine:
-    """One number of one model, or of the oracle, over the days since training; NaN where there is
-    none."""
+    """One number of one model, or of the oracle, over the days since training.
+
+    NaN where there is none.
+    """
 
     model: str
     title: str  # of the number, and so of its column
@@ -34,14 +36,16 @@ class AgeingLine:
 
     @property
     def clear(self) -> bool:
-        """The interval of the slope does not contain 0."""
+        """Whether the interval of the slope does not contain 0."""
         return bool(self.slope[1] > 0 or self.slope[2] < 0)
 
 
 @styled
 def lines(rows: Sequence[AgeingLine]) -> Figure:
-    """A row a model, a column a number: points with 95 % intervals, the line with its own, the
-    slope bold where it is clear."""
+    """A row a model, a column a number: points and fitted line with their 95 % intervals.
+
+    The slope is bold where it is clear.
+    """
     models, columns = _grid(rows)
     shades = tints(model for model in models if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
@@ -70,8 +74,7 @@ def lines(rows: Sequence[AgeingLine]) -> Figure:
 
 @styled
 def slopes(rows: Sequence[AgeingLine]) -> Figure:
-    """A panel a number, a row a model: the slope with its interval, filled where that does not
-    contain 0."""
+    """A panel a number, a row a model: the slope with its interval, filled where it is clear."""
     models, columns = _grid(rows)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
@@ -104,7 +107,7 @@ def slopes(rows: Sequence[AgeingLine]) -> Figure:
 
 
 def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], dict[str, dict[str, AgeingLine]]]:
-    """Models, and the rows by title and model."""
+    """The models, and the rows by title and model."""
     if all(row.model == ORACLE for row in rows):
         raise InputError("a figure of ageing needs at least one model")
     columns: dict[str, dict[str, AgeingLine]] = {}
@@ -114,15 +117,14 @@ def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], dict[str, dict[str, Ag
 
 
 def _panel(axis: Axes, row: AgeingLine, tint: str) -> None:
-    """Points with their intervals, the line with its own, and the slope away from them."""
+    """Draw points with their intervals, the line with its own, and the slope where it is free."""
     points(axis, row.days, row.values, tint)
     value, low, high = row.fitted.T
     axis.fill_between(row.days, low, high, color=tint, alpha=0.15, lw=0, zorder=1)
     axis.plot(row.days, value, color=tint, lw=1.0, zorder=2)
     if np.isfinite(row.slope[0]):
-        y = (
-            0.74 if np.nanmean(row.values[:, 0]) < np.mean(axis.get_ylim()) else 0.26
-        )  # 0.74: below the oracle
+        # 0.74: below the oracle
+        y = 0.74 if np.nanmean(row.values[:, 0]) < np.mean(axis.get_ylim()) else 0.26
         place: Any = {
             "va": "center",
             "ha": "right",

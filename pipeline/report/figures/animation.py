@@ -22,14 +22,13 @@ BLENDS = 9
 
 
 def check_ending(path: Path) -> None:
-    """Raise ConfigError for a file that is no moving picture by its name."""
+    """Raise ConfigError for a file name that is not of a moving picture."""
     if path.suffix not in ENDINGS:
         raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
 def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they
-    are."""
+    """At most 256 colours (colour, 3): white, inks with their shades, and `more_colours` (n, 3)."""
     shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (
         1 - np.array([to_rgb(ink) for ink in inks])
     )
@@ -42,10 +41,10 @@ def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.
 def save(
     frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint8]
 ) -> tuple[int, int]:
-    """Write frames (height, width, 3) that repeat for ever, in the colours of a palette; returns
-    how many, and the file's bytes.
+    """Write frames (height, width, 3) that repeat for ever, as a moving picture.
 
-    Raises ConfigError where `check_ending` does.
+    Pixels take the nearest colours of the palette `table`. Returns the number of frames and the
+    file's bytes. Raises ConfigError where `check_ending` does.
     """
     check_ending(path)
     tree = KDTree(table)
@@ -60,7 +59,7 @@ def save(
 
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
-    """A frame in the colours of the palette, each pixel in the one nearest to its own."""
+    """A frame as indices into the palette, each pixel in its nearest colour."""
     packed, colour_of_pixel = np.unique(
         frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True
     )

@@ -1,5 +1,4 @@
-"""The papers' curves: numbers over the year, precision over recall, recall among the first n
-places, and a model's training."""
+"""The papers' curves: numbers over the year, precision over recall, recall@n, and training."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,8 +28,10 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 
 @styled
 def year(results: Sequence[Result], train: str) -> Figure:
-    """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the
-    oracle's recall@1 in grey."""
+    """Fig. 8 of the SCI paper: numbers over the days since training.
+
+    Bands are 95 % intervals; the oracle's recall@1 is grey.
+    """
     groups = by_model(results)
     looks = look(by_model(results))
     measures = (AUC, RECALL, FAR)
@@ -84,8 +85,10 @@ def year(results: Sequence[Result], train: str) -> Figure:
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve, a marker at its own
-    threshold."""
+    """Fig. 6 of the SCI paper: precision over recall, a panel a test sequence.
+
+    The curve is exact; the marker is at the model's own threshold.
+    """
     groups = by_sequence(results)
     looks = look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
@@ -125,8 +128,10 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
 
 @styled
 def recall_at(results: Sequence[Result]) -> Figure:
-    """Recall among the first n places, without rejection: each model's mean over the test
-    sequences, and each sequence faint."""
+    """Recall among the first n places, without rejection.
+
+    A model's mean over the test sequences is bold, each sequence faint.
+    """
     groups = by_model(results)
     looks = look(by_model(results))
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
@@ -141,9 +146,8 @@ def recall_at(results: Sequence[Result]) -> Figure:
         means = []
         n = np.arange(1, len(recalls[0]) + 1)
         for model, group in groups.items():
-            curves = np.stack(
-                [result.evaluation.protocol(protocol).recall_at for result in group]
-            )  # (sequence, n)
+            # (sequence, n)
+            curves = np.stack([result.evaluation.protocol(protocol).recall_at for result in group])
             curves = curves[np.isfinite(curves).all(axis=1)]
             (tint, dash) = looks[model]
             if len(curves):
@@ -164,8 +168,10 @@ def recall_at(results: Sequence[Result]) -> Figure:
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel for each curve (round,), on training and on held-out blocks;
-    `best`, from 0, was kept."""
+    """The training of a model: a panel a curve (round,), on training and on held-out blocks.
+
+    The round `best`, from 0, was kept.
+    """
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
     heading = f"{model}: " + (

@@ -1,5 +1,4 @@
-"""Learning further days: recall of each asked day after each step, forgetting, and from which step
-each place is known."""
+"""Learning further days: recall after each step, forgetting, and since when places are known."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ NEVER = "0.75"  # grey of queries whose place is never known
 
 @dataclass(frozen=True, eq=False)
 class FirstKnown:
-    """From which step the places of queries are known, in one order."""
+    """The step from which the place of each query is known, in one order."""
 
     xy_m: NDArray[np.float64]  # (query, 2) where each was taken
     known_from: NDArray[np.int64]  # (query,) −1 for never
@@ -44,8 +43,10 @@ def matrices(
     groups: Sequence[str],
     heading: str,
 ) -> Figure:
-    """Recall (step, group) of each strategy, a number in each cell; NaN where no place of the group
-    is known yet."""
+    """Recall (step, group) of each strategy, with a number in each cell.
+
+    NaN where no place of the group is known yet.
+    """
     (rows, columns) = balanced(len(recalls), 3)
     blues = matplotlib.colormaps["Blues"]
     fig = figure(
@@ -62,12 +63,12 @@ def matrices(
         axis.set_title(strategy, pad=4)
         axis.set_xticks(
             np.arange(len(groups)) + 0.5,
-            _ends(groups),
+            _short_names(groups),
             rotation=40,
             ha="right",
             rotation_mode="anchor",
         )
-        axis.set_yticks(np.arange(len(steps)) + 0.5, _ends(steps))
+        axis.set_yticks(np.arange(len(steps)) + 0.5, _short_names(steps))
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
     axes[0].set_ylim(len(steps), 0)  # the first step above; the panels share it
@@ -81,9 +82,11 @@ def over_steps(
     numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]],
     heading: str,
 ) -> Figure:
-    """A column an order with the names of its steps, a row a number by its title: (seed, step) by
-    order and strategy; a line joins the means, thin lines are single seeds; each panel has its own
-    scale."""
+    """A column an order over its steps, a row a number by its title.
+
+    Numbers (seed, step) go by order and strategy. A line joins the means, thin lines are single
+    seeds; each panel has its own scale.
+    """
     strategies = list(
         dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
     )
@@ -103,7 +106,7 @@ def over_steps(
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
         column[-1].set_xticks(
-            range(len(steps)), _ends(steps), rotation=30, ha="right", rotation_mode="anchor"
+            range(len(steps)), _short_names(steps), rotation=30, ha="right", rotation_mode="anchor"
         )
         column[-1].set_xlim(-0.3, len(steps) - 0.7)
     for axis in axes.flat:
@@ -127,11 +130,13 @@ def over_steps(
 def known_places(
     queries_by_order: Mapping[str, FirstKnown], train_xy_m: NDArray[np.float64]
 ) -> Figure:
-    """Queries of all asked days by the step from which their place is known, a panel an order, over
-    the training path (n, 2)."""
+    """Queries of all asked days by the step from which their place is known, a panel an order.
+
+    They are drawn over the training path (n, 2).
+    """
     points = {}
     for order, queries in queries_by_order.items():
-        names = ["never", *_ends(queries.steps)]
+        names = ["never", *_short_names(queries.steps)]
         shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(queries.steps)))]
         points[order] = queries.xy_m, queries.known_from + 1, list(zip(names, shades, strict=True))
     return _maps(points, train_xy_m, "From which step each place is known")
@@ -142,8 +147,10 @@ def ages(
     places_by_order: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]],
     train_xy_m: NDArray[np.float64],
 ) -> Figure:
-    """Places by the age in days of their newest view, a panel an order: where they lie (n, 2), and
-    their age (n,)."""
+    """Places by the age in days of their newest view, a panel an order.
+
+    Takes where places lie (n, 2), and their age (n,).
+    """
     points = {}
     for order, (xy_m, days) in places_by_order.items():
         distinct_days, kind = np.unique(days, return_inverse=True)
@@ -165,7 +172,7 @@ Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]
 def _maps(
     points_by_title: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str
 ) -> Figure:
-    """A map a panel, later kinds above earlier ones, with how many points are of each kind."""
+    """Draw a map a panel, later kinds on top, with the number of points of each kind."""
     around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in points_by_title.values()))
     slope = float(np.divide(*(around[1] - around[0])[::-1]))
     columns = len(points_by_title)
@@ -201,7 +208,7 @@ def _maps(
 
 
 def _line(axis: Axes, seeds: NDArray[np.float64], tint: str, form: str) -> None:
-    """The means of (seed, step) as a line, each seed as a thin one."""
+    """Draw the means of (seed, step) as a line, and each seed as a thin one."""
     x = np.arange(seeds.shape[1])
     for seed in seeds if len(seeds) > 1 else ():
         axis.plot(x, seed, color=tint, lw=0.5, alpha=0.5, zorder=2)
@@ -209,6 +216,6 @@ def _line(axis: Axes, seeds: NDArray[np.float64], tint: str, form: str) -> None:
     axis.plot(x, means, color=tint, lw=1.3, marker=form, ms=4, mec="white", mew=0.5, zorder=3)
 
 
-def _ends(names: Sequence[str]) -> list[str]:
-    """Short names: of the parts of one day the part alone, of a day its date."""
+def _short_names(names: Sequence[str]) -> list[str]:
+    """Short names: for a part of a day the part alone, for a day its date."""
     return [day(name.rpartition(" ")[2]) for name in names]

@@ -1,4 +1,4 @@
-"""Panels of a figure: how many beside each other, their scales, and names beside lines and rows."""
+"""Panels of a figure: how many beside each other, their scales, names beside lines and rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,8 +17,7 @@ Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
-    """Rows and columns for `number` panels, at most `most` beside each other, with few cells left
-    empty."""
+    """Rows and columns for `number` panels, at most `most` in a row, with few empty cells."""
     rows = -(-number // most)
     return rows, -(-number // rows)
 
@@ -26,8 +25,10 @@ def balanced(number: int, most: int) -> tuple[int, int]:
 def panels(
     fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
 ) -> list[Axes]:
-    """`number` axes in rows of `columns`, on one scale if `shared`; `x` and `y` label the lowest
-    and the left ones."""
+    """`number` axes in rows of `columns`, on one scale if `shared`.
+
+    `x` and `y` label the lowest and the leftmost axes.
+    """
     columns = min(columns, number)
     axes = list(
         fig.subplots(
@@ -45,7 +46,7 @@ def panels(
 
 
 def precision_axes(axis: Axes, title: str) -> None:
-    """Scales of a small panel of precision over recall."""
+    """Set the scales of a small panel of precision over recall."""
     ticks: Any = {"ticks": (0.0, 0.5, 1.0), "labels": ("0", ".5", "1")}
     axis.set(xlim=(0, 1), ylim=(0, 1.02))
     axis.set_xticks(**ticks)
@@ -54,8 +55,10 @@ def precision_axes(axis: Axes, title: str) -> None:
 
 
 def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
-    """A number in the lower left corner of a panel, or in the upper right one, `line` lines away
-    from it."""
+    """Write a number in the lower left corner of a panel, or in the upper right one.
+
+    It stands `line` lines away from the corner.
+    """
     corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
     place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": side}
     axis.annotate(text, corner, (0, step * line), **place).set(
@@ -64,8 +67,10 @@ def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) 
 
 
 def share_limits(*values: Any) -> tuple[float, float]:
-    """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with
-    a margin."""
+    """Limits of an axis of shares, with a margin.
+
+    They go from the tenth below all finite values to 1 or the largest value.
+    """
     shares = np.concatenate(
         [[0.9, 1.0], *(np.ravel(np.asarray(value, np.float64)) for value in values)]
     )
@@ -84,7 +89,7 @@ def points(
     alpha: float = 1.0,
     **options: Any,
 ) -> None:
-    """Markers of values (n, 3) with their intervals as bars."""
+    """Draw markers of values (n, 3) with their intervals as bars."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
     look: Any = {
@@ -100,8 +105,10 @@ def points(
 
 
 def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:
-    """A line a model through its means, each slightly beside the others, bars are deviations over
-    the test sequences."""
+    """Draw a line a model through its means, slightly beside the other lines.
+
+    Bars are deviations over the test sequences.
+    """
     looks = look(rows)
     lines = []
     for i, (model, row) in enumerate(rows.items()):
@@ -129,7 +136,7 @@ def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[L
 
 
 def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
-    """Means and deviations over the test sequences (2, k)."""
+    """Means and deviations over the test sequences (2, k) of k measurements."""
     return np.array(
         [
             [measurement.mean for measurement in measurements],
@@ -141,15 +148,17 @@ def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
 def oracle_line(
     axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle"
 ) -> Line:
-    """The oracle's recall@1 (n,), in grey."""
+    """Draw the oracle's recall@1 (n,) in grey."""
     line = np.stack([x, shares], axis=1).astype(np.float64)
     axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
     return name, QUIET, line
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write names at the last finite values of lines, right of them, at least `gap`, a share of the
-    y axis, apart."""
+    """Write names right of the last finite values of lines.
+
+    They are at least `gap`, a share of the y axis, apart.
+    """
     low, high = axis.get_ylim()
     gap *= high - low
     finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]
@@ -162,12 +171,12 @@ def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
     y = high + gap
     places = [y := min(place, y - gap) for place in reversed(places)]
     for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
-        beside: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
-        axis.annotate(name, (right, place), (7, 0), color=tint, **beside)
+        placement: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
+        axis.annotate(name, (right, place), (7, 0), color=tint, **placement)
 
 
 def name_rows(axis: Axes, tints: Mapping[str, str]) -> None:
-    """Names of models in their colours along the y axis, the first above."""
+    """Write names of models in their colours along the y axis, the first on top."""
     axis.set_yticks(range(len(tints)), [folded(model) for model in tints], size=7)
     axis.set_ylim(len(tints) - 0.4, -0.6)
     for tick, tint in zip(axis.get_yticklabels(), tints.values(), strict=True):

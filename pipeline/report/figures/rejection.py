@@ -1,5 +1,4 @@
-"""How a model rejects: its novelty, precision and recall at its thresholds, and whether its
-confidence means what it says."""
+"""How a model rejects: its novelty, precision and recall at its thresholds, and calibration."""
 
 from collections.abc import Sequence
 
@@ -44,8 +43,10 @@ LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the pane
 
 @styled
 def histograms(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence: right and
-    misplaced stacked, unseen."""
+    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence.
+
+    Right and misplaced seen queries are stacked; unseen ones are a line.
+    """
     group = of_one_model(results)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(
@@ -114,8 +115,10 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 
 @styled
 def rejection(results: Sequence[Result]) -> Figure:
-    """Precision, and recall below it, of a model at the threshold of each kind of novelty, chosen
-    without a test sequence."""
+    """Precision and recall of a model at the threshold of each kind of novelty.
+
+    Thresholds are chosen without a test sequence.
+    """
     group = of_one_model(results)
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     wanted = group[0].wanted_precision
@@ -127,20 +130,13 @@ def rejection(results: Sequence[Result]) -> Figure:
         judgements = [
             [result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS
         ]
-        values = np.array(
-            [
-                [judgement.rejection[:, number] for judgement in protocol_row]
-                for protocol_row in judgements
-            ]
-        )  # (protocol, sequence, kind, 3)
-        values[
-            np.isnan(
-                [
-                    [judgement.rejection[:, precise, 0] for judgement in protocol_row]
-                    for protocol_row in judgements
-                ]
-            )
-        ] = np.nan  # where nothing is accepted
+        # (protocol, sequence, kind, measure, 3)
+        rejections = np.array(
+            [[judgement.rejection for judgement in protocol_row] for protocol_row in judgements]
+        )
+        values = rejections[..., number, :]
+        nothing_accepted = np.isnan(rejections[..., precise, 0])
+        values[nothing_accepted] = np.nan
         for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
             for k, (kind_values, (tint, marker)) in enumerate(
                 zip(of_kinds[: len(kinds)], KINDS, strict=False)
@@ -168,10 +164,10 @@ def rejection(results: Sequence[Result]) -> Figure:
         kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1)
         for i, kind in enumerate(kinds)
     ]
-    promised = group[0].evaluation.kept[: len(kinds)]
+    kept_precisions = group[0].evaluation.kept[: len(kinds)]
     names = [
         name + f", keeps {precision:.3f}" * (precision < wanted)
-        for name, precision in zip(names, promised, strict=True)
+        for name, precision in zip(names, kept_precisions, strict=True)
     ]
     entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
@@ -179,11 +175,10 @@ def rejection(results: Sequence[Result]) -> Figure:
 
 
 def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
-    """The raw confidence (1 − cost of the first place) and the temperature-scaled one; none where a
-    model has neither.
+    """Calibration of the raw confidence (1 − cost of the first place) and of the scaled one.
 
-    Each with its name, the seen queries (by cells) of all test sequences in bins, and its expected
-    calibration error (ECE).
+    The scaled one is by temperature. Each with its name, the seen queries (by cells) of all test
+    sequences in bins, and its expected calibration error (ECE). Empty where a model has neither.
     """
     parts = [(result.evaluation, result.evaluation.cells.seen) for result in of_one_model(results)]
     right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
@@ -193,20 +188,20 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
         scaled
     ):  # without a confidence, a cost is no chance either, but a distance
         return []
-    named = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
+    named_confidences = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
     return [
         (name, reliability(confidence, right), ece(confidence, right))
-        for name, confidence in named
+        for name, confidence in named_confidences
         if chances(confidence)
     ]
 
 
 @styled
 def diagram(results: Sequence[Result]) -> Figure | None:
-    """Of the answers given with a confidence of 80 %, are 80 % right? None of no confidence.
+    """Share of right answers over confidence: of those with 80 %, are 80 % right?
 
     Below: the share of the queries in each bin. The mean distance to the diagonal over the queries
-    is the ECE.
+    is the ECE. None for a model without confidence.
     """
     if not (calibrations := confidences(results)):
         return None

@@ -1,5 +1,7 @@
-"""Fig. 9 to 11 of the SCI paper: each model's numbers as driven and altered, over levels of change,
-N-way training and cells."""
+"""Fig. 9 to 11 of the SCI paper: numbers as driven and altered.
+
+They are drawn over levels of change, over N-way training and over cell sizes.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -53,8 +55,10 @@ MEASURES = (AUC, KEPT, FAR)
 def dots(
     comparison: Comparison, measures: Sequence[Measure], order_by: Kind, heading: str
 ) -> Figure:
-    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars:
-    deviations over sequences."""
+    """A row a model, the best AUC in the kind `order_by` first; a panel a measure, a marker a kind.
+
+    Bars are deviations over the sequences.
+    """
     models = comparison.ordered(order_by, AUC)
     kinds = comparison.kinds
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
@@ -91,8 +95,10 @@ def dots(
 
 @styled
 def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -> Figure:
-    """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above;
-    bars: over the seeds."""
+    """As driven: a row of panels a test sequence under its title, a row a model, the best on top.
+
+    Bars are deviations over the seeds.
+    """
     models = comparison.ordered(Kind(), RECALL)
     measures = (RECALL, AUC, AUROC, FAR)
     fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), heading)
@@ -126,8 +132,10 @@ def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -
 
 @styled
 def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
-    """A panel a measure, a line a model, over the level of the change in `unit`; walls with shadow
-    in a second row."""
+    """A panel a measure, a line a model, over the level of the change in `unit`.
+
+    Walls with shadow are in a second row.
+    """
     models = comparison.models
     shadows = sorted({kind.shadow for kind in comparison.changes})
     panel_in = 0.5 + 0.12 * max(len(models), 8)
@@ -166,8 +174,10 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
 def ways(
     comparison: Comparison, kind: Kind, reference_models: Sequence[str], heading: str
 ) -> Figure:
-    """A method over N of its N-way training, as driven and altered; `others` altered, as level
-    lines."""
+    """A method over N of its N-way training, as driven and altered.
+
+    `reference_models` are drawn as level lines, altered.
+    """
     models_by_n = comparison.ways()
     looks = look(comparison.models)
     method = method_of(next(iter(models_by_n.values())))
@@ -215,10 +225,10 @@ def cells(
     oracle: Mapping[str, Sequence[float]],
     heading: str,
 ) -> Figure:
-    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's
-    mean recall@1 by protocol.
+    """A panel a number, a line a model over the cell sizes, and the oracle's mean recall@1.
 
-    `values` go by model, protocol and number: for each size one value a test sequence (s,).
+    `values` go by model, protocol and number: for each size one value a test sequence (s,). Lines
+    are means over the sequences, bars deviations.
     """
     models = list(dict.fromkeys(model for model, _, _ in values))
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
@@ -248,7 +258,7 @@ def _row(
     full: bool = True,
     lift: float = 0.0,
 ) -> None:
-    """One marker in the row of each model, of means and deviations (2, model)."""
+    """Draw a marker in the row of each model, from means and deviations (2, model)."""
     for y, tint, mean, deviation in zip(
         np.arange(len(models)) + lift, tints(models).values(), *values, strict=True
     ):
@@ -259,7 +269,7 @@ def _row(
 
 
 def _scale_x(axis: Axes, measure: Measure) -> None:
-    """Shares up to 1, or degrees from 0; a line where nothing is lost."""
+    """Scale x to shares up to 1 or degrees from 0; draw a line where nothing is lost."""
     limits = share_limits(axis.dataLim.intervalx)
     axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is OFF else limits))
     if measure.relative:
@@ -270,7 +280,7 @@ def _scale_x(axis: Axes, measure: Measure) -> None:
 
 
 def _scale_y(axes: Iterable[Axes], measure: Measure) -> None:
-    """One scale for some panels, and a line where nothing is lost."""
+    """Give panels one y scale, and draw a line where nothing is lost."""
     limits = share_limits(*(axis.dataLim.intervaly for axis in axes))
     for axis in axes:
         axis.set_ylim(*limits)

@@ -24,27 +24,26 @@ class SweepJob:
 
     number: int
     values: Mapping[str, str]  # parameter to value, such as {"grid.cell_m": "5"}
-    numbers: Mapping[
-        tuple[str, str], Sequence[float]
-    ]  # protocol and number to one value a test sequence; none of a failed job
+    # protocol and number to one value a test sequence; none of a failed job
+    numbers: Mapping[tuple[str, str], Sequence[float]]
     error: str | None  # why it failed
     held_out_auc: float | None = None
 
     def value(self, name: str) -> str:
-        """Of a parameter; of `job` its own number."""
+        """The value of a parameter, MISSING if not set; for `job` the job's number."""
         return str(self.number) if name == "job" else self.values.get(name, MISSING)
 
     def finite(self, protocol: str, name: str) -> list[float]:
-        """The values that are there."""
+        """The finite values of one number, one a test sequence."""
         return [value for value in self.numbers.get((protocol, name), ()) if np.isfinite(value)]
 
 
 @styled
 def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
-    """Both panels over the swept parameter with most values, numeric if any is; a line for each
-    combination of the others.
+    """The scores over the swept parameter with most values, numeric if any is.
 
-    Points are joined along a numeric axis only. Raises InputError where every job failed.
+    A panel a protocol, a line for each combination of the other parameters. Points are joined along
+    a numeric axis only. Raises InputError where every job failed.
     """
     if not any(job.numbers for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
@@ -84,8 +83,10 @@ def _panel(
     measure: Measure,
     joined: bool,
 ) -> None:
-    """Means as lines, test sequences as dots, the mean oracle of the jobs at each place in grey,
-    failed jobs as crosses."""
+    """Draw means as lines, test sequences as dots and failed jobs as crosses.
+
+    The mean oracle of the jobs at each place is grey.
+    """
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]

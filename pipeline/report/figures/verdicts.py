@@ -19,8 +19,10 @@ WRONG = "#B2182B"
 
 @styled
 def verdicts(results: Sequence[Result]) -> Figure:
-    """Position error over novelty, a panel a test sequence; left of the line poses are accepted
-    with a promise of .99."""
+    """Position error over novelty, a panel a test sequence.
+
+    Poses left of the line are accepted with a promise of .99.
+    """
     group = of_one_model(results)
     rows, columns = balanced(len(group), 4)
     kind = group[0].evaluation.kinds[0].replace("_", " ")

@@ -1,5 +1,4 @@
-"""Fig. 5 to 7 of paper 2: how methods match a place from another heading, what codes keep, and
-whether they collapsed."""
+"""Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -35,11 +34,10 @@ CROWDED = 0.6
 
 @styled
 def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Figure:
-    """Fig. 5: a panel a heading, a curve a model and seed, in one sequence; the model's mean
-    accuracy stands in the panel.
+    """Fig. 5: precision over recall in one sequence, a panel a heading, a curve a model and seed.
 
-    Recall is of the model's own correct matches, so curves of models of different accuracy do not
-    compare.
+    The model's mean accuracy stands in the panel. Recall is of the model's own correct matches, so
+    curves of models of different accuracy do not compare.
     """
     headings_deg = next(iter(group.values()))[0].headings_deg
     looks = look(group)
@@ -79,11 +77,10 @@ def indices(
     headings_deg: Sequence[float],
     correct_m: float,
 ) -> Figure:
-    """Fig. 6: each number over the headings, models side by side; means of the rows, each of them a
-    faint dot.
+    """Fig. 6: each number over the headings, models side by side.
 
     `values` (n, heading), a row a sequence and seed, go by model and number; NaN where there is
-    none.
+    none. Lines are means of the rows, and each row is a faint dot.
     """
     looks = look(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
@@ -128,8 +125,10 @@ def indices(
 
 @styled
 def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -> Figure:
-    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and each model's reconstructions;
-    mean squared errors."""
+    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and their reconstructions.
+
+    Numbers are mean squared errors.
+    """
     rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
     for model, (seen, reconstructed) in pictures.items():
         rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]
@@ -162,11 +161,10 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
 
 @styled
 def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) -> Figure | None:
-    """How far codes lie apart, and the error of reconstructions, over training, a line a seed; None
-    without any such curve.
+    """Spread of the codes and reconstruction error over training, a line a seed.
 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model.
+    model. None without any such curve.
     """
     seeds_by_model = {
         model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]

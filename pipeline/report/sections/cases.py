@@ -1,5 +1,7 @@
-"""The sections of a study of robustness: turned queries, demolition, construction, stress, real
-changes, cell sizes."""
+"""The sections of a study of robustness.
+
+They are on turned queries, demolition, construction, stress, real changes and cell sizes.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -36,31 +38,24 @@ NEAR = ("recall_at_1", "auc_exact_top1")
 
 
 def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
-    """Draw the figures into `folder` and yield what the study has."""
+    """Draw the figures into `folder` and yield the sections that the study has."""
     rows = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
     for alteration, sequences in study.words.get("altered", {}).items():
-        changes = (
-            (alteration,) if alteration in CHANGES else CHANGES
-        )  # one that is no change itself has several
+        # an alteration that is no change itself has several
+        changes = (alteration,) if alteration in CHANGES else CHANGES
         altered_rows = rows[rows["sequence"].isin(sequences) & rows["change"].isin(["", *changes])]
-        altered_models = altered_rows[altered_rows["change"] != ""][
-            ["method", "variant", "seed"]
-        ].drop_duplicates()
+        model_columns = ["method", "variant", "seed"]
+        altered_models = altered_rows[altered_rows["change"] != ""][model_columns].drop_duplicates()
         make_section = (
             _structure if alteration in UNITS else _turned if alteration == "turned" else _glance
         )
-        yield make_section(
-            study, folder, alteration, Comparison(altered_rows.merge(altered_models), n_way)
-        )
+        comparison = Comparison(altered_rows.merge(altered_models), n_way)
+        yield make_section(study, folder, alteration, comparison)
     if stress := study.words.get("stress", {}):
-        yield _stress(
-            study,
-            folder,
-            Comparison(rows[rows["sequence"].isin(stress) & (rows["change"] == "")], n_way),
-            stress,
-        )
+        stress_rows = rows[rows["sequence"].isin(stress) & (rows["change"] == "")]
+        yield _stress(study, folder, Comparison(stress_rows, n_way), stress)
     if study.words["question"] == "robustness":
         yield _events(study, folder, few)
     if study.words.get("cells"):
@@ -73,7 +68,7 @@ def _section(
     comparison: Comparison,
     conclusions: Sequence[Finding],
     illustrations: Sequence[Illustration],
-    listed: Sequence[Table],
+    section_tables: Sequence[Table],
     name: str = "",
 ) -> Section:
     scope = findings.scope(
@@ -85,7 +80,7 @@ def _section(
         values={"study": study},
         findings=(*conclusions, scope),
         illustrations=illustrations,
-        tables=listed,
+        tables=section_tables,
         sources=[
             f"{study.artifacts.name}/evaluate/{study.name}/{study.grid}/{model}"
             for model in study.trained
@@ -106,7 +101,7 @@ def _both_tables(comparison: Comparison) -> list[Table]:
 
 
 def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """Fig. 10: queries that are turned by random angles."""
+    """Fig. 10: queries turned by random angles."""
     kind = comparison.kinds[-1]
     ways = comparison.ways()
     gives_headings = any(
@@ -138,12 +133,12 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
         figure = robustness.ways(comparison, kind, other_models, f"N-way training, {study.name}")
         illustrations.append(illustrate("ways", figure, study, folder))
     conclusions = (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind))
-    listed = [*_both_tables(comparison), case_tables.on_sequences(comparison, kind, AUC)]
-    return _section(study, alteration, comparison, conclusions, illustrations, listed)
+    section_tables = [*_both_tables(comparison), case_tables.on_sequences(comparison, kind, AUC)]
+    return _section(study, alteration, comparison, conclusions, illustrations, section_tables)
 
 
 def _structure(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """Fig. 9: a wedge of directions gone, or new walls."""
+    """Fig. 9: queries with a wedge of directions removed, or with new walls."""
     worst = max(comparison.changes, key=lambda kind: (kind.level, kind.shadow))
     figure = robustness.levels(
         comparison, f"{alteration.capitalize()}, {study.name}", UNITS[alteration]
@@ -152,21 +147,21 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         verdicts.kept(comparison, worst),
         *verdicts.shadows(comparison),
         verdicts.nearly_always(comparison, worst),
+        verdicts.chance(comparison, worst),
     )
-    figure_findings = (*figure_findings, verdicts.chance(comparison, worst))
     illustration = illustrate(
         "structure", figure, study, folder, *figure_findings, name=alteration, alteration=alteration
     )
     conclusions = [verdicts.leader(comparison, worst, measure) for measure in (AUC, KEPT)]
-    listed = [
+    section_tables = [
         *(case_tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
         *_both_tables(comparison),
     ]
-    return _section(study, alteration, comparison, conclusions, [illustration], listed)
+    return _section(study, alteration, comparison, conclusions, [illustration], section_tables)
 
 
 def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """A case or two of several alterations side by side."""
+    """One or two cases of several alterations side by side."""
     figure = robustness.dots(
         comparison, (AUC, KEPT, FAR), Kind(), f"Altered queries at a glance, {study.name}"
     )
@@ -187,7 +182,7 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
 def _stress(
     study: Study, folder: Path, comparison: Comparison, stress: Mapping[str, str]
 ) -> Section:
-    """Sequences that are hard as they are."""
+    """Sequences that are hard as driven."""
     titles = {sequence: f"{day(sequence)}, {stress[sequence]}" for sequence in comparison.sequences}
     figure = robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}")
     figure_findings = (
@@ -210,7 +205,7 @@ def _stress(
 
 
 def _events(study: Study, folder: Path, few: int) -> Section:
-    """By the distance to the nearest building that went up or came down."""
+    """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
     bands = _bands(rows)
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
@@ -248,20 +243,19 @@ def _events(study: Study, folder: Path, few: int) -> Section:
 
 
 def _bands(rows: pd.DataFrame) -> Bands:
-    """The bands of distance that the rows go by."""
+    """The bands of distance that the rows are grouped by."""
     edges_m = sorted(
         edge for edge in rows.loc[rows["change"] == SHOWN, "level"].unique() if np.isfinite(edge)
     )
     ending = "_changes"
-    counted = rows.loc[
+    change_numbers = rows.loc[
         rows["number"].str.endswith(ending) & (rows["method"] == ""), "number"
     ].unique()
-    return Bands(edges_m, [number.removesuffix(ending) for number in counted])
+    return Bands(edges_m, [number.removesuffix(ending) for number in change_numbers])
 
 
 def _cells(study: Study, folder: Path) -> Section:
-    """Fig. 11: what the side of a grid cell does to each method, which learns its places anew at
-    every size."""
+    """Fig. 11: the effect of the cell size; each method learns its places anew at every size."""
     sides_m = {
         grid: replace(study, grid=grid).cell_m
         for grid in (*study.words["grids"], *study.words["cells"])

@@ -1,5 +1,4 @@
-"""The section on learning further days: what is known after each step, what is forgotten, and what
-a step costs."""
+"""The section on learning further days: recall after each step, forgetting, and costs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -33,7 +32,7 @@ DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 
 
 def section(study: Study, folder: Path) -> Section:
-    """Draw its figures into `folder`."""
+    """Draw the figures into `folder` and return the section."""
     strategies = read_strategies(study.rows)
     words = study.words
     orders = by_order(strategies)
@@ -52,19 +51,13 @@ def section(study: Study, folder: Path) -> Section:
         )
     for model in dict.fromkeys(strategy.model for strategy in strategies):
         model_orders = {
-            order: [strategy for strategy in group if strategy.model == model]
+            order: model_group
             for order, group in orders.items()
+            if (model_group := [strategy for strategy in group if strategy.model == model])
         }
-        figures = list(
-            _of_model(
-                study,
-                folder,
-                model,
-                {order: group for order, group in model_orders.items() if group},
-            )
-        )
+        figures = list(_of_model(study, folder, model, model_orders))
         illustrations += [replace(illustration, on_page=model == first) for illustration in figures]
-    learned = {
+    sequences = {
         "train": words["train"],
         "learned": words["learned"],
         "updates": words.get("updates", []),
@@ -79,15 +72,17 @@ def section(study: Study, folder: Path) -> Section:
         tables=[table for order, group in orders.items() for table in of_order(order, group)],
         folded=False,
         sources=[f"{study.artifacts.name}/lifelong/{study.name}/{study.grid}"],
-        parameters={**learned, "budget": words["budget"]},
+        parameters={**sequences, "budget": words["budget"]},
     )
 
 
 def _of_model(
     study: Study, folder: Path, model: str, orders: dict[str, list[StrategyNumbers]]
 ) -> Iterator[Illustration]:
-    """The figures of one model; those of days that nobody surveyed are two steps, which a table
-    shows."""
+    """The figures of one model.
+
+    Days that nobody surveyed have two steps only, so no matrix of them is drawn.
+    """
     for order, strategies in orders.items():
         if order != UPDATES:
             matrices = {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies}
@@ -122,8 +117,10 @@ def _of_model(
 def _first_known(
     study: Study, orders: dict[str, list[StrategyNumbers]]
 ) -> dict[str, lifelong.FirstKnown]:
-    """Of each order that brings new places, where queries were taken and the step from which their
-    place is known."""
+    """For each order: where queries were taken, and the step from which their place is known.
+
+    Orders that bring no new places are left out, unless none does.
+    """
     first_known = {}
     for order, (strategy, *_) in orders.items():
         artifact = _artifact(study, strategy)
@@ -138,8 +135,10 @@ def _first_known(
 def _ages(
     study: Study, strategies: Sequence[StrategyNumbers]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """Of the first model that learned further days, where its places lie and how old the newest
-    view of each is at the end."""
+    """For each order: where the places lie, and the age in days of their newest view at the end.
+
+    Taken from the first model that learned further days.
+    """
     ages = {}
     for strategy in strategies:
         if strategy.name in (GROWN, UPDATED) and strategy.order not in ages:
@@ -152,7 +151,7 @@ def _ages(
 
 
 def _artifact(study: Study, strategy: StrategyNumbers) -> Artifact:
-    """Of the model's first seed."""
+    """The artifact of a strategy, for the model's first seed."""
     return store.read(
         study.find("lifelong", f"{strategy.order}-{strategy.name}", strategy.model), LIFELONG
     )

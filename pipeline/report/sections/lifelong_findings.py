@@ -1,5 +1,4 @@
-"""What learning further days shows, as data: what growth forgets and lacks, and what a site regains
-by itself."""
+"""What learning further days shows, as data: what growth forgets and lacks, what a site regains."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -19,8 +18,10 @@ from pipeline.report.table import average
 
 
 def findings(strategies: Sequence[StrategyNumbers]) -> list[Finding]:
-    """Of each model those that its strategies allow: what growth forgets, what it lacks, what a
-    site regains by itself."""
+    """For each model: what growth forgets, what it lacks, and what a site regains by itself.
+
+    A model has the findings that its strategies allow.
+    """
     models = {
         model: [strategy for strategy in strategies if strategy.model == model]
         for model in dict.fromkeys(strategy.model for strategy in strategies)
@@ -28,32 +29,30 @@ def findings(strategies: Sequence[StrategyNumbers]) -> list[Finding]:
     context = {"protocol": PROTOCOL, "strategy": GROWN}
     verdicts = []
     for model, model_strategies in models.items():
-        if listed := against(model_strategies, "forgetting", TUNED):
+        if entries := against(model_strategies, "forgetting", TUNED):
             verdicts.append(
-                Finding("growth_forgets", model=model, reference=TUNED, listed=listed, **context)
+                Finding("growth_forgets", model=model, reference=TUNED, listed=entries, **context)
             )
     for model, model_strategies in models.items():
-        if listed := against(model_strategies, "recall_of_all", JOINT):
+        if entries := against(model_strategies, "recall_of_all", JOINT):
             verdicts.append(
-                Finding("below_joint", model=model, reference=JOINT, listed=listed, **context)
+                Finding("below_joint", model=model, reference=JOINT, listed=entries, **context)
             )
-    return [
-        *verdicts,
-        *(
-            finding
-            for model_strategies in models.values()
-            for finding in regained(model_strategies)
-        ),
-    ]
+    for model_strategies in models.values():
+        verdicts += regained(model_strategies)
+    return verdicts
 
 
 def against(
     strategies: Sequence[StrategyNumbers], number: str, reference: str
 ) -> list[dict[str, Any]]:
-    """One model's growth and a reference in each order, after the last step: means over the seeds
-    of both; the mean, lowest and highest difference on the same seed."""
+    """Compare one model's growth with a reference strategy in each order, after the last step.
+
+    Gives the means of both over the seeds, and the mean, lowest and highest difference on the same
+    seed.
+    """
     by_key = {(strategy.order, strategy.name): strategy for strategy in strategies}
-    listed = []
+    entries = []
     for order in dict.fromkeys(strategy.order for strategy in strategies):
         if (order, GROWN) in by_key and (order, reference) in by_key:
             grown_values, reference_values = (
@@ -65,7 +64,7 @@ def against(
                 "high": float(differences.max()),
                 "seeds": len(differences),
             }
-            listed.append(
+            entries.append(
                 {
                     "order": order,
                     "own": average(grown_values),
@@ -74,14 +73,17 @@ def against(
                     **ends,
                 }
             )
-    return listed
+    return entries
 
 
 def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
-    """One model's recall on the day that is asked last and on average, before and after days that
-    nobody surveyed; and how many scans were adopted, and at a wrong pose."""
+    """One model's recall before and after days that nobody surveyed.
+
+    Recall is of the last asked day and on average. Adds how many scans were adopted, and at a wrong
+    pose.
+    """
     updates = [strategy for strategy in strategies if strategy.order == UPDATES]
-    listed = []
+    entries = []
     for strategy in updates:
         recall = strategy.over("recall_at_1", PROTOCOL, strategy.groups[-1])
         means = strategy.over("mean_recall", PROTOCOL)
@@ -94,7 +96,7 @@ def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
             "after": average(recall[:, -1]),
             "digits": int(counts["wrong"] % 1 > 0),
         }
-        listed.append(
+        entries.append(
             {
                 "strategy": strategy.name,
                 "means": [average(means[:, 0]), average(means[:, -1])],
@@ -109,5 +111,5 @@ def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
             protocol=PROTOCOL,
             last=strategy.groups[-1],
             seeds=len(strategy.seeds),
-            listed=listed,
+            listed=entries,
         )

@@ -1,4 +1,4 @@
-"""What the table of results holds of strategies of learning further days (METHODS 11.4)."""
+"""Strategies of learning further days (METHODS 11.4), read from the table of results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ PROTOCOL = "distance"
 
 @dataclass(frozen=True, eq=False)
 class StrategyNumbers:
-    """One strategy of one model in one order, over the model's seeds."""
+    """The numbers of one strategy of one model in one order, over the model's seeds."""
 
     order: str
     model: str  # method and variant
@@ -39,17 +39,16 @@ class StrategyNumbers:
 
     @property
     def seeds(self) -> list[int]:
-        """Of which there is a model."""
+        """The seeds of which there is a model."""
         return sorted(set(self.rows.loc[self.rows["number"] == "places", "seed"]))
 
     @property
     def groups(self) -> list[str]:
-        """The days that were asked, or the parts of the site."""
+        """The asked days, or the parts of the site."""
         return list(dict.fromkeys(self.rows.loc[self.rows["number"] == "recall_at_1", "sequence"]))
 
     def over(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
-        """One number after each step (seed, step), of a group where it has one; NaN where there is
-        none."""
+        """One number after each step (seed, step), of a group if given; NaN where there is none."""
         number_rows = self.rows[
             (self.rows["number"] == number) & (self.rows["protocol"] == protocol)
         ]
@@ -60,35 +59,36 @@ class StrategyNumbers:
         return np.asarray(wide, np.float64)
 
     def last(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
-        """The same after the last step (seed,)."""
+        """One number after the last step (seed,)."""
         return self.over(number, protocol, group)[:, -1]
 
     def matrix(self, protocol: str) -> NDArray[np.float64]:
-        """Recall (step, group), means over the seeds; NaN where no place of the group is known
-        yet."""
+        """Mean recall (step, group) over the seeds; NaN where no place of the group is known."""
         recall_by_group = [self.over("recall_at_1", protocol, group).T for group in self.groups]
         return np.array([[average(seeds) for seeds in steps] for steps in recall_by_group]).T
 
 
 def read_strategies(rows: pd.DataFrame) -> list[StrategyNumbers]:
-    """Every strategy of every model in every order, in the order of the rows; of what was timed
-    alone, none."""
+    """Every strategy of every model in every order, in the order of the rows.
+
+    Strategies that were only timed are left out.
+    """
     learning_rows = rows[rows["change"] == CHANGE]
     timed = learning_rows["number"] == "cpu_s"
-    listed = []
+    strategies = []
     learning_rows = pd.concat([learning_rows[~timed], learning_rows[timed]])
     for (kind, method, variant), group in learning_rows.groupby(
         ["kind", "method", "variant"], sort=False
     ):
         order, _, name = str(kind).partition(" ")
-        listed.append(
+        strategies.append(
             StrategyNumbers(order, ModelName(str(method), str(variant)).name, name, group)
         )
-    return [strategy for strategy in listed if strategy.steps]
+    return [strategy for strategy in strategies if strategy.steps]
 
 
 def by_order(strategies: Sequence[StrategyNumbers]) -> dict[str, list[StrategyNumbers]]:
-    """The strategies of each order."""
+    """Group the strategies by order."""
     return {
         order: [strategy for strategy in strategies if strategy.order == order]
         for order in dict.fromkeys(strategy.order for strategy in strategies)
@@ -98,7 +98,7 @@ def by_order(strategies: Sequence[StrategyNumbers]) -> dict[str, list[StrategyNu
 def by_strategy(
     strategies: Sequence[StrategyNumbers],
 ) -> dict[tuple[str, str], dict[str, StrategyNumbers]]:
-    """Model and strategy to what there is of them in each order."""
+    """Map model and strategy to its numbers in each order."""
     grouped: dict[tuple[str, str], dict[str, StrategyNumbers]] = {}
     for model in dict.fromkeys(strategy.model for strategy in strategies):
         for strategy in (strategy for strategy in strategies if strategy.model == model):

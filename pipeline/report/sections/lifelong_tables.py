@@ -1,5 +1,4 @@
-"""Tables of learning further days: a row a model and strategy, means and deviations over the
-seeds."""
+"""Tables of learning further days: a row a model and strategy, means ± deviation over the seeds."""
 
 from collections.abc import Sequence
 
@@ -34,8 +33,7 @@ def of_order(order: str, strategies: Sequence[StrategyNumbers]) -> list[Table]:
 
 
 def strategy_table(order: str, strategies: Sequence[StrategyNumbers]) -> Table:
-    """Recall and forgetting after the last step by both protocols, places, and what a step
-    costs."""
+    """Recall and forgetting after the last step by both protocols, places, and costs of a step."""
     rows = []
     for strategy in strategies:
         cells = [spread(strategy.last(name, protocol), 3) for protocol in BOTH for name in NUMBERS]
@@ -61,7 +59,7 @@ def strategy_table(order: str, strategies: Sequence[StrategyNumbers]) -> Table:
 
 
 def counts(strategies: Sequence[StrategyNumbers]) -> Table:
-    """What was adopted over all steps, and how many submaps changed."""
+    """The numbers of adopted scans and of changed submaps over all steps."""
     rows = [
         (strategy.model, strategy.name, *(spread(_total(strategy, name), 0) for name in COUNTS))
         for strategy in strategies
@@ -90,7 +88,7 @@ def asked_days(strategies: Sequence[StrategyNumbers], protocol: str) -> Table:
 
 
 def _total(strategy: StrategyNumbers, name: str) -> list[float]:
-    """Of each seed, over the steps; the first step adopts nothing and counts nothing."""
+    """The sum over the steps for each seed; the first step adopts and counts nothing."""
     return [
         float(np.nansum(steps)) if np.isfinite(steps).any() else np.nan
         for steps in strategy.over(name)

@@ -1,5 +1,4 @@
-"""The section of poses: how near, how often, and whether the promise was kept; for the models of a
-study that have some."""
+"""The section on poses: how near, how often, and whether the promised precision was kept."""
 
 from collections.abc import Iterator
 from pathlib import Path

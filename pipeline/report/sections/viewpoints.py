@@ -1,5 +1,4 @@
-"""The section on paper 2's protocol: a sequence matched with itself, from headings between those of
-the reference."""
+"""The section on paper 2's protocol: a sequence matched with itself from other headings."""
 
 from itertools import islice
 from pathlib import Path
@@ -21,19 +20,21 @@ from pipeline.views.mapped import MappedViews
 
 
 def section(study: Study, folder: Path, view: BirdView) -> Section:
-    """Draw paper 2's figures into `folder`; `view` is what its methods look at."""
+    """Draw paper 2's figures into `folder`; `view` is the bird-view that the methods look at."""
     view_methods = on_bird_views(study.words["methods"])
     methods = {
         method["name"]: [model.name for model in models_of({**method, "variants": {}})]
         for method in view_methods
     }
-    judged: dict[str, dict[str, list[Judged]]] = {}  # by sequence and method, one of each seed
+    judgements_on: dict[
+        str, dict[str, list[Judged]]
+    ] = {}  # by sequence and method, one of each seed
     for method, models in methods.items():
-        for method_path in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
-            seed_paths = (method_path.parents[1] / model / method_path.name for model in models)
+        for artifact in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
+            seed_paths = (artifact.parents[1] / model / artifact.name for model in models)
             judgements = [Judged.read(store.read(path, schemas.VIEWPOINTS)) for path in seed_paths]
-            judged.setdefault(method_path.stem, {})[method] = judgements
-    sequence, first_group = next(iter(judged.items()))
+            judgements_on.setdefault(artifact.stem, {})[method] = judgements
+    sequence, first_group = next(iter(judgements_on.items()))
     first = next(iter(first_group.values()))[0]
     illustrations = [
         illustrate(
@@ -45,7 +46,7 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             sequence=sequence,
         )
     ]
-    for day, group in judged.items():
+    for day, group in judgements_on.items():
         figure = viewpoints.precision_recall(group, day)
         illustrations.append(
             illustrate(
@@ -54,7 +55,11 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         )
     values_of_method = {
         method: np.stack(
-            [judgement.values for group in judged.values() for judgement in group.get(method, ())]
+            [
+                judgement.values
+                for group in judgements_on.values()
+                for judgement in group.get(method, ())
+            ]
         )
         for method in methods
     }
@@ -115,9 +120,9 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 
 
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
-    """How the middle one of a sequence's submaps becomes a bird-view."""
+    """How the middle submap of a sequence becomes a bird-view."""
     views = MappedViews(
         study.artifact("scans", sequence), study.artifact("submaps", sequence), view
     )
-    points, grown, standing = next(islice(views.maps(), len(views) // 2, None))
-    return birdview.bird_view(points, grown, standing, view)
+    points, octree_map, odom_T_vehicle = next(islice(views.maps(), len(views) // 2, None))
+    return birdview.bird_view(points, octree_map, odom_T_vehicle, view)

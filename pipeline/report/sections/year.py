@@ -1,5 +1,4 @@
-"""The sections of every study of the year: the answer, the set-up, the results by both protocols,
-all figures, ageing."""
+"""The sections of a study of the year: answer, set-up, results, figures and ageing."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -131,7 +130,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
 
 
 def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
-    """Every figure of the year, drawn."""
+    """Draw every figure of the year."""
 
     def saved(
         kind: str, figure: Figure | None, name: str = "", **values: str
@@ -176,14 +175,16 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
                 f"outcomes_{model}_{result.sequence}",
                 **result_words,
             )
-        if model in study.trained and (learned := study.models[model]).curves:
-            figure = curves.history(learned.curves, learned.best_round, model)
+        if model in study.trained and (record := study.models[model]).curves:
+            figure = curves.history(record.curves, record.best_round, model)
             yield from saved("history", figure, f"history_{model}", model=model)
 
 
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
-    """Of the model's own Scan Contexts, else of another model's; None where no model of the study
-    looks at any."""
+    """Queries beside their matches, drawn as Scan Contexts.
+
+    The views are the model's own, or else another model's; None where no model looks at any.
+    """
     with_scan_contexts = [
         candidate
         for candidate in (model, *study.families)
@@ -200,21 +201,23 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
 
 
 def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
-    """Whether methods know their places less well as the days go by, and when to train again."""
+    """Whether methods recognise their places less well with the days, and when to train again."""
     rows = study.driven[study.driven["variant"] == ""]
     last = max(result.days for result in study.results)
-    titled = [(protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING]
+    titled_numbers = [
+        (protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING
+    ]
     lines = [
         line
-        for protocol, number, title in titled[:DRAWN]
+        for protocol, number, title in titled_numbers[:DRAWN]
         for line in _lines(rows, protocol, number, title)
     ]
     first, second, third = (
         findings.ageing(rows, title, protocol, number, last)
-        for protocol, number, title in titled[:3]
+        for protocol, number, title in titled_numbers[:3]
     )
-    counted = findings.slopes_counted(
-        rows, [(protocol, number) for protocol, number, _ in titled[:DRAWN]]
+    slope_counts = findings.slopes_counted(
+        rows, [(protocol, number) for protocol, number, _ in titled_numbers[:DRAWN]]
     )
     return Section(
         anchor(study.name, study.grid, "ageing"),
@@ -231,9 +234,12 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
                 findings.newer(rows),
                 per=str(PER_DAYS),
             ),
-            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, counted),
+            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, slope_counts),
         ],
-        tables=[tables.ageing(rows, protocol, number, title) for protocol, number, title in titled],
+        tables=[
+            tables.ageing(rows, protocol, number, title)
+            for protocol, number, title in titled_numbers
+        ],
         sources=sources,
     )
 
@@ -241,7 +247,7 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
 def _lines(
     rows: pd.DataFrame, protocol: str, number: str, title: str
 ) -> Iterator[ageing.AgeingLine]:
-    """The line through one number of each model and the oracle, as the figure takes it."""
+    """The line through one number over the days, for each model and the oracle."""
     ordered_rows = rows[rows["protocol"] == protocol].sort_values("days")
     points, lines = (
         indexed(ordered_rows[ordered_rows["number"] == name], "method", "sequence", "days")

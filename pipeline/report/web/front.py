@@ -1,5 +1,4 @@
-"""The first screen of a study on the page, and what stands below it: numbers alone, whose words are
-in the templates."""
+"""The first screen of a study on the page and the charts below it; templates hold the words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +31,7 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class Front:
-    """Of one study at one cell size."""
+    """The numbers on the first screen of one study at one cell size."""
 
     study: Study
 
@@ -46,12 +45,12 @@ class Front:
 
     @property
     def best(self) -> Row:
-        """The first of them."""
+        """The best model."""
         return self.summary.rows[0]
 
     @property
     def second(self) -> Row | None:
-        """The best of another method; None where there is one method."""
+        """The best model of another method; None where there is one method."""
         return next(
             (
                 row
@@ -63,19 +62,21 @@ class Front:
 
     @property
     def roles(self) -> dict[str, str]:
-        """Of the two: the others are drawn thin."""
+        """Maps the two best models to how they are drawn; other models are drawn thin."""
         return {row.model: role for row, role in ((self.second, NEXT), (self.best, BEST)) if row}
 
     @property
     def dates(self) -> list[str]:
-        """Of the test days, without the time of day."""
-        named = dates(self.study.results)
-        return [named[sequence] for sequence in self.summary.tests]
+        """The dates of the test days."""
+        date_of = dates(self.study.results)
+        return [date_of[sequence] for sequence in self.summary.tests]
 
     @property
     def year(self) -> Chart:
-        """Each model's share of right answers over the days since training; of a single day over
-        the places that it named."""
+        """Each model's share of right answers over the days since training.
+
+        For a single test day it is drawn over the number of places instead.
+        """
         days = self.summary.days
         if len(days) == 1:
             return self._places
@@ -92,13 +93,13 @@ class Front:
             lines,
             self.roles,
             (min(0, *days), max(days)),
-            {day: f"{day:+d} d" for day in _spaced(days)},
+            {day: f"{day:+d} d" for day in _spaced_days(days)},
             HIGH,
         )
 
     @property
     def _places(self) -> Chart:
-        """How often a right answer is among the first n."""
+        """How often a right answer is among the first n places."""
         lines = []
         longest = 1
         for model, (result, *_) in by_model(self.study.results).items():
@@ -125,30 +126,30 @@ class Front:
 
     @property
     def knows(self) -> Chart:
-        """Of the last day: the share of the judged queries that each model answers where at least
-        so many answers are right."""
+        """On the last day: the share of queries that can be answered at each wanted precision."""
         lines = []
         for model, group in by_model(self.study.results).items():
             novelty, right = _judged_queries(group[-1])
             accepted = novelty < group[-1].evaluation.reject_from[0]
             kept = float(right[accepted].mean()) if accepted.any() else np.nan
             share = float(accepted.mean())
-            says = (
+            label = (
                 f"{model}, at its own threshold: answers {percent(share, 1)}, {percent(kept, 1)} "
                 "of them right"
             )
-            promised = group[-1].kept
+            kept_precision = group[-1].kept
             wanted = group[-1].wanted_precision
-            says += (
-                f"; it keeps {percent(promised, 1)} on held-out blocks, wanted {percent(wanted)}"
-                * (promised < wanted)
-            )
+            if kept_precision < wanted:
+                label += (
+                    f"; it keeps {percent(kept_precision, 1)} on held-out blocks, "
+                    f"wanted {percent(wanted)}"
+                )
             lines.append(
                 Series(
                     model,
                     PRECISIONS,
                     coverage(novelty, right),
-                    dots=[(max(kept, PRECISIONS[0]), share, says)],
+                    dots=[(max(kept, PRECISIONS[0]), share, label)],
                 )
             )
         ticks = {share: percent(share) for share in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)}
@@ -161,8 +162,7 @@ class Front:
 
     @property
     def altered(self) -> Table | None:
-        """How often models are right when their queries are altered, and as driven on the same
-        days; None where none are."""
+        """Recall@1 as driven and on altered queries, on the same days; None if none are altered."""
         rows = self.study.rows
         recall_rows = rows[
             (rows["protocol"] == "distance")
@@ -209,36 +209,37 @@ class Front:
                 if np.isfinite(values[1:]).any()
                 else []
             )
-        named = ", ".join(dates(self.study.results).get(day, day) for day in days)
+        day_names = ", ".join(dates(self.study.results).get(day, day) for day in days)
         header = ("method", *(kind.label for kind in shown_kinds), f"{PER_DAYS} days older")
-        return table("altered", header, table_rows, days=named) if table_rows else None
+        return table("altered", header, table_rows, days=day_names) if table_rows else None
 
     @property
     def cut_short(self) -> list[tuple[str, float]]:
-        """The models that had less than their own full training, and which share of it they had."""
-        learned = (
+        """The models that had less than their full training, and their share of it."""
+        trained_models = (
             (name, model)
             for name, model in self.study.models.items()
             if name in self.study.trained and model.rounds
         )
-        shares = ((name, float(model.recipe.get("budget", 1.0))) for name, model in learned)
+        shares = ((name, float(model.recipe.get("budget", 1.0))) for name, model in trained_models)
         return [(name, share) for name, share in shares if share < 1]
 
     @property
     def doubts(self) -> list[Finding]:
-        """What makes numbers say little, or nothing."""
+        """The findings on numbers that say little or nothing."""
         return findings.doubts(self.study)
 
 
 def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[float]:
-    """For each of PRECISIONS the largest share of the queries (q,) that can be accepted, least new
-    first, so that at least so many of the accepted are right; 0 where none can."""
+    """For each of PRECISIONS: the largest share of the queries that can be accepted at it.
+
+    Queries (q,) are accepted in the order of their novelty, least first; 0 where none can be.
+    """
     if not len(novelty):
         return [np.nan] * len(PRECISIONS)
     order = np.argsort(novelty, kind="stable")
-    whole = np.append(
-        np.flatnonzero(np.diff(novelty[order])), len(order) - 1
-    )  # equal novelties are accepted together
+    # equal novelties are accepted together
+    whole = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)
     accepted = whole + 1
     precision = np.cumsum(right[order])[whole] / accepted
     return [
@@ -248,17 +249,16 @@ def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[fl
 
 
 def _judged_queries(result: Result) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
-    """Novelty (q,) of the queries that are judged by distance, and whether the first answer to each
-    is right."""
+    """Novelty (q,) of the queries judged by distance, and whether their first answer is right."""
     judgement = result.evaluation.distance
-    judged = judgement.outcome != NOT_JUDGED
-    return result.evaluation.novelty[judged, 0], (judgement.seen & (judgement.true_rank == 0))[
-        judged
+    is_judged = judgement.outcome != NOT_JUDGED
+    return result.evaluation.novelty[is_judged, 0], (judgement.seen & (judgement.true_rank == 0))[
+        is_judged
     ]
 
 
-def _spaced(days: Sequence[int]) -> list[int]:
-    """Those of the days whose labels do not touch: the last, then backwards."""
+def _spaced_days(days: Sequence[int]) -> list[int]:
+    """The days whose labels do not touch: the last one, then backwards."""
     kept: list[int] = []
     for day in sorted(days, reverse=True):
         if not kept or kept[-1] - day >= ROOM * max(max(days) - min(0, *days), 1):

@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no server, no network, no other file."""
+"""The report as one HTML file that needs no server, no network and no other file."""
 
 import json
 import re
@@ -29,14 +29,14 @@ UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as an image of its own, so that no id in it meets one of another."""
+    """A figure as an image of its own, so that its ids do not meet those of other figures."""
 
     url: Markup
     wide_px: int
 
     @classmethod
     def of(cls, svg: str) -> "Picture":
-        """From an SVG file's text."""
+        """Build a picture from the text of an SVG file."""
         width = re.search(r'<svg[^>]*?\bwidth="([\d.]+)pt"', svg)
         url = "data:image/svg+xml," + quote(re.sub(r"\s+", " ", svg), safe=UNQUOTED)
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
@@ -52,12 +52,12 @@ class Entry:
 
     @property
     def id(self) -> str:
-        """Its place on the page."""
+        """The HTML id of the study on the page."""
         return anchor(self.study.name, self.study.grid)
 
 
 def html(entries: Sequence[Entry], lock: DvcLock) -> str:
-    """The whole file, of these studies alone; it says which figures could not be read."""
+    """The whole file, for these studies; it names the figures that could not be read."""
     lines = list[str]()
     pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
@@ -98,8 +98,7 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
 def _artifacts(
     studies: Sequence[Study], sections: Sequence[Section]
 ) -> dict[str, Mapping[str, str]]:
-    """The path of each artifact that a number is from to the recipe that it was trained with, empty
-    if it is no model."""
+    """Map the path of each source artifact to the recipe it was trained with; empty if no model."""
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
         driven = (*study.train.split(), *by_sequence(study.results))
@@ -125,12 +124,12 @@ def _artifacts(
                 if not name.startswith("_")
             }
             recipes[study.source("train", model=model)] = parameters
-    named = [path for section in sections for path in section.sources]
-    return recipes | {path: {} for path in named if path not in recipes}
+    source_paths = [path for section in sections for path in section.sources]
+    return recipes | {path: {} for path in source_paths if path not in recipes}
 
 
 def _json(value: Any) -> Markup:
-    """Data for a script element, which no text in them can end early."""
+    """JSON for a script element, escaped so that no text in it ends the element."""
     return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
