@@ -28,7 +28,7 @@ class Measurement:
         )
 
     def on(self, sequence: int) -> "Measurement":
-        """The measurement on one sequence alone, given by its row."""
+        """The measurement on one sequence alone, given by its index."""
         return Measurement(self.values[:, sequence : sequence + 1])
 
 
