@@ -1,5 +1,4 @@
-"""The table of results, and the arrays that figures show → markdown, SVGs and one HTML page for all
-studies."""
+"""Stage `report`: the table of results and artifacts → markdown, SVGs and one HTML page."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,19 +16,23 @@ from stages import ROOT, build, stage
 @stage("report")
 def main(cfg: DictConfig) -> str:
     artifacts = Path(cfg.artifacts)
-    known = studies(ROOT / "conf")
-    table = results.read(artifacts, known)
+    known_studies = studies(ROOT / "conf")
+    table = results.read(artifacts, known_studies)
     with store.replace(cfg.out) as folder:
         line = report.write(
-            folder, artifacts, known, table, cfg.few, lambda name: build("view", name)
+            folder, artifacts, known_studies, table, cfg.few, lambda name: build("view", name)
         )
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
 
 
-def sweep_report(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> str:
-    """Write the table and the figure of a sweep into its folder; returns the table for a
-    terminal."""
-    return sweep.write(folder, records, usual)
+def sweep_report(
+    folder: Path, records: Sequence[Record], usual_overrides: Mapping[str, str]
+) -> str:
+    """Write the table and the figure of a sweep into its folder.
+
+    Returns the table for a terminal.
+    """
+    return sweep.write(folder, records, usual_overrides)
 
 
 if __name__ == "__main__":

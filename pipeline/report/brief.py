@@ -1,5 +1,4 @@
-"""The results in a few lines: how often each method is right on the first and last day, and how
-often it dares to answer."""
+"""The results in a few lines: each method on the first and last day, and how often it answers."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -13,7 +12,12 @@ from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.report.result import day
-from pipeline.report.sections.lifelong_numbers import PROTOCOL, by_order, by_strategy, strategies
+from pipeline.report.sections.lifelong_numbers import (
+    PROTOCOL,
+    by_order,
+    by_strategy,
+    read_strategies,
+)
 from pipeline.report.summary import Row, Summary
 from pipeline.report.table import MISSING, average, fixed
 from pipeline.studies.courses import LIFELONG
@@ -29,11 +33,13 @@ NARROWEST = 64
 
 
 def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: int) -> str:
-    """At most LINES lines of at most `width` columns, WIDEST if that is more, for the studies whose
-    table of results this is; recorded ones come first."""
-    each = [(name, grid) for name, study in studies.items() for grid in study["grids"]]
-    each.sort(key=lambda one: studies[one[0]]["source"] == "world")
-    most = max((LINES - 1) // max(len(each), 1) - AROUND, 2)
+    """A few lines on each study of a table of results, recorded studies first.
+
+    At most LINES lines of at most `width` columns (WIDEST if that is less).
+    """
+    study_grids = [(name, grid) for name, study in studies.items() for grid in study["grids"]]
+    study_grids.sort(key=lambda pair: studies[pair[0]]["source"] == "world")
+    row_limit = max((LINES - 1) // max(len(study_grids), 1) - AROUND, 2)
     with StringIO() as file:
         console = Console(
             file=file,
@@ -43,23 +49,32 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: 
             emoji=False,
             markup=False,
         )
-        for name, grid in each:
-            own = table[(table["study"] == name) & (table["grid"] == grid)]
+        for name, grid in study_grids:
+            rows = table[(table["study"] == name) & (table["grid"] == grid)]
             if studies[name].get("question") == LIFELONG:
-                _print_learning(console, name, grid, own, studies[name], most)
+                _print_learning(console, name, grid, rows, studies[name], row_limit)
             else:
-                _print(console, name, grid, Summary.of(own, studies[name]), studies[name], most)
+                _print(
+                    console, name, grid, Summary.of(rows, studies[name]), studies[name], row_limit
+                )
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
 def _print_learning(
-    console: Console, name: str, grid: str, rows: pd.DataFrame, study: Mapping[str, Any], most: int
+    console: Console,
+    name: str,
+    grid: str,
+    rows: pd.DataFrame,
+    study: Mapping[str, Any],
+    row_limit: int,
 ) -> None:
-    """One study of learning further days: recall and forgetting after the last step of each order,
-    means over the seeds."""
-    every = strategies(rows)
-    orders = by_order(every)
-    found = by_strategy(every)
+    """One study of learning further days: recall and forgetting after the last step of each order.
+
+    Entries are means over the seeds.
+    """
+    strategies = read_strategies(rows)
+    orders = by_order(strategies)
+    by_model_and_strategy = by_strategy(strategies)
     numbers = ("recall_of_all", "forgetting")[: 1 if console.width < NARROW else 2]
     name += ", simulated" if study["source"] == "world" else ", recorded"
     correct_m = rows.loc[rows["number"] == "correct_m", "value"].max()
@@ -74,60 +89,65 @@ def _print_learning(
     for order in orders:
         for heading in (f"{order}:\nof all", "for-\ngetting")[: len(numbers)]:
             lines.add_column(Text(heading), justify="right", no_wrap=True)
-    shown = min(most, SHORT)
-    for (model, strategy), of in [*found.items()][:shown]:
+    shown_count = min(row_limit, SHORT)
+    for (model, strategy), numbers_in in [*by_model_and_strategy.items()][:shown_count]:
         cells = [
-            average(of[order].last(key, PROTOCOL)) if order in of else np.nan
+            average(numbers_in[order].last(key, PROTOCOL)) if order in numbers_in else np.nan
             for order in orders
             for key in numbers
         ]
         lines.add_row(Text(f"{model} {strategy}"), *(fixed(cell, 3) for cell in cells))
     console.print(lines)
-    left = len(found) - shown
+    left = len(by_model_and_strategy) - shown_count
     return console.print(f"  … and {left} more\n" if left > 0 else "")
 
 
 def _print(
-    console: Console, name: str, grid: str, found: Summary, study: Mapping[str, Any], most: int
+    console: Console,
+    name: str,
+    grid: str,
+    summary: Summary,
+    study: Mapping[str, Any],
+    row_limit: int,
 ) -> None:
     """One study at one cell size."""
     name += ", simulated" if study["source"] == "world" else ", recorded"
-    if not found.rows:
+    if not summary.rows:
         return console.print(
             f"{name}: judged by viewpoints alone; `yearloc results --full`\n",
             overflow="ellipsis",
             no_wrap=True,
         )
-    days = "1 test day" if len(found.tests) == 1 else f"{len(found.tests)} test days"
+    days = "1 test day" if len(summary.tests) == 1 else f"{len(summary.tests)} test days"
     title = (
         f"{name}: learned {day(study['train'].split()[0])}, {days}, cells of "
         f"{grid.removesuffix('m')} m"
     )
     console.print(title, overflow="ellipsis", no_wrap=True)
-    ends = [0, -1] if len(found.tests) > 1 else [0]
+    ends = [0, -1] if len(summary.tests) > 1 else [0]
     heads = [
-        f"{'' if n else f'within {found.within_m:g} m'}\n{day(found.tests[at])}"
-        for n, at in enumerate(ends)
+        f"{'' if n else f'within {summary.within_m:g} m'}\n{day(summary.tests[test])}"
+        for n, test in enumerate(ends)
     ]
     heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (
         console.width >= NARROWEST
     )
-    heads += ["ms a\nquery"] * (console.width >= NARROW and found.is_timed)
+    heads += ["ms a\nquery"] * (console.width >= NARROW and summary.is_timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio = 1
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for row in found.rows[:most]:
+    for row in summary.rows[:row_limit]:
         lines.add_row(Text(row.model), *_cells(row, ends)[: len(heads)])
     console.print(lines)
-    left = len(found.rows) - most
+    left = len(summary.rows) - row_limit
     console.print(f"  … and {left} more\n" if left > 0 else "")
     return None
 
 
 def _cells(row: Row, ends: Sequence[int]) -> list[str]:
-    right = [VOID if row.void[at] else fixed(row.right[at], 3) for at in ends]
+    right = [VOID if row.void[test] else fixed(row.right[test], 3) for test in ends]
     ms = MISSING if np.isnan(row.query_ms) else fixed(row.query_ms, 0 if row.query_ms >= 10 else 1)
     promise = fixed(row.promised, 3) + f" of {row.wanted:g}" * (row.promised < row.wanted)
     return [*right, fixed(row.answers[-1], 3), fixed(row.kept[-1], 3), promise, ms]

@@ -1,5 +1,4 @@
-"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and how much is
-chance."""
+"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and chance."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -9,7 +8,7 @@ import numpy as np
 
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind, Measure
 from pipeline.report.findings import Finding
-from pipeline.report.found import Found
+from pipeline.report.found import Measurement
 from pipeline.report.table import average
 
 # who keeps this share of its AUC has kept it, and who is right at this share of the queries is
@@ -19,41 +18,45 @@ PAPERS_WAYS = 4  # the SCI paper finds that so many headings suffice
 
 
 def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
-    """The first model in one kind of case, and by how much it is ahead of the next ones."""
+    """The best model in one kind of case, and by how much it is ahead of the next ones."""
     means = {
-        model: comparison.found(model, kind, measure) for model in comparison.ordered(kind, measure)
+        model: comparison.measurement(model, kind, measure)
+        for model in comparison.ordered(kind, measure)
     }
-    models = [model for model, found in means.items() if np.isfinite(found.mean)][:4]
+    models = [model for model, measurement in means.items() if np.isfinite(measurement.mean)][:4]
     ranked: list[dict[str, Any]] = [{"model": model, **_spread(means[model])} for model in models]
-    for one in ranked[1:]:
-        margin = comparison.ahead(models[0], one["model"], kind, measure)
-        one |= {"behind": -margin.value, "clear": margin.clear}
+    for entry in ranked[1:]:
+        margin = comparison.ahead(models[0], entry["model"], kind, measure)
+        entry |= {"behind": -margin.value, "clear": margin.clear}
     return Finding("leader", kind=kind, title=measure.title, digits=measure.digits, ranked=ranked)
 
 
 def kept(comparison: Comparison, kind: Kind) -> Finding:
-    """Who keeps its AUC, and who loses most of it."""
+    """Which models keep their AUC, and which lose most of it."""
     shares = {
-        model: comparison.found(model, kind, KEPT).mean for model in comparison.ordered(kind, KEPT)
+        model: comparison.measurement(model, kind, KEPT).mean
+        for model in comparison.ordered(kind, KEPT)
     }
-    every: list[dict[str, Any]] = [
-        {"model": model, "share": share} | _both(comparison, model, kind)
+    entries: list[dict[str, Any]] = [
+        {"model": model, "share": share} | _aucs(comparison, model, kind)
         for model, share in shares.items()
     ]
-    ranked = [one for one in every if np.isfinite(one["share"])]
+    ranked = [entry for entry in entries if np.isfinite(entry["share"])]
     return Finding(
         "kept",
         kind=kind,
-        whole=[one for one in ranked if one["share"] >= WHOLE],
+        whole=[entry for entry in ranked if entry["share"] >= WHOLE],
         ranked=ranked,
         limit=WHOLE,
     )
 
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
-    """By distance, where many models are at the top."""
+    """Which models are right, by distance, at nearly all queries."""
     right = [
-        model for model in comparison.models if comparison.found(model, kind, FAR).mean >= WHOLE
+        model
+        for model in comparison.models
+        if comparison.measurement(model, kind, FAR).mean >= WHOLE
     ]
     return Finding(
         "nearly_always", kind=kind, right=right, models=len(comparison.models), limit=WHOLE
@@ -61,62 +64,70 @@ def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
-    """How far headings are off, of the models that give any."""
-    listed = [
-        {"model": model, **_spread(comparison.found(model, kind, OFF))}
+    """How large the heading errors are, for the models that give headings."""
+    entries = [
+        {"model": model, **_spread(comparison.measurement(model, kind, OFF))}
         for model in comparison.models
     ]
     return Finding(
-        "heading_errors", kind=kind, listed=[one for one in listed if np.isfinite(one["mean"])]
+        "heading_errors",
+        kind=kind,
+        listed=[entry for entry in entries if np.isfinite(entry["mean"])],
     )
 
 
 def chance(comparison: Comparison, kind: Kind) -> Finding:
-    """How far chance alone moves the AUC: from repeat to repeat, from seed to seed, from day to
-    day."""
-    found = [comparison.found(model, kind, AUC) for model in comparison.models]
+    """How far chance alone moves the AUC: between repeats, between seeds, between days."""
+    measurements = [comparison.measurement(model, kind, AUC) for model in comparison.models]
     deviations = []
     for name in ("repeat", "seed", "sequence"):
-        mean = average([getattr(one, f"over_{name}s") for one in found])
+        mean = average([getattr(measurement, f"over_{name}s") for measurement in measurements])
         deviations += [{"name": name, "mean": mean}] if np.isfinite(mean) else []
     return Finding("chance", kind=kind, deviations=deviations)
 
 
 def shadows(comparison: Comparison) -> list[Finding]:
-    """What it changes to hide what lies behind the most walls; nothing where no case does."""
-    hidden = [
-        one
-        for one in comparison.changes
-        if one.shadow and replace(one, shadow=False) in comparison.kinds
+    """What it changes to hide the space behind the most walls; empty without such cases."""
+    shadowed = [
+        kind
+        for kind in comparison.changes
+        if kind.shadow and replace(kind, shadow=False) in comparison.kinds
     ]
-    if not hidden:
+    if not shadowed:
         return []
-    worst = max(hidden, key=lambda one: one.level)
+    worst = max(shadowed, key=lambda kind: kind.level)
     bare = replace(worst, shadow=False)
     models = comparison.models
-    apart = [
-        comparison.found(model, worst, AUC).mean - comparison.found(model, bare, AUC).mean
+    differences = [
+        comparison.measurement(model, worst, AUC).mean
+        - comparison.measurement(model, bare, AUC).mean
         for model in models
     ]
     return [
         Finding(
             "shadows",
             kind=bare,
-            mean=average(apart),
-            lower=int(np.sum(np.array(apart) < 0)),
+            mean=average(differences),
+            lower=int(np.sum(np.array(differences) < 0)),
             models=len(models),
         )
     ]
 
 
 def n_ways(comparison: Comparison, kind: Kind) -> Finding:
-    """Whether training at four headings suffices for arbitrary ones and keeps normal performance,
-    as the SCI paper finds."""
+    """Whether training at four headings suffices, as the SCI paper finds.
+
+    It must suffice for arbitrary headings and keep the performance at normal ones.
+    """
     ways = comparison.ways()
-    listed = [{"n": n} | _both(comparison, model, kind) for n, model in ways.items()]
+    entries = [{"n": n} | _aucs(comparison, model, kind) for n, model in ways.items()]
     four = ways.get(PAPERS_WAYS)
-    if four is None or len(ways) < 2 or np.isnan(share := comparison.found(four, kind, KEPT).mean):
-        return Finding("n_ways", kind=kind, listed=listed, n=PAPERS_WAYS, tested=False)
+    untested = Finding("n_ways", kind=kind, listed=entries, n=PAPERS_WAYS, tested=False)
+    if four is None or len(ways) < 2:
+        return untested
+    share = comparison.measurement(four, kind, KEPT).mean
+    if np.isnan(share):
+        return untested
     more = [
         {"n": n} | asdict(comparison.ahead(model, four, kind, AUC))
         for n, model in ways.items()
@@ -127,15 +138,17 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
         for n, model in ways.items()
         if n < PAPERS_WAYS
     ]
+    more_is_better = any(margin["clear"] and margin["value"] > 0 for margin in more)
+    fewer_is_better = any(margin["clear"] and margin["value"] < 0 for margin in fewer)
     verdict = {
-        "suffices": share >= WHOLE and not any(one["clear"] and one["value"] > 0 for one in more),
-        "keeps": bool(fewer) and not any(one["clear"] and one["value"] < 0 for one in fewer),
-        "decided": max(one["number"] for one in (*more, *fewer)) > 1,
+        "suffices": share >= WHOLE and not more_is_better,
+        "keeps": bool(fewer) and not fewer_is_better,
+        "decided": max(margin["number"] for margin in (*more, *fewer)) > 1,
     }
     return Finding(
         "n_ways",
         kind=kind,
-        listed=listed,
+        listed=entries,
         n=PAPERS_WAYS,
         tested=True,
         share=share,
@@ -145,28 +158,27 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
     )
 
 
-def best_on_each(comparison: Comparison, named: Mapping[str, str]) -> Finding:
+def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
     """The best two models on each sequence as driven."""
-    listed = []
+    best_models = []
     for i, sequence in enumerate(comparison.sequences):
-        found = [
-            {"model": model, **_spread(comparison.found(model, Kind(), RECALL).on(i))}
+        entries = [
+            {"model": model, **_spread(comparison.measurement(model, Kind(), RECALL).on(i))}
             for model in comparison.models
         ]
-        there = [one for one in found if np.isfinite(one["mean"])]
-        listed.append(
-            {"name": named[sequence], "models": sorted(there, key=lambda one: -one["mean"])[:2]}
-        )
-    return Finding("best_on_each", listed=listed)
+        finite = [entry for entry in entries if np.isfinite(entry["mean"])]
+        best = sorted(finite, key=lambda entry: -entry["mean"])[:2]
+        best_models.append({"name": titles[sequence], "models": best})
+    return Finding("best_on_each", listed=best_models)
 
 
-def _spread(found: Found) -> dict[str, Any]:
-    return {"mean": found.mean, "deviation": found.over_sequences}
+def _spread(measurement: Measurement) -> dict[str, Any]:
+    return {"mean": measurement.mean, "deviation": measurement.over_sequences}
 
 
-def _both(comparison: Comparison, model: str, kind: Kind) -> dict[str, Any]:
-    """The AUC as driven and altered."""
+def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, Any]:
+    """A model's AUC as driven and altered."""
     return {
-        name: comparison.found(model, one, AUC).mean
-        for name, one in (("driven", Kind()), ("altered", kind))
+        name: comparison.measurement(model, case, AUC).mean
+        for name, case in (("driven", Kind()), ("altered", kind))
     }

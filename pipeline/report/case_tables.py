@@ -1,5 +1,7 @@
-"""Tables of altered queries, sequences of stress and cell sizes: means and deviations over
-sequences, seeds and repeats."""
+"""Tables of altered queries, sequences of stress and cell sizes.
+
+Entries are means and deviations over sequences, seeds and repeats.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -27,23 +29,25 @@ BY_DISTANCE = (FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
 
 
 def _over_sequences(comparison: Comparison, model: str, kind: Kind, measure: Measure) -> Cell:
-    return spread(comparison.found(model, kind, measure).by_sequence, measure.digits)
+    return spread(comparison.measurement(model, kind, measure).by_sequence, measure.digits)
 
 
 def every_case(comparison: Comparison, measures: Sequence[Measure]) -> Table:
-    """A row a model and kind of case: means ± deviation over the sequences; of the first measure,
-    over repeats and seeds too."""
+    """A row a model and kind of case: means ± deviation over the sequences.
+
+    For the first measure also the deviations over repeats and over seeds.
+    """
     first = measures[0]
     rows = []
     for model in comparison.ordered(comparison.kinds[-1], first):
         for kind in comparison.kinds:
-            found = comparison.found(model, kind, first)
-            cells = [_over_sequences(comparison, model, kind, one) for one in measures]
-            chance = (number(found.over_repeats, 3), number(found.over_seeds, 3))
+            measurement = comparison.measurement(model, kind, first)
+            cells = [_over_sequences(comparison, model, kind, measure) for measure in measures]
+            chance = (number(measurement.over_repeats, 3), number(measurement.over_seeds, 3))
             rows.append(
                 (model, kind.label, count(comparison.seeds[model]), cells[0], *chance, *cells[1:])
             )
-    titles = [one.title for one in measures]
+    titles = [measure.title for measure in measures]
     header = ("model", "queries", "seeds", titles[0], "± over repeats", "± over seeds", *titles[1:])
     return table("every_case", header, rows, words=2, protocol=first.protocol)
 
@@ -62,41 +66,54 @@ def over_kinds(comparison: Comparison, measure: Measure) -> Table:
 
 
 def on_sequences(comparison: Comparison, kind: Kind, measure: Measure) -> Table:
-    """One measure in one kind of case: a row a model, a column a sequence; means over seeds ±
-    deviation over the repeats."""
+    """One measure in one kind of case: a row a model, a column a sequence.
+
+    Entries are means over the seeds ± deviation over the repeats.
+    """
     rows = []
     for model in comparison.ordered(kind, measure):
-        each = (
-            comparison.found(model, kind, measure).on(i) for i in range(len(comparison.sequences))
+        measurements = (
+            comparison.measurement(model, kind, measure).on(i)
+            for i in range(len(comparison.sequences))
         )
-        rows.append((model, *(spread(one.by_repeat, measure.digits) for one in each)))
+        rows.append(
+            (
+                model,
+                *(spread(measurement.by_repeat, measure.digits) for measurement in measurements),
+            )
+        )
     return table(
         "on_sequences", ("model", *comparison.sequences), rows, title=measure.title, kind=kind
     )
 
 
-def stress(comparison: Comparison, named: Mapping[str, str]) -> Table:
-    """As driven: a row a sequence and model; means over seeds ± deviation over them."""
+def stress(comparison: Comparison, titles: Mapping[str, str]) -> Table:
+    """A row a sequence of stress and model, as driven: means ± deviation over the seeds."""
     measures = (RECALL, AUC, AUROC, FAR, FAR_AUROC)
     rows = []
     for i, sequence in enumerate(comparison.sequences):
         for model in comparison.ordered(Kind(), RECALL):
             cells = [
-                spread(comparison.found(model, Kind(), one).on(i).by_seed, one.digits)
-                for one in measures
+                spread(comparison.measurement(model, Kind(), measure).on(i).by_seed, measure.digits)
+                for measure in measures
             ]
-            rows.append((named[sequence], model, count(comparison.seeds[model]), *cells))
+            rows.append((titles[sequence], model, count(comparison.seeds[model]), *cells))
     return table(
-        "stress", ("sequence", "model", "seeds", *(one.title for one in measures)), rows, words=2
+        "stress",
+        ("sequence", "model", "seeds", *(measure.title for measure in measures)),
+        rows,
+        words=2,
     )
 
 
 def cells(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Table:
-    """One number: a row a model, the best at the largest cells above; a column a size; means ±
-    deviation over the sequences."""
+    """One number: a row a model, the best at the largest cells first; a column a cell size.
+
+    Entries are means ± deviation over the sequences.
+    """
     order = sorted(
         values,
         key=lambda model: -float(np.mean(values[model][-1])) if len(values[model][-1]) else np.inf,
     )
-    rows = [(model, *(spread(one, 3) for one in values[model])) for model in order]
+    rows = [(model, *(spread(by_sequence, 3) for by_sequence in values[model])) for model in order]
     return table("cells", ("model", *(f"{size_m:g} m" for size_m in sizes_m)), rows, title=title)

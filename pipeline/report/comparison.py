@@ -1,5 +1,7 @@
-"""Models compared over cases, sequences, seeds and repeats: values picked from the table of
-results, never computed anew."""
+"""Models compared over cases, sequences, seeds and repeats.
+
+Values are picked from the table of results, never computed anew.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.report.found import Found, deviation
+from pipeline.report.found import Measurement, deviation
 from pipeline.studies.expansion import ModelName
 
 ONE_SEED = 0.02
@@ -18,7 +20,7 @@ deviate by .003 to .016 for SCI trained with one or two headings and for its rin
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of case, its repeats taken together; as driven without a change."""
+    """A kind of case, whose repeats are taken together; without a change it is as driven."""
 
     change: str = ""
     level: float = 0.0
@@ -26,28 +28,27 @@ class Kind:
 
     @property
     def label(self) -> str:
-        """In a word or two, for legends."""
+        """The kind in a word or two, for legends."""
         walls = f"{self.level:g} new wall{'s' * (self.level != 1)}{' and shadow' * self.shadow}"
-        named = {"": "as driven", "demolition": f"{self.level:g}° removed", "construction": walls}
-        return named.get(self.change, self.change)
+        labels = {"": "as driven", "demolition": f"{self.level:g}° removed", "construction": walls}
+        return labels.get(self.change, self.change)
 
     @property
     def clause(self) -> str:
-        """As a part of a sentence: `with 60° removed`, `turned`."""
+        """The kind as part of a sentence: `with 60° removed`, `turned`."""
         return f"{'with ' * (self.change in ('demolition', 'construction'))}{self.label}"
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of the table, or the share of it that is left once the queries are altered."""
+    """Names a number of the table, or what share of it is left once the queries are altered."""
 
     protocol: str
     name: str
     title: str
     digits: int = 3
-    relative: bool = (
-        False  # as a share of the same model's, of the same seed and sequence, as driven
-    )
+    # as a share of the same model's, of the same seed and sequence, as driven
+    relative: bool = False
 
 
 AUC = Measure("cells", "auc_top1", "AUC top-1 by cells")
@@ -64,11 +65,10 @@ MEASURES = (AUC, RECALL, AUROC, FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
 
 @dataclass(frozen=True)
 class Margin:
-    """By how much one model is ahead of another on the same sequences and repeats, in means over
-    seeds.
+    """By how much one model is ahead of another on the same sequences and repeats.
 
-    Clear on every one of several sequences, and by more than the deviation over them and over
-    either's seeds, or, of one seed, than another might differ by.
+    Numbers are means over seeds. A margin is clear if it has one sign on several sequences and is
+    larger than the deviation over them and over the seeds of either model (ONE_SEED for one seed).
     """
 
     value: float
@@ -77,48 +77,50 @@ class Margin:
 
 
 class Comparison:
-    """Models compared on the rows of some sequences and cases."""
+    """Compares models on the rows of some sequences and cases."""
 
     def __init__(self, table: pd.DataFrame, n_way: Mapping[str, int]) -> None:
-        """Rows of the table of results, and model to the N of its N-way training; raises InputError
-        for no rows."""
+        """Take rows of the table of results, and model to the N of its N-way training.
+
+        Raises InputError for no rows.
+        """
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
-        own = table[table["number"].isin({one.name for one in MEASURES}) & (table["kind"] == "")]
+        names = {measure.name for measure in MEASURES}
+        rows = table[table["number"].isin(names) & (table["kind"] == "")]
         families = [
-            ModelName(*names).family for names in zip(own["method"], own["variant"], strict=True)
+            ModelName(*names).family for names in zip(rows["method"], rows["variant"], strict=True)
         ]
-        cases = [Kind(*key) for key in own[["change", "level", "shadow"]].itertuples(index=False)]
-        days = dict(zip(own["sequence"], own["days"], strict=True))
+        cases = [Kind(*key) for key in rows[["change", "level", "shadow"]].itertuples(index=False)]
+        days = dict(zip(rows["sequence"], rows["days"], strict=True))
         self.models = list(dict.fromkeys(families))  # methods and variants, in the order they come
-        self.kinds = sorted(
-            dict.fromkeys(cases), key=lambda kind: kind.change != ""
-        )  # as driven comes first
+        # as driven comes first
+        self.kinds = sorted(dict.fromkeys(cases), key=lambda kind: kind.change != "")
         self.changes = [kind for kind in self.kinds if kind.change]
         self.sequences = sorted(days, key=lambda name: (days[name], name))
-        self.seeds: dict[str, int] = (
-            own.groupby(families)["seed"].max() + 1
-        ).to_dict()  # how many each model has
-        self.repeats = int(own["repeat"].max()) + 1  # the most that a kind of case has
-        self._methods = dict(zip(families, own["method"], strict=True))
+        # how many seeds each model has
+        self.seeds: dict[str, int] = (rows.groupby(families)["seed"].max() + 1).to_dict()
+        self.repeats = int(rows["repeat"].max()) + 1  # the most that a kind of case has
+        self._methods = dict(zip(families, rows["method"], strict=True))
         self._n_way = n_way
         columns = (
             families,
             cases,
-            *(own[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
+            *(rows[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
         )
-        self._values = dict(zip(zip(*columns, strict=True), own["value"], strict=True))
+        self._values = dict(zip(zip(*columns, strict=True), rows["value"], strict=True))
 
     def ways(self) -> dict[int, str]:
-        """N to model, ascending, of the method with most models that were trained N ways."""
-        of: dict[str, dict[int, str]] = {}
+        """N to model, ascending, of the method with most N-way trained models."""
+        models_by_method: dict[str, dict[int, str]] = {}
         for model, method in self._methods.items():
             if model in self._n_way:
-                of.setdefault(method, {})[self._n_way[model]] = model
-        return dict(sorted(max(of.values(), key=len).items())) if of else {}
+                models_by_method.setdefault(method, {})[self._n_way[model]] = model
+        most_models = max(models_by_method.values(), key=len, default={})
+        return dict(sorted(most_models.items()))
 
-    def found(self, model: str, kind: Kind, measure: Measure) -> Found:
-        """One number of one model in one kind of case."""
+    def measurement(self, model: str, kind: Kind, measure: Measure) -> Measurement:
+        """One number of one model in one kind of case, over seeds, sequences and repeats."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
             key = (
@@ -132,25 +134,32 @@ class Comparison:
             )
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
-            return Found(values)
-        whole = self.found(model, Kind(), replace(measure, relative=False)).values[:, :, :1]
-        return Found(np.divide(values, whole, out=np.full_like(values, np.nan), where=whole > 0))
+            return Measurement(values)
+        as_driven = self.measurement(model, Kind(), replace(measure, relative=False))
+        whole = as_driven.values[:, :, :1]
+        return Measurement(
+            np.divide(values, whole, out=np.full_like(values, np.nan), where=whole > 0)
+        )
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
-        """The models, the largest number first, those without one last."""
-        means = {model: self.found(model, kind, measure).mean for model in self.models}
+        """The models, the largest mean first, those without a number last."""
+        means = {model: self.measurement(model, kind, measure).mean for model in self.models}
         return sorted(self.models, key=lambda model: -np.nan_to_num(means[model], nan=-np.inf))
 
-    def ahead(self, one: str, other: str, kind: Kind, measure: Measure) -> Margin:
-        """Of one model over another."""
-        ours = self.found(one, kind, measure)
-        theirs = self.found(other, kind, measure)
-        apart = ours.by_sequence - theirs.by_sequence
-        apart = apart[np.isfinite(apart)]
-        if not len(apart):
+    def ahead(self, model: str, reference: str, kind: Kind, measure: Measure) -> Margin:
+        """By how much a model is ahead of a reference."""
+        model_numbers = self.measurement(model, kind, measure)
+        reference_numbers = self.measurement(reference, kind, measure)
+        differences = model_numbers.by_sequence - reference_numbers.by_sequence
+        differences = differences[np.isfinite(differences)]
+        if not len(differences):
             return Margin(np.nan, 0, False)
-        seeds = (ONE_SEED if np.isnan(one.over_seeds) else one.over_seeds for one in (ours, theirs))
-        value = float(apart.mean())
-        noise = np.nanmax([deviation(apart), *seeds])
-        same = bool((apart > 0).all() or (apart < 0).all())
-        return Margin(value, len(apart), len(apart) > 1 and same and abs(value) > noise)
+        seeds = (
+            ONE_SEED if np.isnan(measurement.over_seeds) else measurement.over_seeds
+            for measurement in (model_numbers, reference_numbers)
+        )
+        value = float(differences.mean())
+        noise = np.nanmax([deviation(differences), *seeds])
+        same_sign = bool((differences > 0).all() or (differences < 0).all())
+        clear = len(differences) > 1 and same_sign and abs(value) > noise
+        return Margin(value, len(differences), clear)

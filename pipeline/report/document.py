@@ -24,35 +24,34 @@ POSES = (
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """All tables, recorded studies first; those that ask about viewpoints alone are left out."""
-    shown = []
-    for name, study in sorted(studies.items(), key=lambda one: one[1]["source"] == "world"):
+    """All tables, recorded studies first; studies of viewpoints alone are left out."""
+    filled_studies = []
+    for name, study in sorted(studies.items(), key=lambda item: item[1]["source"] == "world"):
         for grid in study["grids"]:
-            own = results[(results["study"] == name) & (results["grid"] == grid)]
-            if (summary := Summary.of(own, study)).rows:
-                shown.append(
+            study_rows = results[(results["study"] == name) & (results["grid"] == grid)]
+            if (summary := Summary.of(study_rows, study)).rows:
+                filled_studies.append(
                     {
                         "name": name,
                         "study": study,
                         "grid": grid,
-                        "tables": list(_tables(own, summary)),
+                        "tables": list(_tables(study_rows, summary)),
                     }
                 )
-    return template("results.md.j2", studies=shown)
+    return template("results.md.j2", studies=filled_studies)
 
 
 def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
-    """The first table of each study alone: the shares that are right, by day, without what a query
-    costs."""
+    """The scorecard of each study alone, without the time of a query."""
     tables = []
     for name, study in studies.items():
         for grid in study["grids"]:
-            own = results[
+            study_rows = results[
                 (results["study"] == name)
                 & (results["grid"] == grid)
                 & (results["number"] != "query_ms")
             ]
-            summary = Summary.of(own, study)
+            summary = Summary.of(study_rows, study)
             if summary.rows:
                 tables.append(
                     scorecard(summary, [day(sequence) for sequence in summary.tests]).markdown()
@@ -60,14 +59,16 @@ def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> s
     return "\n".join(tables)
 
 
-def _tables(own: pd.DataFrame, summary: Summary) -> Iterator[Table]:
+def _tables(study_rows: pd.DataFrame, summary: Summary) -> Iterator[Table]:
     dates = [day(sequence) for sequence in summary.tests]
     yield scorecard(summary, dates)
-    driven = own[(own["change"] == "") & (own["kind"] == "") & (own["seed"] == 0)]
-    known = indexed(driven, "method", "variant", "protocol", "number", "sequence")
+    driven = study_rows[
+        (study_rows["change"] == "") & (study_rows["kind"] == "") & (study_rows["seed"] == 0)
+    ]
+    indexed_values = indexed(driven, "method", "variant", "protocol", "number", "sequence")
     values = {
-        (ModelName(method, variant).name, *of): value
-        for (method, variant, *of), value in known.items()
+        (ModelName(method, variant).name, *key): value
+        for (method, variant, *key), value in indexed_values.items()
     }
     models = [row.model for row in summary.rows]
     for protocol, name in SHOWN:

@@ -27,50 +27,49 @@ SLIGHT = 0.0005  # a loss that is smaller would be printed as 0
 
 @dataclass(frozen=True, init=False)
 class Finding:
-    """One verdict."""
+    """A verdict on the numbers, as data."""
 
     kind: str  # its key in templates/words.yaml, which holds the sentence
-    values: Mapping[
-        str, Any
-        # what the sentence is filled with: names of models, differences, intervals, whether they
-        # clear
-    ]
+    # what the sentence is filled with: names of models, differences, intervals, whether clear
+    values: Mapping[str, Any]
 
     def __init__(self, kind: str, /, **values: Any) -> None:
         vars(self).update(kind=kind, values=values)
 
 
 def answer(study: Study) -> Finding:
-    """The study in a paragraph: how often the best model finds the right place, how that ages, and
-    how the others fare."""
+    """The study in a paragraph: how often the best model is right, how it ages, how others fare."""
     groups = by_model(study.results)
 
     def shares(model: str) -> dict[str, Any]:
         group = groups[model]
         means = {
-            by: average([one.number(by, "recall_at_1") for one in group])
-            for by in ("cells", "distance")
+            protocol: average([result.number(protocol, "recall_at_1") for result in group])
+            for protocol in ("cells", "distance")
         }
-        ends = [(one.number("distance", "recall_at_1"), one.days) for one in (group[0], group[-1])]
-        at = {
-            of: average([one.number("distance", f"{of}_at_threshold") for one in group])
-            for of in ("precision", "recall")
+        ends = [
+            (result.number("distance", "recall_at_1"), result.days)
+            for result in (group[0], group[-1])
+        ]
+        at_threshold = {
+            measure: average(
+                [result.number("distance", f"{measure}_at_threshold") for result in group]
+            )
+            for measure in ("precision", "recall")
         }
         return {
             "model": model,
             "mean": means,
             "ends": ends,
-            "at": at,
+            "at": at_threshold,
             "wanted": group[0].wanted_precision,
             "kept": group[0].kept,
         }
 
-    learned = study.models[study.best]
-    (first, *others) = map(shares, study.ranked)
-    budget = (
-        float(learned.recipe["budget"]) if learned.rounds and "budget" in learned.recipe else None
-    )
-    about = {
+    record = study.models[study.best]
+    (first, *other_models) = map(shares, study.ranked)
+    budget = float(record.recipe["budget"]) if record.rounds and "budget" in record.recipe else None
+    context = {
         "where": study.where,
         "train": day(study.train),
         "tests": len(groups[study.best]),
@@ -78,60 +77,75 @@ def answer(study: Study) -> Finding:
     }
     return Finding(
         "answer",
-        **about,
+        **context,
         near_m=study.distance.correct_m,
         cell_m=study.cell_m,
         first=first,
-        others=others,
+        others=other_models,
     )
 
 
 def doubts(study: Study) -> list[Finding]:
-    """A finding a model, or two where protocols differ: what makes its numbers say little or
-    nothing, and on which tests."""
-    found = []
+    """Why a model's numbers say little or nothing, and on which test sequences.
+
+    A finding a model, or two where the protocols differ.
+    """
+    findings = []
     for model, group in by_model(study.results).items():
-        every = {
-            by: [one for name in (VOID, *DOUBTS) if (one := _doubted(group, by, name))["on"]]
-            for by in PROTOCOLS
+        doubts_by_protocol = {
+            protocol: [
+                doubt for name in (VOID, *DOUBTS) if (doubt := _doubt(group, protocol, name))["on"]
+            ]
+            for protocol in PROTOCOLS
         }
-        same = every["cells"] == every["distance"]
-        for by, listed in {"both protocols": every["cells"]}.items() if same else every.items():
+        protocols_agree = doubts_by_protocol["cells"] == doubts_by_protocol["distance"]
+        if protocols_agree:
+            doubts_by_protocol = {"both protocols": doubts_by_protocol["cells"]}
+        for protocol_name, model_doubts in doubts_by_protocol.items():
             blind = max(
-                one.number(protocol, BLIND)
-                for one in group
+                result.number(protocol, BLIND)
+                for result in group
                 for protocol in PROTOCOLS
-                if same or protocol == by
+                if protocols_agree or protocol == protocol_name
             )
-            about = {"wanted": group[0].wanted_precision, "tests": len(group), "blind": blind}
-            found += (
-                [Finding("doubts", model=model, protocol=by, listed=listed, **about)]
-                if listed
-                else []
-            )
-    return found
+            context = {"wanted": group[0].wanted_precision, "tests": len(group), "blind": blind}
+            if model_doubts:
+                findings.append(
+                    Finding(
+                        "doubts",
+                        model=model,
+                        protocol=protocol_name,
+                        listed=model_doubts,
+                        **context,
+                    )
+                )
+    return findings
 
 
-def _doubted(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
+def _doubt(group: Sequence[Result], protocol: str, name: str) -> dict[str, Any]:
     """On which test sequences a doubt applies, and its largest value."""
-    found = {
-        one.sequence: one.number(protocol, name) for one in group if (protocol, name) in one.numbers
+    value_on = {
+        result.sequence: result.number(protocol, name)
+        for result in group
+        if (protocol, name) in result.numbers
     }
-    return {"name": name, "on": list(found), "value": max(found.values(), key=abs, default=0)}
+    return {"name": name, "on": list(value_on), "value": max(value_on.values(), key=abs, default=0)}
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
-    """A finding a model: where it is clearly better than the reference on the same queries, and
-    where worse."""
-    found = []
+    """A finding a model: on which sequences it is clearly better or worse than the reference.
+
+    Both are compared on the same queries.
+    """
+    findings = []
     for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
         verdicts = []
-        known = group.set_index(["number", "sequence"])["value"]
+        values_of = group.set_index(["number", "sequence"])["value"]
         for number in COMPARED:
-            values = known[f"{number}_difference"]
-            p = known[f"{number}_difference_p"]
+            values = values_of[f"{number}_difference"]
+            p = values_of[f"{number}_difference_p"]
             better, worse = (
-                [day(one) for one in values.index[(p < LEVEL) & (sign * values > 0)]]
+                [day(sequence) for sequence in values.index[(p < LEVEL) & (sign * values > 0)]]
                 for sign in (1, -1)
             )
             verdicts.append(
@@ -143,126 +157,142 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
                     "tests": len(values),
                 }
             )
-        found.append(
+        findings.append(
             Finding(
                 "paired", model=model, reference=reference, protocol=protocol, verdicts=verdicts
             )
         )
-    return found
+    return findings
 
 
 def novelties(study: Study, protocol: str) -> list[Finding]:
-    """A finding a model: which kind of novelty rejects best, and whose thresholds kept the wanted
-    precision best."""
-    found = []
+    """A finding a model: which kind of novelty rejects best, and which kept its precision best."""
+    findings = []
     for model, group in by_model(study.results).items():
         kinds = group[0].evaluation.kinds
         wanted = group[0].wanted_precision
-        values = np.stack(
-            [one.evaluation.protocol(protocol).rejection for one in group]
-        )  # (sequence, kind, measure, 3)
+        judgements = [result.evaluation.protocol(protocol) for result in group]
+        # (sequence, kind, measure, 3)
+        values = np.stack([judgement.rejection for judgement in judgements])
         auroc, area, _, precision, recall = np.moveaxis(values[..., 0], 2, 0)
-        there = np.isfinite(auroc).all(axis=1)
-        if not there.any():
+        finite = np.isfinite(auroc).all(axis=1)
+        if not finite.any():
             continue
-        means = zip(kinds, auroc[there].mean(axis=0), area[there].mean(axis=0), strict=True)
-        every: list[dict[str, Any]] = [
-            {"kind": kind, "auroc": one, "auc": other} for kind, one, other in means
+        means = zip(kinds, auroc[finite].mean(axis=0), area[finite].mean(axis=0), strict=True)
+        kind_means: list[dict[str, Any]] = [
+            {"kind": kind, "auroc": mean_auroc, "auc": mean_auc}
+            for kind, mean_auroc, mean_auc in means
         ]
-        ranked = sorted(every, key=lambda one: -one["auroc"])
+        ranked = sorted(kind_means, key=lambda novelty: -novelty["auroc"])
         first = kinds.index(ranked[0]["kind"])
-        low = values[there][:, first, 0, 1]
-        high = values[there][:, 0, 0, 2]
-        about: dict[str, Any] = {
-            "ahead": int((auroc[there][:, first] > auroc[there][:, 0]).sum()),
+        low = values[finite][:, first, 0, 1]
+        high = values[finite][:, 0, 0, 2]
+        context: dict[str, Any] = {
+            "ahead": int((auroc[finite][:, first] > auroc[finite][:, 0]).sum()),
             "clearly": int((low > high).sum()),
         }
-        less = (
-            np.array(group[0].evaluation.kept) < wanted
-        )  # chosen for what could be kept, not for what was wanted
-        chosen = np.isfinite(precision).all(axis=0) & ~less
+        # these thresholds were chosen for the precision that could be kept, not the wanted one
+        below_wanted = np.array(group[0].evaluation.kept) < wanted
+        chosen = np.isfinite(precision).all(axis=0) & ~below_wanted
         miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
         best = int(miss.argmin())
         kept = {}
         if protocol == "cells" and np.isfinite(miss[best]):
             kept = {"kind": kinds[best], "miss": miss[best], "wanted": wanted}
             kept |= {"lowest": precision[:, best].min(), "recall": recall[:, best].mean()}
-        about |= {"used": kinds[0], "ranked": ranked, "tests": int(there.sum()), "kept": kept}
-        largest = max(ranked, key=lambda one: one["auc"])
-        found.append(Finding("novelties", model=model, protocol=protocol, largest=largest, **about))
-    return found
+        context |= {"used": kinds[0], "ranked": ranked, "tests": int(finite.sum()), "kept": kept}
+        largest = max(ranked, key=lambda novelty: novelty["auc"])
+        findings.append(
+            Finding("novelties", model=model, protocol=protocol, largest=largest, **context)
+        )
+    return findings
 
 
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
-    """Which models clearly lose of one number with the days, when to train them again, and what the
-    others may lose."""
-    slopes, lost = (
+    """Which models clearly lose of one number with the days, and when to train them again.
+
+    For the other models: the most that they may lose.
+    """
+    slopes, retrain_after = (
         _lines(rows, protocol, f"{number}_{end}")
         for end in (f"per_{PER_DAYS}_days", "retrain_after_days")
     )
     falls = [
-        {"model": model, "slope": slope, "days": lost[model]}
+        {"model": model, "slope": slope, "days": retrain_after[model]}
         for model, slope in slopes.items()
-        if model in lost
+        if model in retrain_after
     ]
-    others = {model: least for model, (_, least, most) in slopes.items() if most >= 0}
-    low = min(others.values(), default=0.0)
+    not_falling = {model: low for model, (_, low, high) in slopes.items() if high >= 0}
+    lowest = min(not_falling.values(), default=0.0)
     worst = (
-        {"model": min(others, key=lambda model: others[model]), "slope": low}
-        if low < -SLIGHT
+        {"model": min(not_falling, key=lambda model: not_falling[model]), "slope": lowest}
+        if lowest < -SLIGHT
         else {}
     )
-    counts = {"known": len(slopes), "others": len(others), "last": last_day, "per": PER_DAYS}
+    counts = {"known": len(slopes), "others": len(not_falling), "last": last_day, "per": PER_DAYS}
     return Finding("ageing", title=title, falls=falls, worst=worst, **counts)
 
 
 def newer(rows: pd.DataFrame) -> Finding:
-    """To which models the seen places clearly look newer with the days."""
+    """For which models the seen places clearly look newer with the days."""
     slopes = _lines(rows, "distance", f"novelty_percentile_per_{PER_DAYS}_days")
-    sure = [{"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0]
+    clear_slopes = [
+        {"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0
+    ]
     return Finding(
-        "newer", known=len(slopes), sure=sure, all=len(sure) == len(slopes), per=PER_DAYS
+        "newer",
+        known=len(slopes),
+        sure=clear_slopes,
+        all=len(clear_slopes) == len(slopes),
+        per=PER_DAYS,
     )
 
 
 def confounders(study: Study) -> Finding:
-    """What else differs between the sequences: the shares of unseen queries, and of seen ones that
-    drive another way."""
-    first = by_model(study.results)[study.families[0]]
-    days = np.array([one.days for one in first], np.float64)
+    """What else differs between the sequences than their age.
+
+    These are the shares of unseen queries, and of seen ones that drive another way.
+    """
+    results = by_model(study.results)[study.families[0]]
+    days = np.array([result.days for result in results], np.float64)
     unseen = np.array(
-        [one.number("cells", "unseen") / max(one.number("cells", "queries"), 1) for one in first]
+        [
+            result.number("cells", "unseen") / max(result.number("cells", "queries"), 1)
+            for result in results
+        ]
     )
-    turned = np.array([one.number("cells", "turned_share") for one in first])
+    turned = np.array([result.number("cells", "turned_share") for result in results])
 
     def change(shares: Any) -> dict[str, float]:
-        there = (
+        defined = (
             len(days) > 2 and np.isfinite(shares).all() and min(np.ptp(shares), np.ptp(days)) > 1e-6
         )
-        correlation = float(np.corrcoef(days, shares)[0, 1]) if there else np.nan
+        correlation = float(np.corrcoef(days, shares)[0, 1]) if defined else np.nan
         return {"first": shares[0], "last": shares[-1], "correlation": correlation}
 
     return Finding("confounders", tests=len(days), unseen=change(unseen), turned=change(turned))
 
 
 def slopes_counted(
-    rows: pd.DataFrame, shown: Sequence[tuple[str, str]], level: float = 0.95
+    rows: pd.DataFrame, numbers: Sequence[tuple[str, str]], level: float = 0.95
 ) -> Finding:
-    """How many of the slopes that are drawn clearly mean ageing, against how many would by chance;
-    and the oracle's."""
+    """How many of the drawn slopes clearly mean ageing, and how many would by chance.
+
+    Adds the oracle's slope.
+    """
     slopes = [
-        (name, one)
-        for by, name in shown
-        for one in _lines(rows, by, f"{name}_per_{PER_DAYS}_days").values()
+        (name, slope)
+        for protocol, name in numbers
+        for slope in _lines(rows, protocol, f"{name}_per_{PER_DAYS}_days").values()
     ]
     worse = sum(
         low > 0 if name == "novelty_percentile" else high < 0 for name, (_, low, high) in slopes
     )
-    own = rows[
+    oracle_rows = rows[
         (rows["method"] == ORACLE)
         & (rows["number"] == f"recall_at_1_same_heading_per_{PER_DAYS}_days")
     ]
-    oracle = indexed(own, "method").get(ORACLE, ())
+    oracle = indexed(oracle_rows, "method").get(ORACLE, ())
     chance = len(slopes) * (1 - level) / 2
     return Finding(
         "slopes_counted",
@@ -275,15 +305,19 @@ def slopes_counted(
 
 
 def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
-    """By cells, in the nearest band with enough seen queries: which models clearly do worse there
-    once a change shows."""
-    own = indexed(rows[rows["protocol"] == "cells"], "number", "level", "change", "method")
+    """Which models clearly do worse once a change shows, by cells.
+
+    Taken from the nearest band with at least `few` seen queries.
+    """
+    values = indexed(rows[rows["protocol"] == "cells"], "number", "level", "change", "method")
     models = list(
-        dict.fromkeys(model for name, _, change, model in own if name == number and change == SHOWN)
+        dict.fromkeys(
+            model for name, _, change, model in values if name == number and change == SHOWN
+        )
     )
     for edge in sorted(names):
         counts = [
-            int(own.get(("seen", edge, when, models[0]), (0,))[0]) for when in (SHOWN, TO_COME)
+            int(values.get(("seen", edge, when, models[0]), (0,))[0]) for when in (SHOWN, TO_COME)
         ]
         if np.isfinite(edge) and min(counts) >= few:
             break
@@ -291,9 +325,16 @@ def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], fe
         return Finding("near_changes", title=TITLES[number], band="")
     verdicts = []
     for model in models:
-        shown, before = (own[number, edge, when, model] for when in (SHOWN, TO_COME))
+        shown_values, earlier_values = (
+            values[number, edge, when, model] for when in (SHOWN, TO_COME)
+        )
         verdicts.append(
-            {"model": model, "shown": shown[0], "before": before[0], "lower": shown[2] < before[1]}
+            {
+                "model": model,
+                "shown": shown_values[0],
+                "before": earlier_values[0],
+                "lower": shown_values[2] < earlier_values[1],
+            }
         )
     return Finding(
         "near_changes", title=TITLES[number], band=names[edge], counts=counts, verdicts=verdicts
@@ -301,73 +342,88 @@ def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], fe
 
 
 def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -> Finding:
-    """How much there is to see: the changes, and the seen queries near one."""
+    """The number of real changes, and of seen queries near one."""
     counts = {
         kind: int(rows.loc[rows["number"] == f"{kind}_changes", "value"].sum()) for kind in kinds
     }
     near = rows[rows["number"] == "seen_near_a_change"].set_index("sequence")["value"]
-    most = (
+    busiest = (
         {}
         if near.empty or not near.max()
         else {"sequence": day(near.idxmax()), "seen": int(near.max())}
     )
     return Finding(
-        "changes_counted", counts=counts, seen=int(near.sum()), within_m=within_m, most=most
+        "changes_counted", counts=counts, seen=int(near.sum()), within_m=within_m, most=busiest
     )
 
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
-    """Which way a number goes from the smallest cells to the largest, model by model, on the same
-    sequences."""
-    same = {model: found for model, found in values.items() if len(found[0]) == len(found[-1])}
-    apart = {model: np.asarray(found[-1]) - np.asarray(found[0]) for model, found in same.items()}
+    """Whether a number rises or falls from the smallest cells to the largest.
+
+    Models are compared with themselves on the same sequences.
+    """
+    comparable = {
+        model: by_size for model, by_size in values.items() if len(by_size[0]) == len(by_size[-1])
+    }
+    differences = {
+        model: np.asarray(by_size[-1]) - np.asarray(by_size[0])
+        for model, by_size in comparable.items()
+    }
     ways = [
         {
             "way": way,
             "models": [
-                {"model": m, "mean": float(d.mean())}
-                for m, d in apart.items()
-                if len(d) and (sign * d > 0).all()
+                {"model": model, "mean": float(difference.mean())}
+                for model, difference in differences.items()
+                if len(difference) and (sign * difference > 0).all()
             ],
         }
         for way, sign in (("rises", 1), ("falls", -1))
     ]
     return Finding(
-        "trend", title=title, first_m=sizes_m[0], last_m=sizes_m[-1], models=len(apart), ways=ways
+        "trend",
+        title=title,
+        first_m=sizes_m[0],
+        last_m=sizes_m[-1],
+        models=len(differences),
+        ways=ways,
     )
 
 
 def best_at_each_size(
     values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]
 ) -> Finding:
-    """The first model at each size."""
-    listed = []
+    """The best model at each cell size."""
+    best_models = []
     for i, size_m in enumerate(sizes_m):
         means = {
-            model: float(np.mean(found[i])) for model, found in values.items() if len(found[i])
+            model: float(np.mean(by_size[i]))
+            for model, by_size in values.items()
+            if len(by_size[i])
         }
         if means:
-            best = max(means, key=lambda one: means[one])
-            listed.append({"model": best, "size_m": size_m, "mean": means[best]})
-    return Finding("best_at_each_size", title=title, listed=listed)
+            best = max(means, key=lambda model: means[model])
+            best_models.append({"model": best, "size_m": size_m, "mean": means[best]})
+    return Finding("best_at_each_size", title=title, listed=best_models)
 
 
 def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding:
-    """What a section rests on: where, cells, how many sequences, repeats and seeds, and the
-    budget."""
-    rests = {
+    """The data of a section: where, cells, sequences, repeats, seeds and budget."""
+    extent = {
         "sequences": sequences,
         "seeds": seeds,
         "repeats": repeats,
         "budget": study.words["budget"],
     }
-    return Finding("scope", where=study.where, grid=study.grid, **rests)
+    return Finding("scope", where=study.where, grid=study.grid, **extent)
 
 
 def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Values]:
-    """One number of the whole year and its interval, by model; the oracle, and those without an
-    interval, left out."""
-    own = rows[
+    """One number of the whole year and its interval, by model.
+
+    The oracle, and models without an interval, are left out.
+    """
+    number_rows = rows[
         (rows["protocol"] == protocol) & (rows["number"] == number) & (rows["method"] != ORACLE)
     ]
-    return indexed(own[np.isfinite(own["low"])], "method")
+    return indexed(number_rows[np.isfinite(number_rows["low"])], "method")

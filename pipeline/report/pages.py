@@ -1,5 +1,4 @@
-"""Published numbers: blocks of README.md and docs/RESULTS.md that are written from the studies'
-tables of results."""
+"""Fills the result blocks of README.md and docs/RESULTS.md from the tables of results."""
 
 import re
 from collections.abc import Mapping
@@ -33,8 +32,8 @@ class Block(NamedTuple):
 
 
 def blocks(page: str) -> list[Block]:
-    """The blocks of a page in its order; raises ConfigError for a mark that is none."""
-    found = []
+    """The blocks of a page in order; raises ConfigError for a mark that cannot be read."""
+    page_blocks = []
     for mark in MARK.finditer(page):
         words = mark["words"].split()
         kind = words[2] if len(words) > 2 else ""
@@ -43,13 +42,12 @@ def blocks(page: str) -> list[Block]:
                 f"<!-- results: {mark['words']} -->: expected STUDY BUDGET and "
                 f"{', '.join(KINDS[:-1])} or {KINDS[-1]} MODEL"
             )
-        found.append(Block(*words))
-    return found
+        page_blocks.append(Block(*words))
+    return page_blocks
 
 
 def filled(page: str, texts: Mapping[Block, str]) -> str:
-    """The page with the text of each of these blocks between its marks; other blocks stay as they
-    are."""
+    """The page with new texts between the marks of the given blocks; other blocks stay."""
 
     def text(mark: re.Match[str]) -> str:
         block = Block(*mark["words"].split())
@@ -61,16 +59,15 @@ def filled(page: str, texts: Mapping[Block, str]) -> str:
 def table_texts(
     results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str
 ) -> dict[Block, str]:
-    """The text of every block of tables that these studies can fill, on a processor of this
-    `arithmetic`."""
+    """The texts of all blocks of tables that these studies fill, on a processor of `arithmetic`."""
     texts = {}
     for name, study in studies.items():
-        own = {name: study}
+        one_study = {name: study}
         rows = results[results["study"] == name]
         for kind, text in (
-            ("brief", f"```\n{brief(rows, own, WIDEST).strip()}\n```"),
-            ("tables", document(rows, own)),
-            (arithmetic, scores(rows, own)),
+            ("brief", f"```\n{brief(rows, one_study, WIDEST).strip()}\n```"),
+            ("tables", document(rows, one_study)),
+            (arithmetic, scores(rows, one_study)),
         ):
             texts[Block(name, study["budget"], kind)] = text
     return texts

@@ -1,4 +1,4 @@
-"""The table of poses: how near, how often, and whether the promise was kept."""
+"""The table of poses: how accurate they are, and whether the promised precision was kept."""
 
 from collections.abc import Sequence
 
@@ -20,15 +20,15 @@ POSES = (
 
 
 def poses(posed: Sequence[Result]) -> Table:
-    """A row a model and test sequence: how near its poses are, and what became of the promise."""
+    """A row a model and test sequence: pose errors, and the outcome of the promised precision."""
     rows = []
     days = dates(posed)
-    for one in posed:
+    for result in posed:
         cells = [
-            number(one.number("distance", name), digits, one.interval("distance", name))
+            number(result.number("distance", name), digits, result.interval("distance", name))
             for _, name, digits in POSES
         ]
-        rows.append((one.model, days[one.sequence], *cells))
+        rows.append((result.model, days[result.sequence], *cells))
     return table(
         "poses", ("model", "sequence", *(heading for heading, _, _ in POSES)), rows, words=2
     )

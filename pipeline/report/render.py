@@ -1,5 +1,7 @@
-"""Fills the templates: words.yaml holds titles, captions and sentences, the *.j2 files the markdown
-report and the page."""
+"""Fills the templates.
+
+words.yaml holds titles, captions and sentences; the *.j2 files are the report and the page.
+"""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,9 +21,8 @@ from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Table, fixed, signed
 
 UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank that no line breaks at
-BLANKS = re.compile(
-    r"(?<=\S) {2,}"
-)  # left between two parts of a sentence; those that begin a line mean something
+# blanks left between two parts of a sentence; those that begin a line mean something
+BLANKS = re.compile(r"(?<=\S) {2,}")
 
 
 def part(name: str) -> str:
@@ -30,61 +31,64 @@ def part(name: str) -> str:
 
 
 def template(name: str, **values: Any) -> str:
-    """A filled template."""
+    """Fill a template of templates/ with values."""
     return _environment(name.endswith(".html.j2")).get_template(name).render(**values)
 
 
-def texts(one: Section | Illustration) -> tuple[str, str, str]:
-    """Title, question and remarks of a section; of a figure its title, nothing, and how to read
-    it."""
-    if isinstance(one, Section):
-        title, question, remarks = f"{words('sections', one.kind, **one.values)}\n\n".split("\n", 2)
+def texts(piece: Section | Illustration) -> tuple[str, str, str]:
+    """Title, question and remarks of a section; for a figure: title, "", and how to read it."""
+    if isinstance(piece, Section):
+        title, question, remarks = f"{words('sections', piece.kind, **piece.values)}\n\n".split(
+            "\n", 2
+        )
         return title, question, remarks.strip()
-    title, _, read = words("figures", one.kind, **one.values).partition("\n")
+    title, _, read = words("figures", piece.kind, **piece.values).partition("\n")
     return title, "", " ".join(read.split())
 
 
-def title(one: Section | Illustration) -> str:
-    """Of a section or a figure."""
-    return texts(one)[0]
+def title(piece: Section | Illustration) -> str:
+    """The title of a section or a figure."""
+    return texts(piece)[0]
 
 
 def caption(table: Table) -> str:
-    """Of a table."""
+    """The caption of a table."""
     return words("tables", table.kind, **table.values)
 
 
 def sentence(finding: Finding) -> str:
-    """A finding in words."""
+    """The sentence of a finding."""
     return words("findings", finding.kind, **finding.values)
 
 
 def words(*path: str, **values: Any) -> str:
-    """The text at a path of words.yaml, filled; empty where the path ends before a text."""
-    found: Any = _words()
+    """The text at a path of words.yaml, filled; empty where there is no text."""
+    entry: Any = _words()
     for key in path:
-        found = found.get(key, "") if isinstance(found, Mapping) else ""
+        entry = entry.get(key, "") if isinstance(entry, Mapping) else ""
     return (
-        BLANKS.sub(" ", _environment(False).from_string(found).render(**values)).strip()
-        if found
+        BLANKS.sub(" ", _environment(False).from_string(entry).render(**values)).strip()
+        if entry
         else ""
     )
 
 
 def prose(text: str) -> Markup:
-    """The little markdown that the words are written in, as HTML: paragraphs, lists, **strong**,
-    *emphasis* and `code`."""
+    """Convert the small markdown of words.yaml to HTML.
+
+    Knows paragraphs, lists, **strong**, *emphasis* and `code`.
+    """
     blocks = []
     for block in re.split(r"\n\s*\n", text.strip()):
         first, *items = re.split(r"(?m)^- ", block)
         blocks += [Markup("<p>{}</p>").format(inline(first))] if first.strip() else []
-        listed = Markup("").join(Markup("<li>{}</li>").format(inline(item)) for item in items)
-        blocks += [Markup("<ul>{}</ul>").format(listed)] if items else []
+        list_items = Markup("").join(Markup("<li>{}</li>").format(inline(item)) for item in items)
+        blocks += [Markup("<ul>{}</ul>").format(list_items)] if items else []
     return Markup("\n").join(blocks)
 
 
 def inline(text: str) -> Markup:
-    """The same within one paragraph."""
+    """Convert the markdown within one paragraph to HTML."""
     parts = []
     for n, piece in enumerate(str(text).strip().split("`")):
         safe = str(escape(piece))
@@ -98,24 +102,27 @@ def inline(text: str) -> Markup:
 
 
 def anchor(*names: str) -> str:
-    """An id made of names: what is no letter, digit or dash becomes one."""
+    """An HTML id made of names: runs of other characters than letters and digits become a dash."""
     return "-".join(re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-") for name in names if name)
 
 
 def listing(names: Sequence[str]) -> str:
-    """`a`, `b` and `c`."""
+    """Join names in a sentence: `a`, `b` and `c`."""
     quoted = [f"`{name}`" for name in names]
     return " and ".join(filter(None, (", ".join(quoted[:-1]), *quoted[-1:])))
 
 
 def percent(share: float, digits: int = 0) -> str:
-    """`63 %`; a dash for NaN."""
+    """A share as percent: `63 %`; a dash for NaN."""
     return f"{100 * share:.{digits}f}".removesuffix(".0") + " %" if np.isfinite(share) else MISSING
 
 
 class _Numbers(Formatter):
-    """`{mean:3}` and `{apart:+3}` are numbers of three digits, `{share:%1}` is percent of one,
-    `{clear:yes|no}` a choice."""
+    """Format specs of words.yaml.
+
+    `{mean:3}` and `{apart:+3}` are numbers of three decimals, `{share:%1}` is percent with one
+    decimal, `{clear:yes|no}` is a choice.
+    """
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if "|" in format_spec:
@@ -128,24 +135,24 @@ class _Numbers(Formatter):
 
 
 def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
-    """A pattern filled with each item, a mapping or a sequence."""
-    filled = (
-        _Numbers().vformat(pattern, (), one)
-        if isinstance(one, Mapping)
-        else _Numbers().format(pattern, *one)
-        for one in items
+    """Fill a pattern with each item, a mapping or a sequence, and join the texts."""
+    filled_texts = (
+        _Numbers().vformat(pattern, (), item)
+        if isinstance(item, Mapping)
+        else _Numbers().format(pattern, *item)
+        for item in items
     )
-    return between.join(filled)
+    return between.join(filled_texts)
 
 
 @cache
 def _words() -> Mapping[str, Any]:
-    found: Mapping[str, Any] = yaml.safe_load(part("words.yaml"))
-    return found
+    entries: Mapping[str, Any] = yaml.safe_load(part("words.yaml"))
+    return entries
 
 
 class _Filled(Environment):
-    """`one.clear` is the entry of a mapping that has one, not the method that empties it."""
+    """Reads `entry.clear` as the key of a mapping, not as the mapping's method `clear`."""
 
     def getattr(self, obj: Any, attribute: str) -> Any:
         return (
@@ -164,7 +171,7 @@ def _environment(html: bool) -> Environment:
         "undefined": StrictUndefined,
     }
     env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
-    for own in (
+    for function in (
         fixed,
         signed,
         listing,
@@ -178,7 +185,7 @@ def _environment(html: bool) -> Environment:
         texts,
         day,
     ):
-        env.filters[own.__name__] = own
+        env.filters[function.__name__] = function
     env.filters |= {
         "g": "{:g}".format,
         "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",

@@ -1,4 +1,4 @@
-"""The whole report: markdown and figures of every study, and one HTML page for a reader."""
+"""The whole report: markdown and figures of every study, and one HTML page."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -32,7 +32,7 @@ def write(
     few: int,
     view: Callable[[str], BirdView],
 ) -> str:
-    """Write every study's report and page.html into `folder`; returns a line that says what.
+    """Write every study's report and page.html into `folder`; returns a summary line.
 
     `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real
     change say little.
@@ -41,24 +41,29 @@ def write(
     for name, words in studies.items():
         for grid in words["grids"]:
             study = Study(artifacts, name, words, grid, table[table["study"] == name])
-            own = folder / name / grid
-            own.mkdir(parents=True)
-            found = list(_sections(study, own, few, view))
-            (own / "report.md").write_text(
-                template("report.md.j2", study=study, sections=found, folder=own), encoding="utf-8"
+            study_folder = folder / name / grid
+            study_folder.mkdir(parents=True)
+            study_sections = list(_sections(study, study_folder, few, view))
+            (study_folder / "report.md").write_text(
+                template("report.md.j2", study=study, sections=study_sections, folder=study_folder),
+                encoding="utf-8",
             )
             files = [
-                {"file": one.path.name}
-                | {name: one.values.get(name, "") for name in ("model", "sequence")}
-                for section in found
-                for one in section.illustrations
+                {"file": illustration.path.name}
+                | {key: illustration.values.get(key, "") for key in ("model", "sequence")}
+                for section in study_sections
+                for illustration in section.illustrations
             ]
-            (own / "results.txt").write_text(
-                terminal.text(study, len(list(own.glob("*.svg")))) + "\n", encoding="utf-8"
+            (study_folder / "results.txt").write_text(
+                terminal.text(study, len(list(study_folder.glob("*.svg")))) + "\n", encoding="utf-8"
             )
-            (own / MANIFEST).write_text(json.dumps(files, indent=1) + "\n", encoding="utf-8")
+            (study_folder / MANIFEST).write_text(
+                json.dumps(files, indent=1) + "\n", encoding="utf-8"
+            )
             entries.append(
-                page.Entry(study, found, Front(study) if asks_about_the_year(words) else None)
+                page.Entry(
+                    study, study_sections, Front(study) if asks_about_the_year(words) else None
+                )
             )
     if not entries:
         raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
@@ -68,11 +73,11 @@ def write(
     )
     sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)
-    counted = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
+    study_count = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6
     return (
-        f"{len(sections)} sections and {figures} figures of {counted}; page.html has {size_mb:.1f} "
-        "MB"
+        f"{len(sections)} sections and {figures} figures of {study_count}; "
+        f"page.html has {size_mb:.1f} MB"
     )
 
 

@@ -10,9 +10,8 @@ from pipeline.errors import InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import Evaluation
 
-Values = tuple[
-    float, float, float
-]  # a number and its 95 % interval, lowest and highest; NaN where there is none
+# a number and its 95 % interval, lowest and highest; NaN where there is none
+Values = tuple[float, float, float]
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 NONE: Values = (np.nan, np.nan, np.nan)
 
@@ -35,18 +34,22 @@ class Result:
 
     @property
     def posed(self) -> bool:
-        """Whether its answers are poses."""
+        """Whether the model answers with poses."""
         return not np.isnan(self.evaluation.promised)
 
     @property
     def kept(self) -> float:
-        """The precision that the threshold in use keeps on these blocks; NaN where it is not known,
-        or accepts nothing."""
+        """Precision on held-out blocks of training at the threshold in use.
+
+        NaN where it is unknown or the threshold accepts nothing.
+        """
         return self.evaluation.kept[0]
 
     def void(self, protocol: str) -> bool:
-        """Whether the numbers by that protocol mean nothing: one answer to every query would do as
-        well, or none is seen."""
+        """Whether the numbers by that protocol mean nothing.
+
+        So it is where one constant answer to every query would do as well, or no query is seen.
+        """
         return (protocol, VOID) in self.numbers
 
     def number(self, protocol: str, name: str) -> float:
@@ -54,49 +57,55 @@ class Result:
         return self.numbers.get((protocol, name), NONE)[0]
 
     def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
-        """Its 95 % interval, lowest and highest; None where there is none."""
+        """The 95 % interval of one number, lowest and highest; None where there is none."""
         _, low, high = self.numbers.get((protocol, name), NONE)
         return (low, high) if low <= high else None
 
 
 def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results of each model in the order of their days, models in the order they come; raises
-    InputError of none."""
+    """Group the results by model, each group in the order of days.
+
+    Models stay in the order they come. Raises InputError for no results.
+    """
     ordered = _by_day(results)
     return {
-        model: [one for one in ordered if one.model == model]
-        for model in dict.fromkeys(one.model for one in results)
+        model: [result for result in ordered if result.model == model]
+        for model in dict.fromkeys(result.model for result in results)
     }
 
 
 def of_one_model(results: Sequence[Result]) -> list[Result]:
-    """The results of the first model in the order of their days; raises InputError of none."""
+    """The results of the first model in the order of days; raises InputError for no results."""
     return next(iter(by_model(results).values()))
 
 
 def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
-    """The results on each test sequence in the order of its days, models in the order they come;
-    raises InputError of none."""
+    """Group the results by test sequence, in the order of days.
+
+    Models stay in the order they come. Raises InputError for no results.
+    """
     ordered = _by_day(results)
     return {
-        name: [one for one in ordered if one.sequence == name]
-        for name in dict.fromkeys(one.sequence for one in ordered)
+        name: [result for result in ordered if result.sequence == name]
+        for name in dict.fromkeys(result.sequence for result in ordered)
     }
 
 
 def _by_day(results: Sequence[Result]) -> list[Result]:
     if not results:
         raise InputError("a figure needs at least one result")
-    return sorted(results, key=lambda one: (one.days, one.sequence))
+    return sorted(results, key=lambda result: (result.days, result.sequence))
 
 
 def day(sequence: str) -> str:
-    """The date that a sequence is named by, without its time of day; of a part of a log the part,
-    else its whole name."""
+    """The date in a sequence's name, without the time of day.
+
+    For a part of a log it is the part's name; for a name without a date, the whole name.
+    """
     return sequence[:10] if DATE.match(sequence) else sequence.partition("+")[2] or sequence
 
 
 def dates(results: Sequence[Result]) -> dict[str, str]:
-    """Each sequence's name without its time of day, unless two were driven on one day."""
+    """Map each sequence to its date; to its whole name where two were driven on one day."""
     names = list(by_sequence(results))
     return {name: day(name) if len(set(map(day, names))) == len(names) else name for name in names}

@@ -1,4 +1,4 @@
-"""A section of a report: a question, what was found, figures, tables, and where the numbers lie.
+"""A section of a report: a question, findings, figures, tables, and sources of the numbers.
 
 Templates write its words.
 """
@@ -19,9 +19,8 @@ class Illustration:
     kind: str  # its key in templates/words.yaml: title and how to read it
     path: Path  # the SVG
     findings: Sequence[Finding] = ()  # what it shows here
-    values: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # what its words are filled with, such as the model and the sequence
+    # what its words are filled with, such as the model and the sequence
+    values: Mapping[str, Any] = field(default_factory=dict)
     on_page: bool = True  # whether the HTML page shows it too; the markdown report shows all
 
 

@@ -1,5 +1,4 @@
-"""One study as a report sees it: its rows of the table of results, and the artifacts whose arrays
-are drawn."""
+"""One study at one cell size: its rows of the table of results, and its artifacts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,41 +21,43 @@ from pipeline.studies.expansion import ModelName, answerers, folder, models_of
 
 
 @dataclass(frozen=True)
-class Learned:
-    """How a model was trained, as its file keeps it."""
+class TrainingRecord:
+    """How a model was trained, read from its file."""
 
     recipe: Mapping[str, str]  # the parameters that it was trained with
-    curves: Mapping[
-        str, NDArray[np.float64]
-    ]  # name to values (round,), a round lying between two looks at held-out blocks
+    # name to values (round,), a round lying between two looks at held-out blocks
+    curves: Mapping[str, NDArray[np.float64]]
     best_round: int | None  # the one that was kept, 0-based; None where the model does not say
     megabytes: float
 
     @property
     def rounds(self) -> int:
-        """How many there were; none for a method that learns nothing."""
+        """The number of training rounds; 0 for a method that learns nothing."""
         return max(map(len, self.curves.values()), default=0)
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """From the file of a model."""
+        """Read the record from a model's file."""
         model = store.read_model(path)
         curves = {
             name.removeprefix("curves/"): model[name]
             for name in sorted(model)
             if name.startswith("curves/")
         }
-        kept = int(model["best_epoch"]) if "best_epoch" in model else None
+        best_round = int(model["best_epoch"]) if "best_epoch" in model else None
         return cls(
             store.read_recipe(path),
             curves,
-            kept,
+            best_round,
             sum(array.nbytes for array in model.values()) / 1e6,
         )
 
 
 def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
-    """Rows of the table of results, by what stands in some columns."""
+    """Map the entries of some columns to a row's value and interval.
+
+    The key is a tuple, or the entry itself for a single column.
+    """
     keys = (
         rows[columns[0]]
         if len(columns) == 1
@@ -68,16 +69,19 @@ def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
-    """The rows of paired tests by one protocol, with the column `model`."""
-    own = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
-    return own.assign(
-        model=[ModelName(*names).name for names in zip(own["method"], own["variant"], strict=True)]
+    """The rows of paired tests by one protocol, with an added column `model`."""
+    paired_rows = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
+    return paired_rows.assign(
+        model=[
+            ModelName(*names).name
+            for names in zip(paired_rows["method"], paired_rows["variant"], strict=True)
+        ]
     )
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study at one of its own cell sizes."""
+    """A study at one of its cell sizes."""
 
     artifacts: Path
     name: str
@@ -87,47 +91,51 @@ class Study:
 
     @property
     def train(self) -> str:
-        """The training sequence, or several with blanks between."""
+        """The name of the training sequence; several are separated by blanks."""
         return str(self.words["train"])
 
     @property
     def simulated(self) -> bool:
-        """Whether a world was simulated."""
+        """Whether the data set is a simulated world."""
         return bool(self.words["heeds"] == "simulated")
 
     @property
     def where(self) -> str:
-        """`simulated campus`."""
+        """The study's name, marked where it is simulated: `simulated campus`."""
         return f"{'simulated ' * self.simulated}{self.name}"
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows of its own grid."""
+        """The rows of the study's grid."""
         return self.table[self.table["grid"] == self.grid]
 
     @cached_property
     def driven(self) -> pd.DataFrame:
-        """Those of queries as they were driven, and models of the first seed; numbers of single
-        kinds of novelty left out."""
+        """The rows of queries as driven, for models of the first seed.
+
+        Numbers of a single kind of novelty are left out.
+        """
         return self.rows[
             (self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)
         ]
 
     @cached_property
     def families(self) -> list[str]:
-        """The models that the year is reported of: each method's own, and in a study of the year
-        its variants."""
-        every = [model for model in answerers(self.words) if not model.seed]
+        """The models of the report: each method's main model.
+
+        Models with poses come too, and in a study of the year the variants.
+        """
+        first_seeds = [model for model in answerers(self.words) if not model.seed]
         return [
             model.name
-            for model in every
+            for model in first_seeds
             if model.posed or not model.variant or self.words["question"] == "year"
         ]
 
     @cached_property
-    def models(self) -> dict[str, Learned]:
-        """Of each of those."""
-        return {name: Learned.read(self.find("train", model=name)) for name in self.families}
+    def models(self) -> dict[str, TrainingRecord]:
+        """How each model of the report was trained."""
+        return {name: TrainingRecord.read(self.find("train", model=name)) for name in self.families}
 
     @cached_property
     def trained(self) -> dict[str, Path]:
@@ -141,8 +149,8 @@ class Study:
 
     @cached_property
     def results(self) -> list[Result]:
-        """Each of the families on each test sequence."""
-        found = []
+        """The result of each model of the report on each test sequence."""
+        results = []
         numbers = {}
         for (method, variant, sequence), group in self.driven.groupby(
             ["method", "variant", "sequence"]
@@ -154,44 +162,46 @@ class Study:
             for sequence in self.words["tests"]:
                 artifact = self.artifact("evaluate", sequence, model)
                 evaluation = Evaluation.read(artifact)
-                wanted = float(artifact.attrs["wanted_precision"])
-                found.append(
+                wanted_precision = float(artifact.attrs["wanted_precision"])
+                results.append(
                     Result(
                         model,
                         sequence,
                         evaluation.days,
                         evaluation,
-                        wanted,
+                        wanted_precision,
                         numbers[model, sequence],
                     )
                 )
-        return [one for group in by_model(found).values() for one in group]
+        return [result for group in by_model(results).values() for result in group]
 
     @cached_property
     def ranked(self) -> list[str]:
-        """The models, those that place most right by distance first, on average over the test
-        sequences."""
+        """The models of the report, the highest mean recall@1 by distance first."""
         groups = by_model(self.results).items()
         means = {
-            model: average([one.number("distance", "recall_at_1") for one in group])
+            model: average([result.number("distance", "recall_at_1") for result in group])
             for model, group in groups
         }
         return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
 
     @property
     def best(self) -> str:
-        """The first of these."""
+        """The model of the highest mean recall@1."""
         return self.ranked[0]
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:
         """The training path (n, 2)."""
-        poses = [self.artifact("submaps", one).load("world_T_anchor") for one in self.train.split()]
+        poses = [
+            self.artifact("submaps", sequence).load("world_T_anchor")
+            for sequence in self.train.split()
+        ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
 
     @cached_property
     def labels(self) -> Artifact:
-        """Of the training sequence."""
+        """The labels of the (first) training sequence."""
         return self.artifact("labels", self.train.split()[0])
 
     @property
@@ -201,37 +211,40 @@ class Study:
 
     @cached_property
     def distance(self) -> Distance:
-        """What the evaluations were judged by."""
+        """The distances that the evaluations were judged by."""
         return Distance(
             **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["distance"]
         )
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
-        """How their intervals were computed."""
+        """How the intervals of the evaluations were computed."""
         return Bootstrap(
             **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["bootstrap"]
         )
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
-        """Where an artifact lies: scans, submaps and labels are of a sequence, models of a model,
-        the others of both; what a model with poses answered lies with the poses."""
+        """The path of an artifact.
+
+        Scans, submaps and labels go by sequence, models by model, other artifacts by both. The
+        answers of a model with poses lie with the poses.
+        """
         views = {method["name"]: method["view"] for method in self.words["methods"]}
-        answers = {one.name: one for one in answerers(self.words)}.get(model)
-        if kind == "localize" and answers:
-            return self.artifacts / folder(self.name, self.grid, answers) / f"{sequence}.zarr"
-        learner = replace(answers, posed=False, path="").name if answers else model
-        within = {
+        answerer = {candidate.name: candidate for candidate in answerers(self.words)}.get(model)
+        if kind == "localize" and answerer:
+            return self.artifacts / folder(self.name, self.grid, answerer) / f"{sequence}.zarr"
+        learner = replace(answerer, posed=False, path="").name if answerer else model
+        relative_path = {
             "labels": f"{self.grid}/{sequence}.zarr",
-            "views": f"{views[answers.method] if answers else ''}/{sequence}.zarr",
+            "views": f"{views[answerer.method] if answerer else ''}/{sequence}.zarr",
             "train": f"{self.grid}/{learner}.safetensors",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
-        return self.artifacts / kind / self.name / within
+        return self.artifacts / kind / self.name / relative_path
 
     def artifact(self, kind: str, sequence: str = "", model: str = "") -> Artifact:
-        """The artifact itself; raises ArtifactError where it is not there."""
+        """Open an artifact; raises ArtifactError where it is missing."""
         return store.read(self.find(kind, sequence, model), *schemas.ALL)
 
     def source(self, kind: str, sequence: str = "", model: str = "") -> str:
-        """Its path as dvc.lock names it."""
+        """The path of an artifact as dvc.lock names it."""
         return self.find(kind, sequence, model).relative_to(self.artifacts.parent).as_posix()

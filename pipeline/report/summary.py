@@ -1,5 +1,4 @@
-"""A study in one table: how often each model is right on each test day, how often it dares to
-answer, and how long it takes."""
+"""A study in one table: each model's recall@1 on each test day, its share of answers and time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from pipeline.studies.expansion import ModelName
 
 @dataclass(frozen=True)
 class Row:
-    """One model."""
+    """The scores of one model."""
 
     model: str
     right: Sequence[float]
@@ -42,8 +41,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Summary:
-    """The models of one study at one cell size, by distance, as driven, of the first seed; the best
-    first."""
+    """The models of one study at one cell size, the best first.
+
+    Judged by distance, on queries as driven, with models of the first seed.
+    """
 
     tests: Sequence[str]
     days: Sequence[int]
@@ -52,41 +53,49 @@ class Summary:
 
     @property
     def is_timed(self) -> bool:
-        """Whether any model's time a query was measured."""
+        """Whether the time of a query was measured for any model."""
         return any(not np.isnan(row.query_ms) for row in self.rows)
 
     @classmethod
     def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
-        """From the rows of the table of results that are of this study and cell size.
+        """Summarise the rows of the table of results that are of this study and cell size.
 
         Raises ArtifactError for a table of an earlier version, which does not say how near is
         right.
         """
-        own = results[
+        driven_rows = results[
             (results["change"] == "")
             & (results["kind"] == "")
             & (results["stress"] == "")
             & (results["seed"] == 0)
         ]
-        asked = own[own["sequence"].isin(study["tests"]) & (own["protocol"] == "distance")]
+        test_rows = driven_rows[
+            driven_rows["sequence"].isin(study["tests"]) & (driven_rows["protocol"] == "distance")
+        ]
         days = (
-            asked.drop_duplicates("sequence")
+            test_rows.drop_duplicates("sequence")
             .sort_values(["days", "sequence"])
             .set_index("sequence")["days"]
         )
-        found = asked.set_index(["method", "variant", "number", "sequence"])[
+        indexed_rows = test_rows.set_index(["method", "variant", "number", "sequence"])[
             ["value", "low", "high"]
         ]
-        known = dict(zip(found.index, found.itertuples(index=False, name=None), strict=True))
-        cost = own[own["number"] == "query_ms"].set_index(["method", "variant"])["value"].to_dict()
+        values_by_key = dict(
+            zip(indexed_rows.index, indexed_rows.itertuples(index=False, name=None), strict=True)
+        )
+        cost = (
+            driven_rows[driven_rows["number"] == "query_ms"]
+            .set_index(["method", "variant"])["value"]
+            .to_dict()
+        )
+        models = test_rows[test_rows["number"] == "answered"][["method", "variant"]]
         rows = []
-        for method, variant in (
-            asked[asked["number"] == "answered"][["method", "variant"]]
-            .drop_duplicates()
-            .itertuples(index=False)
-        ):
-            of = {
-                name: [known.get((method, variant, name, day), (np.nan,) * 3) for day in days.index]
+        for method, variant in models.drop_duplicates().itertuples(index=False):
+            daily = {
+                name: [
+                    values_by_key.get((method, variant, name, day), (np.nan,) * 3)
+                    for day in days.index
+                ]
                 for name in (
                     "recall_at_1",
                     "answered",
@@ -95,11 +104,11 @@ class Summary:
                     "wanted_precision",
                 )
             }
-            right, answers, of_those, promised, wanted = (
-                [value for value, *_ in values] for values in of.values()
+            right, answers, kept, promised, wanted = (
+                [value for value, *_ in values] for values in daily.values()
             )
-            void = [(method, variant, VOID, day) in known for day in days.index]
-            bounds = [(low, high) for _, low, high in of["recall_at_1"]]
+            void = [(method, variant, VOID, day) in values_by_key for day in days.index]
+            bounds = [(low, high) for _, low, high in daily["recall_at_1"]]
             ms = float(cost.get((method, variant), np.nan))
             rows.append(
                 Row(
@@ -108,14 +117,16 @@ class Summary:
                     bounds,
                     void,
                     answers,
-                    of_those,
+                    kept,
                     promised[-1],
                     wanted[-1],
                     ms,
                 )
             )
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))
-        within_m = own.loc[(own["number"] == "correct_m") & (own["sequence"] == ""), "value"].max()
+        within_m = driven_rows.loc[
+            (driven_rows["number"] == "correct_m") & (driven_rows["sequence"] == ""), "value"
+        ].max()
         if rows and np.isnan(within_m):
             raise ArtifactError(
                 "the tables of results do not say how near is right; `dvc repro` gathers them anew"
@@ -124,8 +135,10 @@ class Summary:
 
 
 def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
-    """A row a model, a column a test day; then what it answers of the last day, how much of it is
-    right, how much was promised by held-out blocks, and its time."""
+    """A row a model, a column a test day with its recall@1; then columns for the last day.
+
+    These are: share answered, share of those right, precision promised by held-out blocks, time.
+    """
 
     def share(row: Row, i: int) -> Cell:
         cell = number(row.right[i], 3, row.bounds[i])
@@ -134,12 +147,12 @@ def scorecard(summary: Summary, dates: Sequence[str]) -> Table:
     timed = summary.is_timed
     rows = []
     for row in summary.rows:
-        answered = (
+        answer_cells = (
             number(row.answers[-1], 3),
             number(row.kept[-1], 3),
             kept(row.promised, row.wanted),
         )
-        last = (*answered, *([number(row.query_ms, 1)] if timed else []))
+        last = (*answer_cells, *([number(row.query_ms, 1)] if timed else []))
         rows.append((row.model, *(share(row, i) for i in range(len(row.right))), *last))
     heads = ("answers", "right of those", "keeps", *(["ms a query"] if timed else []))
     return table("scorecard", ("method", *dates, *heads), rows, last=dates[-1])

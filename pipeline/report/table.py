@@ -21,10 +21,8 @@ class Cell:
         ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
     )
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
-    of: tuple[str, str] = (
-        "",
-        "",
-    )  # model and sequence, where the page's map can show what the number is of
+    # model and sequence, where the page's map can show what the number is of
+    of: tuple[str, str] = ("", "")
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -32,8 +30,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """A header and rows of cells; the first `words` columns are words, flush left, the others
-    numbers, flush right."""
+    """A header and rows of cells.
+
+    The first `words` columns are words, flush left; the others are numbers, flush right.
+    """
 
     kind: str  # its key in templates/words.yaml, which holds its caption
     header: Sequence[str]
@@ -52,8 +52,10 @@ class Table:
         return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, rule, *rows))
 
     def text(self) -> str:
-        """The same for a terminal: two blanks between columns; a table that is too wide goes on
-        below, beside its words."""
+        """Plain text for a terminal, two blanks between columns.
+
+        A table that is too wide goes on below, with its words repeated.
+        """
         widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
         parts = [list(range(self.words))]
         texts = []
@@ -74,15 +76,15 @@ class Table:
         return "\n".join(texts)
 
     def _padded(self, columns: Iterable[int], least: int) -> list[list[str]]:
-        """The header and the rows, in some of the columns."""
+        """Texts of the header and the rows in the chosen columns, padded to one width a column."""
         lines = [list(self.header), *([str(cell) for cell in row] for row in self.rows)]
-        padded = []
+        padded_columns = []
         for i in columns:
             width = max(least, *(len(line[i]) for line in lines))
-            padded.append(
+            padded_columns.append(
                 [line[i].ljust(width) if i < self.words else line[i].rjust(width) for line in lines]
             )
-        return [list(line) for line in zip(*padded, strict=True)]
+        return [list(line) for line in zip(*padded_columns, strict=True)]
 
 
 def table(
@@ -93,9 +95,10 @@ def table(
     words: int = 1,
     **values: object,
 ) -> Table:
-    """A table in whose rows all but cells is words."""
+    """Build a table; entries that are no Cell become cells of words."""
     cells = tuple(
-        tuple(one if isinstance(one, Cell) else Cell(str(one)) for one in row) for row in rows
+        tuple(entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row)
+        for row in rows
     )
     return Table(kind, tuple(header), cells, words, values=values)
 
@@ -103,7 +106,7 @@ def table(
 def number(
     value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = ""
 ) -> Cell:
-    """A number and its interval; a dash for NaN."""
+    """A cell with a number and its interval; a dash for NaN."""
     return (
         Cell(fixed(value, digits), float(value), bracket(interval, digits), mark)
         if np.isfinite(value)
@@ -112,26 +115,27 @@ def number(
 
 
 def kept(precision: float, wanted: float) -> Cell:
-    """The precision that a threshold keeps on held-out blocks; where that is less than wanted:
-    `0.731 of 0.9`."""
+    """A cell with the precision on held-out blocks; `0.731 of 0.9` where less than wanted."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 
 def count(value: float) -> Cell:
-    """A whole number."""
+    """A cell with a whole number."""
     return number(value, 0)
 
 
 def difference(value: float, digits: int, interval: tuple[float, float] = (np.nan, np.nan)) -> Cell:
-    """A difference with its sign: `+0.031 [−0.010, +0.080]`."""
-    low, high = (signed(one, digits) for one in interval)
+    """A cell with a signed difference and its interval: `+0.031 [−0.010, +0.080]`."""
+    low, high = (signed(bound, digits) for bound in interval)
     small = f"[{low}, {high}]" if np.isfinite(interval[0]) else ""
     return Cell(signed(value, digits), float(value), small) if np.isfinite(value) else Cell(MISSING)
 
 
 def spread(values: Iterable[float], digits: int) -> Cell:
-    """Mean and standard deviation of the finite numbers: `0.772 ± .025`; the number alone if there
-    is one."""
+    """A cell with mean and standard deviation of the finite numbers: `0.772 ± .025`.
+
+    The number alone if there is one; a dash if there is none.
+    """
     finite = [float(value) for value in values if np.isfinite(value)]
     if not finite:
         return Cell(MISSING)
@@ -143,13 +147,13 @@ def spread(values: Iterable[float], digits: int) -> Cell:
 
 
 def average(values: Any) -> float:
-    """Of the finite numbers; NaN of none."""
-    there = np.asarray(values, float)[np.isfinite(values)]
-    return float(there.mean()) if len(there) else np.nan
+    """Mean of the finite numbers; NaN where there is none."""
+    finite = np.asarray(values, float)[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else np.nan
 
 
 def fixed(value: float, digits: int, sign: str = "-") -> str:
-    """A number with so many digits after the point and a true minus sign; a dash for NaN."""
+    """A number with `digits` decimals and a true minus sign; a dash for NaN."""
     return f"{value:{sign}z.{digits}f}".replace("-", "−") if np.isfinite(value) else MISSING
 
 
@@ -159,8 +163,7 @@ def signed(value: float, digits: int) -> str:
 
 
 def short(value: float, digits: int) -> str:
-    """Without the 0 before the point where there are two digits or more behind it: `.025`, `−.02`,
-    `1.3`."""
+    """A number with two decimals or more loses the 0 before its point: `.025`, `−.02`."""
     text = fixed(value, digits)
     return (
         text.replace("0.", ".", 1)
@@ -170,11 +173,11 @@ def short(value: float, digits: int) -> str:
 
 
 def bracket(interval: tuple[float, float] | None, digits: int) -> str:
-    """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; nothing for none."""
+    """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; empty where there is none."""
     if interval is None or not np.isfinite(interval[0]):
         return ""
-    shown = (
+    bounds = (
         "1.0" if digits > 1 and 0.995 < value <= 1 else short(value, min(digits, 2))
         for value in interval
     )
-    return f"[{', '.join(shown)}]"
+    return f"[{', '.join(bounds)}]"

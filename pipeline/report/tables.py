@@ -1,5 +1,7 @@
-"""The tables of a report, from the table of results: every cell is a row of it, or a mean and
-deviation over some rows."""
+"""The tables of a report.
+
+Every cell is a row of the table of results, or a mean and deviation over some of its rows.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -67,22 +69,29 @@ COSTS = (
 
 
 def setup(study: Study, longest: int = 400) -> Table:
-    """A row a model: what it is, what it looks at, how much of its own full training it had, and
-    its size."""
+    """A row a model: what it is, its view, its share of full training, and its size."""
     rows = []
-    for model, learned in (
+    for model, record in (
         (model, study.models[model]) for model in study.families if model in study.trained
     ):
-        recipe = learned.recipe
-        what = (
+        recipe = record.recipe
+        description = (
             shorten(catalogue.what(recipe.get("_target_", "")), longest, placeholder=" …")
             or MISSING
         )
-        best = "" if learned.best_round is None else f", no. {learned.best_round + 1} kept"
+        best = "" if record.best_round is None else f", no. {record.best_round + 1} kept"
         budget = recipe.get("budget", MISSING)
-        trained = f"{learned.rounds} rounds{best}"
-        own = (budget, trained) if learned.rounds else (MISSING, "nothing")
-        rows.append((model, what, recipe.get("view", MISSING), *own, number(learned.megabytes, 1)))
+        rounds_text = f"{record.rounds} rounds{best}"
+        training = (budget, rounds_text) if record.rounds else (MISSING, "nothing")
+        rows.append(
+            (
+                model,
+                description,
+                recipe.get("view", MISSING),
+                *training,
+                number(record.megabytes, 1),
+            )
+        )
     return table(
         "setup",
         ("model", "what it is", "looks at", "budget", "trained", "model [MB]"),
@@ -92,15 +101,17 @@ def setup(study: Study, longest: int = 400) -> Table:
 
 
 def sequences(study: Study) -> Table:
-    """Table II of the SCI paper: each test sequence's age, and how much of it lies where training
-    went, by both protocols."""
+    """Table II of the SCI paper: each test sequence's age and how many of its queries are seen.
+
+    Counts are by both protocols.
+    """
     rows = []
-    for name, (first, *_) in by_sequence(study.results).items():
-        queries = first.number("cells", "queries")
+    for name, (result, *_) in by_sequence(study.results).items():
+        queries = result.number("cells", "queries")
         (near, far), (seen, unseen) = (
-            [first.number(by, one) for one in ("seen", "unseen")] for by in BOTH
+            [result.number(protocol, key) for key in ("seen", "unseen")] for protocol in BOTH
         )
-        counts = [first.days, queries, near, far, queries - near - far, seen, unseen]
+        counts = [result.days, queries, near, far, queries - near - far, seen, unseen]
         rows.append((name, *map(count, counts), number(unseen / queries if queries else np.nan, 3)))
     distance = ("distance: seen", "unseen", "not judged")
     cells = ("cells: seen", "unseen", "share unseen")
@@ -108,44 +119,51 @@ def sequences(study: Study) -> Table:
 
 
 def main(study: Study, protocol: str, name: str) -> Table:
-    """One number of MAIN by one protocol, a row a model and a column a test day, with intervals;
-    the oracle last."""
-    heading, oracle, beside, tested = MAIN[name]
-    marks = _marks(study, protocol, tested)
+    """One number of MAIN by one protocol: a row a model, a column a test day, the oracle last.
+
+    Cells have 95 % intervals.
+    """
+    heading, oracle, oracle_heading, paired_number = MAIN[name]
+    marks = _marks(study, protocol, paired_number)
     days = dates(study.results)
     models = by_model(study.results)
     several = len(days) > 1
 
-    def entry(one: Result) -> Cell:
-        mark = marks.get((one.model, one.sequence), "")
-        known = number(one.number(protocol, name), 3, one.interval(protocol, name), mark)
-        return Cell(VOID) if one.void(protocol) else known
+    def entry(result: Result) -> Cell:
+        mark = marks.get((result.model, result.sequence), "")
+        cell = number(result.number(protocol, name), 3, result.interval(protocol, name), mark)
+        return Cell(VOID) if result.void(protocol) else cell
 
-    best = [group[0].number(protocol, oracle) for group in by_sequence(study.results).values()]
+    oracle_values = [
+        group[0].number(protocol, oracle) for group in by_sequence(study.results).values()
+    ]
     means = {
-        model: [spread([one.number(protocol, name) for one in group], 3)] * several
+        model: [spread([result.number(protocol, name) for result in group], 3)] * several
         for model, group in models.items()
     }
     rows = [(model, *map(entry, models[model]), *means[model]) for model in study.ranked]
-    rows.append((beside, *(number(value, 3) for value in best), *[spread(best, 3)] * several))
-    about: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
+    oracle_cells = [number(value, 3) for value in oracle_values]
+    rows.append((oracle_heading, *oracle_cells, *[spread(oracle_values, 3)] * several))
+    context: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
     return replace(
-        table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **about),
+        table(f"main_{name}", (heading, *days.values(), *["mean"] * several), rows, **context),
         foot=True,
     )
 
 
-def _marks(study: Study, protocol: str, tested: str) -> dict[tuple[str, str], str]:
-    """Model and sequence to + or −: clearly better or worse than the study's first method in the
-    paired test."""
-    known = indexed(against(study.rows, protocol), "number", "model", "sequence")
+def _marks(study: Study, protocol: str, paired_number: str) -> dict[tuple[str, str], str]:
+    """Map model and sequence to + or −, where the paired test is clear.
+
+    It tells whether the model is clearly better or worse than the study's first method.
+    """
+    values = indexed(against(study.rows, protocol), "number", "model", "sequence")
     clear = [
         key
-        for (name, *key), (p, *_) in known.items()
-        if name == f"{tested}_difference_p" and p < LEVEL
+        for (name, *key), (p, *_) in values.items()
+        if name == f"{paired_number}_difference_p" and p < LEVEL
     ]
     return {
-        (model, day): "+" if known[f"{tested}_difference", model, day][0] > 0 else "−"
+        (model, day): "+" if values[f"{paired_number}_difference", model, day][0] > 0 else "−"
         for model, day in clear
     }
 
@@ -155,20 +173,20 @@ def means(study: Study) -> Table:
     rows = [
         (
             model,
-            by,
+            protocol,
             *(
-                number(average([one.number(by, key) for one in group]), digits)
+                number(average([result.number(protocol, key) for result in group]), digits)
                 for _, key, digits in SHOWN_MEANS
             ),
         )
-        for by in BOTH
+        for protocol in BOTH
         for model, group in by_model(study.results).items()
     ]
     return table("means", ("mean", "by", *(heading for heading, *_ in SHOWN_MEANS)), rows, words=2)
 
 
 def everything(study: Study, protocol: str) -> Table:
-    """The numbers of each sequence and model by one protocol."""
+    """All numbers of each sequence and model by one protocol."""
     columns = (
         ("recall@1", "recall_at_1", 3),
         ("oracle", "oracle", 3),
@@ -178,11 +196,11 @@ def everything(study: Study, protocol: str) -> Table:
     rows = [
         (
             name,
-            one.model,
-            *(number(one.number(protocol, key), digits) for _, key, digits in columns),
+            result.model,
+            *(number(result.number(protocol, key), digits) for _, key, digits in columns),
         )
         for name, group in by_sequence(study.results).items()
-        for one in group
+        for result in group
     ]
     return table(
         "everything",
@@ -194,26 +212,28 @@ def everything(study: Study, protocol: str) -> Table:
 
 
 def headings(study: Study) -> Table | None:
-    """How well headings were found, by both protocols; None where no model gives one."""
+    """Errors of the headings by both protocols; None where no model gives a heading."""
     rows: list[tuple[Cell | str, ...]] = []
     columns = [
-        (f"{heading}, by {by}", by, key, digits) for by in BOTH for heading, key, digits in HEADINGS
+        (f"{heading}, by {protocol}", protocol, key, digits)
+        for protocol in BOTH
+        for heading, key, digits in HEADINGS
     ]
     for model, group in by_model(study.results).items():
-        if not any(np.isfinite(one.evaluation.heading_error_deg).any() for one in group):
+        if not any(np.isfinite(result.evaluation.heading_error_deg).any() for result in group):
             continue
-        for one in group:
+        for result in group:
             cells = [
-                number(one.number(by, key), digits, one.interval(by, key))
-                for _, by, key, digits in columns
+                number(result.number(protocol, key), digits, result.interval(protocol, key))
+                for _, protocol, key, digits in columns
             ]
-            rows.append((model, one.sequence, *cells))
+            rows.append((model, result.sequence, *cells))
         if len(group) > 1:
-            found = [
-                spread([one.number(by, key) for one in group], digits)
-                for _, by, key, digits in columns
+            mean_cells = [
+                spread([result.number(protocol, key) for result in group], digits)
+                for _, protocol, key, digits in columns
             ]
-            rows.append((model, "mean", *found))
+            rows.append((model, "mean", *mean_cells))
     return (
         table(
             "headings", ("model", "sequence", *(heading for heading, *_ in columns)), rows, words=2
@@ -224,51 +244,50 @@ def headings(study: Study) -> Table | None:
 
 
 def novelties(study: Study, protocol: str) -> Table:
-    """How each kind of novelty rejects by one protocol: means over the test sequences, and the
-    sequence it does worst in."""
-    shown = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps")
+    """How each kind of novelty rejects by one protocol: means, and the sequence of worst AUROC."""
+    measure_titles = ("AUROC", "AUC exact", "R@99%P", "precision", "recall", "keeps")
     rows = []
     for model, group in by_model(study.results).items():
-        values = np.stack(
-            [one.evaluation.protocol(protocol).rejection[:, :, 0] for one in group]
-        )  # (sequence, kind, measure)
+        judgements = [result.evaluation.protocol(protocol) for result in group]
+        # (sequence, kind, measure)
+        values = np.stack([judgement.rejection[:, :, 0] for judgement in judgements])
         for k, kind in enumerate(group[0].evaluation.kinds):
             auroc = values[:, k, MEASURES.index("auroc")]
-            at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
+            worst_at = int(np.nan_to_num(auroc, nan=np.inf).argmin())
             worst = replace(
-                number(auroc[at], 3),
-                small=f"on {day(group[at].sequence)}" * bool(np.isfinite(auroc[at])),
+                number(auroc[worst_at], 3),
+                small=f"on {day(group[worst_at].sequence)}" * bool(np.isfinite(auroc[worst_at])),
             )
             cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
             keeps = kept(group[0].evaluation.kept[k], group[0].wanted_precision)
             rows.append((model, kind + ("" if k else ", in use"), *cells, keeps, worst))
     return table(
-        "novelties", ("model", "novelty", *shown, "worst AUROC"), rows, words=2, protocol=protocol
+        "novelties",
+        ("model", "novelty", *measure_titles, "worst AUROC"),
+        rows,
+        words=2,
+        protocol=protocol,
     )
 
 
 def paired(study: Study, protocol: str) -> Table | None:
-    """Every model against the first: differences with intervals, p, and who alone was right; None
-    where there is one model."""
+    """Every model against the first: differences with intervals, p, and who alone was right.
+
+    None where there is one model.
+    """
     rows = []
     reference = study.families[0]
-    known = indexed(against(study.rows, protocol), "model", "sequence", "number")
-    for model, sequence in dict.fromkeys((model, sequence) for model, sequence, _ in known):
+    values = indexed(against(study.rows, protocol), "model", "sequence", "number")
+    for model, sequence in dict.fromkeys((model, sequence) for model, sequence, _ in values):
         cells: list[Cell | str] = [model, sequence]
         for name in COMPARED:
-            value, *interval = known[model, sequence, f"{name}_difference"]
-            p, *_ = known[model, sequence, f"{name}_difference_p"]
+            value, *interval = values[model, sequence, f"{name}_difference"]
+            p, *_ = values[model, sequence, f"{name}_difference_p"]
             verdict = "undecided" if not p < LEVEL else "better" if value > 0 else "worse"
             cells += [difference(value, 3, (interval[0], interval[1])), number(p, 3), verdict]
-        rows.append(
-            (
-                *cells,
-                *(
-                    count(known[model, sequence, f"only_{who}_right"][0])
-                    for who in ("this", "reference")
-                ),
-            )
-        )
+        for side in ("this", "reference"):
+            cells.append(count(values[model, sequence, f"only_{side}_right"][0]))
+        rows.append(cells)
     columns = [text for name in COMPARED for text in (f"Δ {TITLES[name]}", "p", "verdict")]
     header = ("model", "sequence", *columns, "only it right", f"only {reference} right")
     return (
@@ -279,22 +298,28 @@ def paired(study: Study, protocol: str) -> Table | None:
 
 
 def costs(study: Study) -> Table | None:
-    """A row a model, variants and seeds too: what training cost where it was done here, and a
-    query's time; None of none."""
-    known = indexed(study.rows, "method", "variant", "seed", "number")
+    """A row a model, variants and seeds too: what training cost here, and a query's time.
+
+    None where nothing was measured.
+    """
+    values = indexed(study.rows, "method", "variant", "seed", "number")
     rows = []
-    numbers = {(ModelName(*names).name, key): value for (*names, key), (value, *_) in known.items()}
+    numbers = {
+        (ModelName(*names).name, key): value for (*names, key), (value, *_) in values.items()
+    }
     for model in study.trained:
         cells = [number(numbers.get((model, key), np.nan), digits) for _, key, digits in COSTS]
         rows.append((model, *cells))
-    found = table("costs", ("model", *(heading for heading, *_ in COSTS)), rows)
-    return found if any(cell.key is not None for row in found.rows for cell in row) else None
+    cost_table = table("costs", ("model", *(heading for heading, *_ in COSTS)), rows)
+    return (
+        cost_table if any(cell.key is not None for row in cost_table.rows for cell in row) else None
+    )
 
 
 def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
-    """The line through one number over the days, a row a model and the oracle."""
-    own = indexed(rows[rows["protocol"] == protocol], "method", "number")
-    found = []
+    """The line through one number over the days: a row a model and the oracle."""
+    values = indexed(rows[rows["protocol"] == protocol], "method", "number")
+    table_rows = []
     digits = 1 if name == "novelty_percentile" else 3
     ends = (
         "day_0",
@@ -304,10 +329,12 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
         "retrain_after_days",
     )
     for model in dict.fromkeys(rows.loc[rows["number"] == f"{name}_line", "method"]):
-        first, slope, middle, p, lost = (own.get((model, f"{name}_{end}"), NONE) for end in ends)
+        first, slope, middle, p, retrain_after = (
+            values.get((model, f"{name}_{end}"), NONE) for end in ends
+        )
         slopes = difference(slope[0], digits, slope[1:]), difference(middle[0], digits)
-        again = number(np.nan if model == ORACLE else lost[0], 0, lost[1:])
-        found.append((model, number(first[0], digits), *slopes, number(p[0], 3), again))
+        retrain_cell = number(np.nan if model == ORACLE else retrain_after[0], 0, retrain_after[1:])
+        table_rows.append((model, number(first[0], digits), *slopes, number(p[0], 3), retrain_cell))
     header = (
         "model",
         "on day 0",
@@ -316,30 +343,36 @@ def ageing(rows: pd.DataFrame, protocol: str, name: str, title: str) -> Table:
         "p",
         "train again after [days]",
     )
-    return table("ageing", header, found, title=title, per=PER_DAYS)
+    return table("ageing", header, table_rows, title=title, per=PER_DAYS)
 
 
 def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[float, str]) -> Table:
-    """One number by one protocol: a row a model, a column a band of distance, with intervals; then
-    the oracle and the queries."""
-    own = indexed(
+    """One number by one protocol: a row a model, a column a band of distance, with intervals.
+
+    Below them stand the oracle and the numbers of queries.
+    """
+    numbers = indexed(
         rows[(rows["change"] == SHOWN) & (rows["protocol"] == protocol)],
         "number",
         "method",
         "level",
     )
-    models = list(dict.fromkeys(model for _, model, _ in own))
+    models = list(dict.fromkeys(model for _, model, _ in numbers))
     lines = [(model, name, model, 3) for model in models]
     lines += [("oracle", "oracle", models[0], 3)] if name == "recall_at_1" else []
-    lines += [(f"{which} queries", which, models[0], 0) for which in ("seen", "unseen")]
-    found = []
+    lines += [
+        (f"{visibility} queries", visibility, models[0], 0) for visibility in ("seen", "unseen")
+    ]
+    table_rows = []
     for text, key, model, digits in lines:
-        values = (own[key, model, edge] for edge in bands)
-        found.append((text, *(number(value, digits, (low, high)) for value, low, high in values)))
+        values = (numbers[key, model, edge] for edge in bands)
+        table_rows.append(
+            (text, *(number(value, digits, (low, high)) for value, low, high in values))
+        )
     return table(
         "near_changes",
         ("nearest change", *bands.values()),
-        found,
+        table_rows,
         title=TITLES[name],
         protocol=protocol,
     )

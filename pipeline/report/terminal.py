@@ -1,5 +1,4 @@
-"""The results as plain text for a terminal: a study's methods and main numbers, and where its
-report lies."""
+"""The results of a study as plain text for a terminal, and where its report lies."""
 
 import textwrap
 from collections.abc import Iterator
@@ -7,7 +6,7 @@ from collections.abc import Iterator
 from pipeline.report import findings, tables, viewpoint_tables
 from pipeline.report.render import caption, sentence, words
 from pipeline.report.sections import lifelong_tables
-from pipeline.report.sections.lifelong_numbers import by_order, strategies
+from pipeline.report.sections.lifelong_numbers import by_order, read_strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
 from pipeline.studies.courses import LIFELONG
@@ -15,7 +14,7 @@ from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 
 def text(study: Study, figures: int) -> str:
-    """Of a study at one cell size, whose report has so many figures."""
+    """The text for a study at one cell size; `figures` is the number of figures in its report."""
     report = study.artifacts / "report" / study.name / study.grid / "report.md"
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
@@ -25,25 +24,25 @@ def _blocks(study: Study) -> Iterator[str]:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol in tables.BOTH:
-            for one in (tables.main(study, protocol, number) for number in tables.MAIN):
-                yield from (_wrapped(caption(one)), one.text())
-        yield from (tables.means(study).text(), _wrapped(words("terminal")) + "\n")
-        if doubted := [_wrapped(sentence(one)) for one in findings.doubts(study)]:
-            yield "\n".join(doubted) + "\n"
+            for main_table in (tables.main(study, protocol, number) for number in tables.MAIN):
+                yield from (_wrap(caption(main_table)), main_table.text())
+        yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
+        if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
+            yield "\n".join(doubts) + "\n"
     if study.words["question"] == LIFELONG:
         yield f"{study.where}: after the last step of learning, means over the seeds\n"
-        for order, found in by_order(strategies(study.rows)).items():
+        for order, strategies in by_order(read_strategies(study.rows)).items():
             yield from (
-                _wrapped(caption(one)) + "\n" + one.text()
-                for one in lifelong_tables.of_order(order, found)
+                _wrap(caption(order_table)) + "\n" + order_table.text()
+                for order_table in lifelong_tables.of_order(order, strategies)
             )
     elif on_bird_views(study.words["methods"]):
         yield (
             f"{study.where}: each sequence matched with itself, from headings between the "
             "reference's\n"
         )
-        yield from (one.text() for one in viewpoint_tables.over(study))
+        yield from (viewpoint_table.text() for viewpoint_table in viewpoint_tables.over(study))
 
 
-def _wrapped(line: str) -> str:
+def _wrap(line: str) -> str:
     return textwrap.fill(line.replace("`", "").replace("*", ""), WIDEST - 20)

@@ -1,5 +1,4 @@
-"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, and at every
-heading."""
+"""Tables of paper 2's protocol: its numbers over the headings, over the seeds, at every heading."""
 
 import numpy as np
 import pandas as pd
@@ -12,19 +11,27 @@ HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")
 
 
 def over(study: Study) -> list[Table]:
-    """A row a sequence and method: means over the headings, and of several seeds over these;
-    without rows, no table."""
-    about = indexed(
+    """A row a sequence and method: means over the headings, and over several seeds.
+
+    Tables without rows are left out.
+    """
+    totals = indexed(
         study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number"
     )
     of_headings = []
     of_seeds = []
     for key, wide in _numbers(study).items():
-        headings, seeds = (wide.groupby(by).mean() for by in ("level", "seed"))
-        there = f"{int(np.isfinite(headings['roc_auc']).sum())} of {len(headings)}"
-        queries, cost = (count(about[(*key, name)][0]) for name in ("queries", "bytes_per_place"))
+        headings, seeds = (wide.groupby(level).mean() for level in ("level", "seed"))
+        headings_with_auc = f"{int(np.isfinite(headings['roc_auc']).sum())} of {len(headings)}"
+        queries, cost = (count(totals[(*key, name)][0]) for name in ("queries", "bytes_per_place"))
         of_headings.append(
-            (*key, *(spread(headings[name], 3) for name in NUMBERS), there, queries, cost)
+            (
+                *key,
+                *(spread(headings[name], 3) for name in NUMBERS),
+                headings_with_auc,
+                queries,
+                cost,
+            )
         )
         if len(seeds) > 1:
             of_seeds.append(
@@ -32,29 +39,29 @@ def over(study: Study) -> list[Table]:
             )
     header = ("sequence", "method", *HEADINGS)
     last = ("headings with ROC-AUC", "queries", "bytes a place")
-    found = (
+    candidates = (
         table("viewpoints_over_headings", (*header, *last), of_headings, words=2),
         table("viewpoints_over_seeds", (*header, "seeds"), of_seeds, words=2),
     )
-    return [one for one in found if one.rows]
+    return [candidate for candidate in candidates if candidate.rows]
 
 
 def every_heading(study: Study, name: str) -> Table:
-    """One of paper 2's numbers, a column a heading; means over seeds."""
-    found = {key: wide.groupby("level")[name] for key, wide in _numbers(study).items()}
-    degrees = sorted({deg for groups in found.values() for deg in groups.groups})
+    """One of paper 2's numbers: a column a heading, means over the seeds."""
+    grouped = {key: wide.groupby("level")[name] for key, wide in _numbers(study).items()}
+    degrees = sorted({deg for groups in grouped.values() for deg in groups.groups})
     rows = [
         (*key, *(spread(groups.get_group(deg), 3) for deg in degrees))
-        for key, groups in found.items()
+        for key, groups in grouped.items()
     ]
     header = ("sequence", "method", *(f"{deg:g}°" for deg in degrees))
     return table("every_heading", header, rows, words=2, title=HEADINGS[NUMBERS.index(name)])
 
 
 def _numbers(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
-    """Sequence and method to its numbers, a column each, at every seed and heading (`level`)."""
-    own = study.rows[study.rows["change"] == "viewpoint"]
-    groups = own.groupby(["sequence", "method"], sort=False)
+    """Map sequence and method to a table of numbers: a row a seed and heading (`level`)."""
+    viewpoint_rows = study.rows[study.rows["change"] == "viewpoint"]
+    groups = viewpoint_rows.groupby(["sequence", "method"], sort=False)
     return {
         key: group.pivot(index=["seed", "level"], columns="number", values="value")
         for key, group in groups

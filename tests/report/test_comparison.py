@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind
-from pipeline.report.found import Found
+from pipeline.report.found import Measurement
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
 NAN = np.nan
 
 
 def test_what_was_found_is_averaged_over_repeats_seeds_and_sequences() -> None:
-    found = Found(
+    found = Measurement(
         np.array([[[0.9, 0.7], [0.5, NAN]], [[0.6, 0.6], [NAN, NAN]]])
     )  # (seed, sequence, repeat)
     assert found.by_sequence == pytest.approx([0.7, 0.5])  # .8 and .6; .5 of one seed alone
@@ -24,7 +24,7 @@ def test_what_was_found_is_averaged_over_repeats_seeds_and_sequences() -> None:
     half = np.sqrt(2) / 2  # of two values, their deviation is that share of what lies between them
     assert (found.over_sequences, found.over_seeds) == pytest.approx((0.2 * half, 0.05 * half))
     assert found.over_repeats == pytest.approx((0.2 * half + 0.0) / 2)  # where there are two
-    nothing = Found(np.full((1, 2, 1), NAN))
+    nothing = Measurement(np.full((1, 2, 1), NAN))
     assert np.isnan(
         [nothing.mean, nothing.over_sequences, nothing.over_seeds, nothing.over_repeats]
     ).all()
@@ -58,17 +58,17 @@ def test_a_comparison_has_models_kinds_seeds_and_repeats_in_their_order() -> Non
 
 
 def test_kept_is_the_share_of_the_same_seeds_and_sequences_auc_as_driven() -> None:
-    assert COMPARED.found("sci", TURNED, KEPT).values.tolist() == [
+    assert COMPARED.measurement("sci", TURNED, KEPT).values.tolist() == [
         [pytest.approx([0.25, 0.25]), pytest.approx([0.5, 0.5])]
     ]
-    assert COMPARED.found("sci_ring", TURNED, KEPT).values[1, 1] == pytest.approx(
+    assert COMPARED.measurement("sci_ring", TURNED, KEPT).values[1, 1] == pytest.approx(
         [0.7 / 0.8, 0.74 / 0.8]
     )
-    assert BUILT.found("sci", Kind("construction", 2.0, True), KEPT).mean == pytest.approx(
+    assert BUILT.measurement("sci", Kind("construction", 2.0, True), KEPT).mean == pytest.approx(
         0.3 / 0.8
     )
     none = compared({("sci", Kind()): [[[0.0]]], ("sci", TURNED): [[[0.5]]]}, {})
-    assert np.isnan(none.found("sci", TURNED, KEPT).mean)  # of nothing, no share is kept
+    assert np.isnan(none.measurement("sci", TURNED, KEPT).mean)  # of nothing, no share is kept
 
 
 def pair(one: Sequence[float], other: Sequence[float], seeds: int = 1) -> Comparison:
@@ -111,6 +111,6 @@ def test_without_a_common_sequence_there_is_no_margin() -> None:
     margin = pair((0.9, NAN), (NAN, 0.1)).ahead("sci", "m2dp", Kind(), FAR)
     assert np.isnan(margin.value)
     assert (margin.number, margin.clear) == (0, False)
-    assert COMPARED.found("sci", TURNED, OFF).mean == pytest.approx(
+    assert COMPARED.measurement("sci", TURNED, OFF).mean == pytest.approx(
         0.3
     )  # every number has its own rows

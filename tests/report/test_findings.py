@@ -16,7 +16,7 @@ from pipeline.report.comparison import AUC, Kind
 from pipeline.report.findings import Finding
 from pipeline.report.render import percent, sentence
 from pipeline.report.result import Result
-from pipeline.report.study import Learned, Study
+from pipeline.report.study import Study, TrainingRecord
 from tests.report.figures.made import BUILT, COMPARED, DAYS, ONE, TURNED, compared
 
 NAN = np.nan
@@ -28,7 +28,9 @@ def reporting(study: Study, given: Sequence[Result], rounds: int = 0) -> Study:
     """The study, had it had these results."""
     one = replace(study)
     names = list(dict.fromkeys(each.model for each in given))
-    learned = Learned({"budget": "0.03"}, {"loss": np.ones(rounds)} if rounds else {}, None, 1.0)
+    learned = TrainingRecord(
+        {"budget": "0.03"}, {"loss": np.ones(rounds)} if rounds else {}, None, 1.0
+    )
     vars(one).update(
         results=list(given),
         families=names,

@@ -13,7 +13,7 @@ from pipeline.report import report, terminal
 from pipeline.report.brief import brief
 from pipeline.report.render import sentence
 from pipeline.report.sections.lifelong_findings import findings
-from pipeline.report.sections.lifelong_numbers import StrategyNumbers, strategies
+from pipeline.report.sections.lifelong_numbers import StrategyNumbers, read_strategies
 from pipeline.report.sections.lifelong_tables import asked_days, counts, of_order
 from pipeline.report.study import Study
 from tests.report import learned
@@ -27,11 +27,11 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 @pytest.fixture(scope="module")
 def every(study: Study) -> list[StrategyNumbers]:
-    return strategies(study.rows)
+    return read_strategies(study.rows)
 
 
 def of(every: list[StrategyNumbers], *wanted: str) -> StrategyNumbers:
-    return next(one for one in every if (one.model, one.order, one.strategy) == wanted)
+    return next(one for one in every if (one.model, one.order, one.name) == wanted)
 
 
 def test_numbers_are_by_seed_and_step(every: list[StrategyNumbers]) -> None:

@@ -1,4 +1,4 @@
-"""Numbers over the days since training with a line through them, and the slopes of those lines."""
+"""Numbers over the days since training with a fitted line, and the slopes of those lines."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +21,10 @@ ROOM = 2.5
 
 @dataclass(frozen=True, eq=False)
 class AgeingLine:
-    """One number of one model, or of the oracle, over the days since training; NaN where there is
-    none."""
+    """One number of one model, or of the oracle, over the days since training.
+
+    NaN where there is none.
+    """
 
     model: str
     title: str  # of the number, and so of its column
@@ -34,27 +36,29 @@ class AgeingLine:
 
     @property
     def clear(self) -> bool:
-        """The interval of the slope does not contain 0."""
+        """Whether the interval of the slope does not contain 0."""
         return bool(self.slope[1] > 0 or self.slope[2] < 0)
 
 
 @styled
 def lines(rows: Sequence[AgeingLine]) -> Figure:
-    """A row a model, a column a number: points with 95 % intervals, the line with its own, the
-    slope bold where it is clear."""
+    """A row a model, a column a number: points and fitted line with their 95 % intervals.
+
+    The slope is bold where it is clear.
+    """
     models, columns = _grid(rows)
     shades = tints(model for model in models if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
     axes = fig.subplots(len(shades), len(columns), squeeze=False, sharex=True, sharey="col")
-    for column, (title, found) in zip(axes.T, columns.items(), strict=True):
+    for column, (title, by_model) in zip(axes.T, columns.items(), strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
         column[0].set_ylim(
-            *((-4.0, 104.0) if any(row.rises for row in found.values()) else (0.0, 1.04))
+            *((-4.0, 104.0) if any(row.rises for row in by_model.values()) else (0.0, 1.04))
         )
         for axis, (model, tint) in zip(column, shades.items(), strict=True):
-            if oracle := found.get(ORACLE):
+            if oracle := by_model.get(ORACLE):
                 axis.plot(oracle.days, oracle.fitted[:, 0], color="0.7", lw=0.8, zorder=2)
-            if row := found.get(model):
+            if row := by_model.get(model):
                 _panel(axis, row, tint)
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
@@ -70,14 +74,13 @@ def lines(rows: Sequence[AgeingLine]) -> Figure:
 
 @styled
 def slopes(rows: Sequence[AgeingLine]) -> Figure:
-    """A panel a number, a row a model: the slope with its interval, filled where that does not
-    contain 0."""
+    """A panel a number, a row a model: the slope with its interval, filled where it is clear."""
     models, columns = _grid(rows)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
     axes = fig.subplots(1, len(columns), squeeze=False, sharey=True)[0]
-    for axis, (title, found) in zip(axes, columns.items(), strict=True):
-        for model, row in found.items():
+    for axis, (title, by_model) in zip(axes, columns.items(), strict=True):
+        for model, row in by_model.items():
             y = models.index(model)
             tint = shades[model]
             (value, low, high) = row.slope
@@ -92,7 +95,9 @@ def slopes(rows: Sequence[AgeingLine]) -> Figure:
                 mew=0.9,
                 zorder=3,
             )
-        far = ROOM * float(np.nanmax([0.0, *(abs(row.slope[0]) for row in found.values())])) or 1.0
+        far = (
+            ROOM * float(np.nanmax([0.0, *(abs(row.slope[0]) for row in by_model.values())])) or 1.0
+        )
         axis.set_xlim(-far, far)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)
@@ -102,7 +107,7 @@ def slopes(rows: Sequence[AgeingLine]) -> Figure:
 
 
 def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], dict[str, dict[str, AgeingLine]]]:
-    """Models, and the rows by title and model."""
+    """The models, and the rows by title and model."""
     if all(row.model == ORACLE for row in rows):
         raise InputError("a figure of ageing needs at least one model")
     columns: dict[str, dict[str, AgeingLine]] = {}
@@ -112,15 +117,14 @@ def _grid(rows: Sequence[AgeingLine]) -> tuple[list[str], dict[str, dict[str, Ag
 
 
 def _panel(axis: Axes, row: AgeingLine, tint: str) -> None:
-    """Points with their intervals, the line with its own, and the slope away from them."""
+    """Draw points with their intervals, the line with its own, and the slope where it is free."""
     points(axis, row.days, row.values, tint)
     value, low, high = row.fitted.T
     axis.fill_between(row.days, low, high, color=tint, alpha=0.15, lw=0, zorder=1)
     axis.plot(row.days, value, color=tint, lw=1.0, zorder=2)
     if np.isfinite(row.slope[0]):
-        y = (
-            0.74 if np.nanmean(row.values[:, 0]) < np.mean(axis.get_ylim()) else 0.26
-        )  # 0.74: below the oracle
+        # 0.74: below the oracle
+        y = 0.74 if np.nanmean(row.values[:, 0]) < np.mean(axis.get_ylim()) else 0.26
         place: Any = {
             "va": "center",
             "ha": "right",

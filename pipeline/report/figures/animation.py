@@ -22,48 +22,50 @@ BLENDS = 9
 
 
 def check_ending(path: Path) -> None:
-    """Raise ConfigError for a file that is no moving picture by its name."""
+    """Raise ConfigError for a file name that is not of a moving picture."""
     if path.suffix not in ENDINGS:
         raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
-def palette(inks: Sequence[str], others: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """At most 256 colours (colour, 3): white, each ink with its shades, and others (n, 3) as they
-    are."""
+def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """At most 256 colours (colour, 3): white, inks with their shades, and `more_colours` (n, 3)."""
     shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (
         1 - np.array([to_rgb(ink) for ink in inks])
     )
     return np.unique(
-        np.concatenate([others, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]), axis=0
+        np.concatenate([more_colours, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]),
+        axis=0,
     )
 
 
 def save(
     frames: Iterable[NDArray[np.uint8]], path: Path, table: NDArray[np.uint8]
 ) -> tuple[int, int]:
-    """Write frames (height, width, 3) that repeat for ever, in the colours of a palette; returns
-    how many, and the file's bytes.
+    """Write frames (height, width, 3) that repeat for ever, as a moving picture.
 
-    Raises ConfigError where `check_ending` does.
+    Pixels take the nearest colours of the palette `table`. Returns the number of frames and the
+    file's bytes. Raises ConfigError where `check_ending` does.
     """
     check_ending(path)
     tree = KDTree(table)
-    first, *others = (_indexed(frame, table, tree) for frame in frames)
-    lasting = [FRAME_MS] * len(others) + [END_MS]
+    first, *later_frames = (_indexed(frame, table, tree) for frame in frames)
+    lasting = [FRAME_MS] * len(later_frames) + [END_MS]
     options: dict[str, Any] = {"duration": lasting, "loop": 0, "lossless": True, "optimize": True}
     with replace(path) as scratch:
-        first.save(scratch, ENDINGS[path.suffix], save_all=True, append_images=others, **options)
+        first.save(
+            scratch, ENDINGS[path.suffix], save_all=True, append_images=later_frames, **options
+        )
     return len(lasting), path.stat().st_size
 
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
-    """A frame in the colours of the palette, each pixel in the one nearest to its own."""
-    packed, where = np.unique(
+    """A frame as indices into the palette, each pixel in its nearest colour."""
+    packed, colour_of_pixel = np.unique(
         frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True
     )
     nearest = np.asarray(
         tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1]
     )
-    image = Image.fromarray(nearest.astype(np.uint8)[where].reshape(frame.shape[:2]))
+    image = Image.fromarray(nearest.astype(np.uint8)[colour_of_pixel].reshape(frame.shape[:2]))
     image.putpalette(table.tobytes())
     return image

@@ -1,5 +1,7 @@
-"""Fig. 2 of paper 2: a scan, the octree's occupied leaves and nodes, and the bird-view; from above,
-the robot's front up."""
+"""Fig. 2 of paper 2: a scan, the octree's occupied leaves and nodes, and the bird-view.
+
+All are seen from above, with the robot's front up.
+"""
 
 import math
 
@@ -27,8 +29,10 @@ def bird_view(
     odom_T_vehicle: NDArray[np.float64],
     view: BirdView,
 ) -> Figure:
-    """The newest scan (n, 3), vehicle frame; its map's highest leaves in the view's band, and
-    nodes; the image of heading 0."""
+    """The newest scan (n, 3), its map's highest leaves and nodes, and the bird-view of heading 0.
+
+    The scan is in the vehicle frame; leaves and nodes are those in the view's band of heights.
+    """
     octree = octree_map.octree
     heights = Normalize(0.0, view.high_m)
     half_m = octree.edge_m / 2
@@ -94,8 +98,10 @@ def bird_view(
 def tops(
     octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes of a depth with occupied leaves in the view's band: corners (n, 4, 2), vehicle frame,
-    and the highest leaf's (n,)."""
+    """Nodes of a depth with occupied leaves in the view's band of heights.
+
+    Gives their corners (n, 4, 2) in the vehicle frame, and the height of the highest leaf (n,).
+    """
     octree = octree_map.octree
     from_robot_m = (np.arange(octree.side) + 0.5) * octree_map.leaf_m + (
         octree_map.corner_m - odom_T_vehicle[:3, 3]

@@ -1,5 +1,4 @@
-"""The papers' curves: numbers over the year, precision over recall, recall among the first n
-places, and a model's training."""
+"""The papers' curves: numbers over the year, precision over recall, recall@n, and training."""
 
 from collections.abc import Mapping, Sequence
 
@@ -29,8 +28,10 @@ SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 an
 
 @styled
 def year(results: Sequence[Result], train: str) -> Figure:
-    """Fig. 8 of the SCI paper: numbers over the days since training, 95 % intervals as bands, the
-    oracle's recall@1 in grey."""
+    """Fig. 8 of the SCI paper: numbers over the days since training.
+
+    Bands are 95 % intervals; the oracle's recall@1 is grey.
+    """
     groups = by_model(results)
     looks = look(by_model(results))
     measures = (AUC, RECALL, FAR)
@@ -41,10 +42,10 @@ def year(results: Sequence[Result], train: str) -> Figure:
         protocol = measure.protocol
         for model, group in groups.items():
             (tint, dash) = looks[model]
-            days = [one.days for one in group]
-            values = np.array([one.number(protocol, measure.name) for one in group])
+            days = [result.days for result in group]
+            values = np.array([result.number(protocol, measure.name) for result in group])
             bounds = np.array(
-                [one.interval(protocol, measure.name) or (np.nan, np.nan) for one in group]
+                [result.interval(protocol, measure.name) or (np.nan, np.nan) for result in group]
             ).T
             axis.fill_between(
                 days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1
@@ -64,17 +65,19 @@ def year(results: Sequence[Result], train: str) -> Figure:
             )
             lines.append((model, tint, np.stack([days, values], axis=1)))
         first = [group[0] for group in by_sequence(results).values()]
-        oracle = [one.number(protocol, "oracle") for one in first]
-        lines.append(oracle_line(axis, [one.days for one in first], oracle, "oracle recall@1"))
+        oracle = [result.number(protocol, "oracle") for result in first]
+        lines.append(
+            oracle_line(axis, [result.days for result in first], oracle, "oracle recall@1")
+        )
         axis.set_ylabel(measure.title)
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
         name_ends(axis, lines, gap=0.088)
-    shown = {
+    day_labels = {
         result.days: day(result.sequence) for result in results
     }  # two sequences of one day share a label
     axes[-1].set_xticks(
-        list(shown), list(shown.values()), rotation=40, ha="right", rotation_mode="anchor"
+        list(day_labels), list(day_labels.values()), rotation=40, ha="right", rotation_mode="anchor"
     )
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
@@ -82,8 +85,10 @@ def year(results: Sequence[Result], train: str) -> Figure:
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 6 of the SCI paper: a panel a test sequence, a model's exact curve, a marker at its own
-    threshold."""
+    """Fig. 6 of the SCI paper: precision over recall, a panel a test sequence.
+
+    The curve is exact; the marker is at the model's own threshold.
+    """
     groups = by_sequence(results)
     looks = look(by_model(results))
     rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
@@ -123,25 +128,26 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
 
 @styled
 def recall_at(results: Sequence[Result]) -> Figure:
-    """Recall among the first n places, without rejection: each model's mean over the test
-    sequences, and each sequence faint."""
+    """Recall among the first n places, without rejection.
+
+    A model's mean over the test sequences is bold, each sequence faint.
+    """
     groups = by_model(results)
     looks = look(by_model(results))
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
-    every = [
+    recalls = [
         result.evaluation.protocol(protocol).recall_at
         for protocol in PROTOCOLS
         for result in results
     ]
-    axes[0].set_ylim(*share_limits(*every))
+    axes[0].set_ylim(*share_limits(*recalls))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
         means = []
-        n = np.arange(1, len(every[0]) + 1)
+        n = np.arange(1, len(recalls[0]) + 1)
         for model, group in groups.items():
-            curves = np.stack(
-                [result.evaluation.protocol(protocol).recall_at for result in group]
-            )  # (sequence, n)
+            # (sequence, n)
+            curves = np.stack([result.evaluation.protocol(protocol).recall_at for result in group])
             curves = curves[np.isfinite(curves).all(axis=1)]
             (tint, dash) = looks[model]
             if len(curves):
@@ -162,8 +168,10 @@ def recall_at(results: Sequence[Result]) -> Figure:
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel for each curve (round,), on training and on held-out blocks;
-    `best`, from 0, was kept."""
+    """The training of a model: a panel a curve (round,), on training and on held-out blocks.
+
+    The round `best`, from 0, was kept.
+    """
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
     heading = f"{model}: " + (

@@ -1,4 +1,4 @@
-"""One test day as a model answered it, query by query: what the moving picture shows."""
+"""One test day as a model answered it, query by query: the data of the moving picture."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -36,7 +36,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Its q queries as they were driven, beside the n submaps of training."""
+    """The q queries of a test day as driven, beside the n submaps of training."""
 
     where: str  # `simulated campus`
     model: str
@@ -46,9 +46,8 @@ class Drive:
     simulated: bool
     correct_m: float  # an answer is right at most so far from its query
     seen_m: float  # and a query counts where training was nearer than this
-    walls_xy_m: NDArray[
-        np.float64
-    ]  # (w, 2) what stood there at training; none where its scans are gone
+    # (w, 2) what stood there at training; none where its scans are gone
+    walls_xy_m: NDArray[np.float64]
     train_xy_m: NDArray[np.float64]  # (n, 2)
     xy_m: NDArray[np.float64]  # (q, 2)
     heading_rad: NDArray[np.float64]  # (q,) counter-clockwise from +x
@@ -58,47 +57,48 @@ class Drive:
 
     @classmethod
     def of(cls, study: Study, model: str, sequence: str) -> Self:
-        """What a model of a study answered on one of its test days; raises ArtifactError where that
-        is not built."""
+        """Read what a model answered on one test day; raises ArtifactError if it is not built."""
         artifact = study.artifact("evaluate", sequence, model)
-        given = Evaluation.read(artifact)
+        evaluation = Evaluation.read(artifact)
         rules = artifact.attrs["distance"]
         looked_at = store.read(study.find("views", sequence, model), *schemas.LOOKED_AT)
         views = None
         if looked_at.attrs["kind"] == schemas.VIEWS.kind:
-            learned = [
-                store.read(study.find("views", one, model), schemas.VIEWS).load("images")
-                for one in study.train.split()
+            training_images = [
+                store.read(study.find("views", train_sequence, model), schemas.VIEWS).load("images")
+                for train_sequence in study.train.split()
             ]
-            views = Views(looked_at.load("images"), np.concatenate(learned))
+            views = Views(looked_at.load("images"), np.concatenate(training_images))
         heading_rad = yaw(looked_at.load("world_T_anchor"))
-        if not len(given.xy_m) == len(heading_rad) > 0:
+        if not len(evaluation.xy_m) == len(heading_rad) > 0:
             raise ArtifactError(
-                f"{artifact.path}: {len(given.xy_m)} queries of {len(heading_rad)} views; `dvc "
-                "repro` it"
+                f"{artifact.path}: {len(evaluation.xy_m)} queries of {len(heading_rad)} views; "
+                "`dvc repro` it"
             )
-        right = np.where(given.distance.true_rank == 0, RIGHT, WRONG)
+        right = np.where(evaluation.distance.true_rank == 0, RIGHT, WRONG)
         return cls(
             where=study.where,
             model=model,
             trained=" and ".join(map(day, study.train.split())),
             driven=day(sequence),
-            days=given.days,
+            days=evaluation.days,
             simulated=study.simulated,
             correct_m=rules["correct_m"],
             seen_m=rules["seen_m"],
-            walls_xy_m=np.concatenate([walls(study, one) for one in study.train.split()]),
+            walls_xy_m=np.concatenate(
+                [walls(study, train_sequence) for train_sequence in study.train.split()]
+            ),
             train_xy_m=study.train_xy_m,
-            xy_m=given.xy_m,
+            xy_m=evaluation.xy_m,
             heading_rad=heading_rad,
-            answer_xy_m=given.answer_xy_m,
-            outcome=np.where(given.distance.seen, right, NOT_COUNTED),
+            answer_xy_m=evaluation.answer_xy_m,
+            outcome=np.where(evaluation.distance.seen, right, NOT_COUNTED),
             views=views,
         )
 
     @property
     def title(self) -> str:
-        """`Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
+        """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
         days = (
             f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} "
             f"{'later' if self.days > 0 else 'earlier'}"
@@ -109,13 +109,13 @@ class Drive:
 
     @property
     def driven_m(self) -> NDArray[np.float64]:
-        """Metres (q,) from the first query to each, from query to query."""
+        """Metres (q,) driven from the first query to each, in straight lines between queries."""
         steps_m = np.linalg.norm(np.diff(self.xy_m, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps_m)])
 
     @property
     def counted(self) -> NDArray[np.int64]:
-        """How many of the queries up to each (q,) count, and how many of them are right: (2, q)."""
+        """How many of the queries up to each one count, and how many of them are right: (2, q)."""
         return np.cumsum([self.outcome != NOT_COUNTED, self.outcome == RIGHT], axis=1)
 
     @property
@@ -125,41 +125,44 @@ class Drive:
         return error_m
 
     def pairs(self, views: Views, queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Heights (query, 2, ring, sector) of some queries and of the training view nearest to the
-        answer of each.
+        """Heights (query, 2, ring, sector) of queries and of the training views of their answers.
 
-        That one is rolled to look most like the query; it is NaN where there is no answer.
+        The training view is nearest to the answer and rolled to look most like the query; NaN where
+        there is no answer.
         """
-        shown = views.queries[queries]
+        query_views = views.queries[queries]
         sectors = views.queries.shape[2]
-        known = np.isfinite(self.answer_xy_m[queries]).all(axis=1)
-        matched = np.full(shown.shape, np.nan, np.float32)
-        if known.any():
-            found = views.training[
-                KDTree(self.train_xy_m).query(self.answer_xy_m[queries[known]])[1]
+        has_answer = np.isfinite(self.answer_xy_m[queries]).all(axis=1)
+        matched = np.full(query_views.shape, np.nan, np.float32)
+        if has_answer.any():
+            answer_views = views.training[
+                KDTree(self.train_xy_m).query(self.answer_xy_m[queries[has_answer]])[1]
             ]
-            shifts = best_shifts(spectra(shown[known]), spectra(found), sectors)
+            shifts = best_shifts(spectra(query_views[has_answer]), spectra(answer_views), sectors)
             columns = (np.arange(sectors) - shifts[:, None]) % sectors
-            matched[known] = np.take_along_axis(found, columns[:, None], axis=2)
-        return np.stack([shown, matched], axis=1)
+            matched[has_answer] = np.take_along_axis(answer_views, columns[:, None], axis=2)
+        return np.stack([query_views, matched], axis=1)
 
 
 def walls(study: Study, sequence: str) -> NDArray[np.float64]:
-    """Centres (w, 2) of the cells of a site that hold points well above the ground, by the scans of
-    one training day."""
+    """Centres (w, 2) of the site's cells with points well above the ground, on one training day."""
     submaps = study.artifact("submaps", sequence)
     try:
         scans = study.artifact("scans", sequence)
     except ArtifactError:
         return np.empty((0, 2))
     world_T_anchor = submaps.load("world_T_anchor")
-    found = []
+    wall_points = []
     for row in np.unique(
         np.linspace(0, len(world_T_anchor) - 1, LOOKS).round().astype(int)
     ).tolist():
         points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))
         points_m = points_m[(points_m[:, 2] > WALL_M[0]) & (points_m[:, 2] < WALL_M[1])]
-        found.append(points_m[:, :2] @ world_T_anchor[row, :2, :2].T + world_T_anchor[row, :2, 3])
+        wall_points.append(
+            points_m[:, :2] @ world_T_anchor[row, :2, :2].T + world_T_anchor[row, :2, 3]
+        )
     cell_m = float(np.ptp(study.train_xy_m, axis=0).max()) / CELLS + 0.2
-    cells, counts = np.unique(np.floor(np.concatenate(found) / cell_m), axis=0, return_counts=True)
+    cells, counts = np.unique(
+        np.floor(np.concatenate(wall_points) / cell_m), axis=0, return_counts=True
+    )
     return np.asarray((cells[counts >= max(FEWEST, np.median(counts))] + 0.5) * cell_m)

@@ -19,8 +19,10 @@ HOLLOW: Any = {"mfc": "white", "mec": "0.6", "mew": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class BandValues:
-    """One model by one protocol in each of b bands of distance, over all its test sequences; NaN
-    where there is no number."""
+    """One model by one protocol in each of b bands of distance, over all its test sequences.
+
+    NaN where there is no number.
+    """
 
     seen: NDArray[np.int64]  # (b,) queries
     unseen: NDArray[np.int64]  # (b,)
@@ -32,8 +34,7 @@ class BandValues:
 def by_distance(
     values: Mapping[tuple[str, str, bool], BandValues], names: Sequence[str], few: int
 ) -> Figure:
-    """A row a model and a column a number by each protocol: each band's value with its 95 %
-    interval.
+    """A row a model, a column a number by each protocol: values of the bands with 95 % intervals.
 
     `values` go by model, protocol and whether the change shows already; bands of fewer than `few`
     seen queries are pale.
@@ -50,24 +51,26 @@ def by_distance(
         column[0].set_title(
             f"{'recall@1' if name == 'recall' else 'exact AUC'}, by {protocol}", pad=5
         )
-        for shown, beside, shade in ((False, BESIDE, "0.75"), (True, -BESIDE, "0.35")):
+        for is_shown, offset, shade in ((False, BESIDE, "0.75"), (True, -BESIDE, "0.35")):
             for axis, (model, tint) in zip(column, shades.items(), strict=True):
-                one = values[model, protocol, shown]
-                numbers = one.recall if name == "recall" else one.auc
+                band_values = values[model, protocol, is_shown]
+                numbers = band_values.recall if name == "recall" else band_values.auc
                 for band in np.flatnonzero(np.isfinite(numbers[:, 0])):
-                    alpha = PALE if one.seen[band] < few else 1.0
-                    fill = {} if shown else HOLLOW
+                    alpha = PALE if band_values.seen[band] < few else 1.0
+                    fill = {} if is_shown else HOLLOW
                     points(
                         axis,
-                        [band + beside],
+                        [band + offset],
                         numbers[[band]],
-                        tint if shown else "0.6",
+                        tint if is_shown else "0.6",
                         alpha=alpha,
                         **fill,
                     )
-            queries = one.seen if name == "recall" else one.seen + one.unseen
+            queries = (
+                band_values.seen if name == "recall" else band_values.seen + band_values.unseen
+            )
             bars = counts.bar(
-                np.arange(len(names)) + 1.4 * beside, queries, 2 * BESIDE, color=shade
+                np.arange(len(names)) + 1.4 * offset, queries, 2 * BESIDE, color=shade
             )
             counts.bar_label(bars, size=5.5, color=shade)
         counts.set_xticks(

@@ -1,5 +1,4 @@
-"""Learning further days: recall of each asked day after each step, forgetting, and from which step
-each place is known."""
+"""Learning further days: recall after each step, forgetting, and since when places are known."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +28,8 @@ NEVER = "0.75"  # grey of queries whose place is never known
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """From which step the places of queries are known, in one order."""
+class FirstKnown:
+    """The step from which the place of each query is known, in one order."""
 
     xy_m: NDArray[np.float64]  # (query, 2) where each was taken
     known_from: NDArray[np.int64]  # (query,) −1 for never
@@ -39,21 +38,23 @@ class Known:
 
 @styled
 def matrices(
-    found: Mapping[str, NDArray[np.float64]],
+    recalls: Mapping[str, NDArray[np.float64]],
     steps: Sequence[str],
     groups: Sequence[str],
     heading: str,
 ) -> Figure:
-    """Recall (step, group) of each strategy, a number in each cell; NaN where no place of the group
-    is known yet."""
-    (rows, columns) = balanced(len(found), 3)
+    """Recall (step, group) of each strategy, with a number in each cell.
+
+    NaN where no place of the group is known yet.
+    """
+    (rows, columns) = balanced(len(recalls), 3)
     blues = matplotlib.colormaps["Blues"]
     fig = figure(
         WIDTH_IN if columns > 1 else ALONE_IN, rows * (0.85 + 0.24 * len(steps)) + 0.35, heading
     )
-    axes = panels(fig, len(found), columns)
-    low, high = share_limits(*found.values())
-    for axis, (strategy, values) in zip(axes, found.items(), strict=True):
+    axes = panels(fig, len(recalls), columns)
+    low, high = share_limits(*recalls.values())
+    for axis, (strategy, values) in zip(axes, recalls.items(), strict=True):
         axis.pcolormesh(values, cmap=blues, vmin=low, vmax=high, edgecolors="white", linewidth=1.2)
         for (step, group), value in np.ndenumerate(values):
             tint = "white" if value > low + DARK * (high - low) else "0.15"
@@ -62,12 +63,12 @@ def matrices(
         axis.set_title(strategy, pad=4)
         axis.set_xticks(
             np.arange(len(groups)) + 0.5,
-            _ends(groups),
+            _short_names(groups),
             rotation=40,
             ha="right",
             rotation_mode="anchor",
         )
-        axis.set_yticks(np.arange(len(steps)) + 0.5, _ends(steps))
+        axis.set_yticks(np.arange(len(steps)) + 0.5, _short_names(steps))
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
     axes[0].set_ylim(len(steps), 0)  # the first step above; the panels share it
@@ -81,26 +82,31 @@ def over_steps(
     numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]],
     heading: str,
 ) -> Figure:
-    """A column an order with the names of its steps, a row a number by its title: (seed, step) by
-    order and strategy; a line joins the means, thin lines are single seeds; each panel has its own
-    scale."""
-    known = list(dict.fromkeys(strategy for found in numbers.values() for _, strategy in found))
+    """A column an order over its steps, a row a number by its title.
+
+    Numbers (seed, step) go by order and strategy. A line joins the means, thin lines are single
+    seeds; each panel has its own scale.
+    """
+    strategies = list(
+        dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
+    )
     looks = {
-        one: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)]) for i, one in enumerate(known)
+        strategy: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)])
+        for i, strategy in enumerate(strategies)
     }
     fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
     wide: Any = {"width_ratios": [len(steps) + 1 for steps in orders.values()]}
     axes = fig.subplots(len(numbers), len(orders), squeeze=False, sharex="col", gridspec_kw=wide)
-    for row, (title, found) in zip(axes, numbers.items(), strict=True):
+    for row, (title, values) in zip(axes, numbers.items(), strict=True):
         row[0].set_ylabel(title)
         for axis, order in zip(row, orders, strict=True):
-            for strategy in (strategy for of, strategy in found if of == order):
-                _line(axis, found[order, strategy], *looks[strategy])
+            for strategy in (strategy for line_order, strategy in values if line_order == order):
+                _line(axis, values[order, strategy], *looks[strategy])
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
         column[-1].set_xticks(
-            range(len(steps)), _ends(steps), rotation=30, ha="right", rotation_mode="anchor"
+            range(len(steps)), _short_names(steps), rotation=30, ha="right", rotation_mode="anchor"
         )
         column[-1].set_xlim(-0.3, len(steps) - 0.7)
     for axis in axes.flat:
@@ -121,32 +127,40 @@ def over_steps(
 
 
 @styled
-def known_places(found: Mapping[str, Known], train_xy_m: NDArray[np.float64]) -> Figure:
-    """Queries of all asked days by the step from which their place is known, a panel an order, over
-    the training path (n, 2)."""
+def known_places(
+    queries_by_order: Mapping[str, FirstKnown], train_xy_m: NDArray[np.float64]
+) -> Figure:
+    """Queries of all asked days by the step from which their place is known, a panel an order.
+
+    They are drawn over the training path (n, 2).
+    """
     points = {}
-    for order, one in found.items():
-        names = ["never", *_ends(one.steps)]
-        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(one.steps)))]
-        points[order] = one.xy_m, one.known_from + 1, list(zip(names, shades, strict=True))
+    for order, queries in queries_by_order.items():
+        names = ["never", *_short_names(queries.steps)]
+        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(queries.steps)))]
+        points[order] = queries.xy_m, queries.known_from + 1, list(zip(names, shades, strict=True))
     return _maps(points, train_xy_m, "From which step each place is known")
 
 
 @styled
 def ages(
-    found: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]],
+    places_by_order: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]],
     train_xy_m: NDArray[np.float64],
 ) -> Figure:
-    """Places by the age in days of their newest view, a panel an order: where they lie (n, 2), and
-    their age (n,)."""
+    """Places by the age in days of their newest view, a panel an order.
+
+    Takes where places lie (n, 2), and their age (n,).
+    """
     points = {}
-    for order, (xy_m, days) in found.items():
-        each, kind = np.unique(days, return_inverse=True)
-        shades = map(to_hex, matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(each))))
+    for order, (xy_m, days) in places_by_order.items():
+        distinct_days, kind = np.unique(days, return_inverse=True)
+        shades = map(
+            to_hex, matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(distinct_days)))
+        )
         points[order] = (
             xy_m,
             kind,
-            [(f"{age} days", tint) for age, tint in zip(each, shades, strict=True)],
+            [(f"{age} days", tint) for age, tint in zip(distinct_days, shades, strict=True)],
         )
     return _maps(points, train_xy_m, "The age of each place's newest view")
 
@@ -155,25 +169,29 @@ Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]
 """Where points lie (n, 2), their kind (n,), and the name and colour of each kind."""
 
 
-def _maps(found: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str) -> Figure:
-    """A map a panel, later kinds above earlier ones, with how many points are of each kind."""
-    around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in found.values()))
+def _maps(
+    points_by_title: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str
+) -> Figure:
+    """Draw a map a panel, later kinds on top, with the number of points of each kind."""
+    around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in points_by_title.values()))
     slope = float(np.divide(*(around[1] - around[0])[::-1]))
-    columns = len(found)
+    columns = len(points_by_title)
     panel_in = min(WIDTH_IN / max(columns, 2), 4.5)
-    most = max(len(looks) for *_, looks in found.values())
-    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most + 1) // 2))
+    most_kinds = max(len(looks) for *_, looks in points_by_title.values())
+    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most_kinds + 1) // 2))
     fig = figure(panel_in * max(columns, 2), height_in, heading)
     for axis, (title, (xy_m, kind, looks)) in zip(
-        fig.subplots(1, columns, squeeze=False)[0], found.items(), strict=True
+        fig.subplots(1, columns, squeeze=False)[0], points_by_title.items(), strict=True
     ):
         axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
         entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
         for place, (name, tint) in enumerate(looks):
-            own = xy_m[kind == place]
-            if len(own):
-                axis.scatter(*own.T, 5.0, tint, linewidths=0, zorder=2 + place, rasterized=True)
-                entries.insert(-1, dot(f"{name}: {len(own)}", tint))
+            kind_xy_m = xy_m[kind == place]
+            if len(kind_xy_m):
+                axis.scatter(
+                    *kind_xy_m.T, 5.0, tint, linewidths=0, zorder=2 + place, rasterized=True
+                )
+                entries.insert(-1, dot(f"{name}: {len(kind_xy_m)}", tint))
         axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
         axis.set_axis_off()
         axis.set_title(title, pad=3)
@@ -190,14 +208,14 @@ def _maps(found: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading:
 
 
 def _line(axis: Axes, seeds: NDArray[np.float64], tint: str, form: str) -> None:
-    """The means of (seed, step) as a line, each seed as a thin one."""
+    """Draw the means of (seed, step) as a line, and each seed as a thin one."""
     x = np.arange(seeds.shape[1])
-    for one in seeds if len(seeds) > 1 else ():
-        axis.plot(x, one, color=tint, lw=0.5, alpha=0.5, zorder=2)
+    for seed in seeds if len(seeds) > 1 else ():
+        axis.plot(x, seed, color=tint, lw=0.5, alpha=0.5, zorder=2)
     means = [average(step) for step in seeds.T]
     axis.plot(x, means, color=tint, lw=1.3, marker=form, ms=4, mec="white", mew=0.5, zorder=3)
 
 
-def _ends(names: Sequence[str]) -> list[str]:
-    """Short names: of the parts of one day the part alone, of a day its date."""
+def _short_names(names: Sequence[str]) -> list[str]:
+    """Short names: for a part of a day the part alone, for a day its date."""
     return [day(name.rpartition(" ")[2]) for name in names]

@@ -1,5 +1,4 @@
-"""Where queries were placed right, placed wrong, or rejected: by cells, the papers' protocol, or by
-their poses."""
+"""Maps of queries placed right, placed wrong or rejected, by cells or by their poses."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -27,8 +26,10 @@ REJECTED = 0.25
 
 
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The queries of one test sequence, coloured by outcome at the model's threshold, over the
-    training path (n, 2)."""
+    """The queries of one test sequence by outcome, over the training path (n, 2).
+
+    Outcomes are by cells, at the model's threshold.
+    """
     names = [name for name, _, _ in ANSWERS]
     return _single(
         result, *answers(result), names, train_xy_m, f"{result.model} on {result.label}, by cells"
@@ -36,8 +37,10 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 
 
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The same, coloured by whether each pose is right, faint where it was not accepted with a
-    promise of .99."""
+    """The queries of one test sequence by whether their poses are right.
+
+    Faint where a pose was not accepted with a promise of .99.
+    """
     accepted, right = result.evaluation.fixes
     heading = f"{result.model} on {result.label}: poses, right within 2 m and 5°"
     return _single(
@@ -46,17 +49,16 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 
 
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
-    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether it is
-    accepted."""
-    by = result.evaluation.cells
-    found = np.where(by.seen, np.where(by.true_rank == 0, RIGHT, WRONG), UNSEEN)
-    return found, np.isin(by.outcome, (HIT, FALSE_ALARM))
+    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether accepted."""
+    judgement = result.evaluation.cells
+    kinds = np.where(judgement.seen, np.where(judgement.true_rank == 0, RIGHT, WRONG), UNSEEN)
+    return kinds, np.isin(judgement.outcome, (HIT, FALSE_ALARM))
 
 
 @styled
 def _single(
     result: Result,
-    found: NDArray[np.integer],
+    kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
     names: Sequence[str],
     train_xy_m: NDArray[np.float64],
@@ -68,16 +70,16 @@ def _single(
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
     fig = figure(width_in, height_in + 0.6, heading)
     axis = fig.subplots()
-    _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=6.0)
+    _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=6.0)
     scale_bar(axis, box)
     counts = [
-        (np.sum(found == code), np.sum(accepted & (found == code))) for code in range(len(names))
+        (np.sum(kinds == code), np.sum(accepted & (kinds == code))) for code in range(len(names))
     ]
     _legend(
         fig,
         [
-            f"{name} {count}, {taken} accepted"
-            for name, (count, taken) in zip(names, counts, strict=True)
+            f"{name} {count}, {accepted_count} accepted"
+            for name, (count, accepted_count) in zip(names, counts, strict=True)
         ],
     )
     return fig
@@ -85,8 +87,10 @@ def _single(
 
 @styled
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figure:
-    """All maps on one scale, a row a model where there are several; counts below each map, in the
-    legend's order."""
+    """All maps on one scale, a row a model where there are several.
+
+    The counts below each map are in the order of the legend.
+    """
     box = _box(results, train_xy_m)
     models = by_model(results)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
@@ -104,8 +108,8 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
-        found, accepted = answers(result)
-        _map(axis, result.evaluation.xy_m, found, accepted, train_xy_m, box, size=1.6)
+        kinds, accepted = answers(result)
+        _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=1.6)
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
@@ -120,7 +124,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
             )
             name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
         for code, (_, tint, _) in enumerate(ANSWERS):
-            count = str(np.sum(found == code))
+            count = str(np.sum(kinds == code))
             axis.text(
                 0.25 + 0.25 * code,
                 -0.02,
@@ -139,23 +143,25 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
 def _map(
     axis: Axes,
     xy_m: NDArray[np.float64],
-    found: NDArray[np.integer],
+    kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
     train_xy_m: NDArray[np.float64],
     box: NDArray[np.float64],
     size: float,
 ) -> None:
-    """The training path, and queries (q, 2) as markers of `size` square points, which become pixels
-    in an SVG; what the model rejects is faint and lies below, and what is wrong lies above what is
-    right."""
+    """Draw the training path, and queries (q, 2) as markers of `size` square points.
+
+    Markers become pixels in an SVG. Rejected queries are faint and lie below; wrong ones lie above
+    right ones.
+    """
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
-    drawn = product((False, True), (RIGHT, UNSEEN, WRONG))
-    for order, (taken, code) in enumerate(drawn, start=2):
+    layers = product((False, True), (RIGHT, UNSEEN, WRONG))
+    for order, (is_accepted, code) in enumerate(layers, start=2):
         _, tint, marker = ANSWERS[code]
-        x_m, y_m = xy_m[(found == code) & (accepted == taken)].T
+        x_m, y_m = xy_m[(kinds == code) & (accepted == is_accepted)].T
         look: Any = {
             "marker": marker,
-            "alpha": 1.0 if taken else REJECTED,
+            "alpha": 1.0 if is_accepted else REJECTED,
             "linewidths": 0,
             "zorder": order,
             "rasterized": True,
@@ -170,8 +176,10 @@ def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[
 
 
 def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin, and room
-    below for the scale bar."""
+    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin.
+
+    There is room below for the scale bar.
+    """
     everything = np.concatenate(xy_m)
     if not len(everything):
         raise InputError("a map needs at least one training pose or query")
@@ -183,8 +191,10 @@ def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
-    """A bar of 1, 2 or 5 × 10ᵏ metres, up to three tenths of the panel's width, in its lower left
-    corner; `size` of its words."""
+    """Draw a scale bar of 1, 2 or 5 × 10ᵏ metres in the lower left corner of a panel.
+
+    It takes at most three tenths of the panel's width; `size` is of its text.
+    """
     longest_m = 0.3 * (box[1, 0] - box[0, 0])
     power = 10.0 ** np.floor(np.log10(longest_m))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= longest_m)

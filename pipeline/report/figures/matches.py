@@ -41,7 +41,7 @@ RED = "#B2182B"
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A query to show."""
+    """A query shown in the figure."""
 
     result: Result
     query: int
@@ -54,7 +54,7 @@ class Example:
 
     @property
     def novelty(self) -> float:
-        """The one in use."""
+        """The query's novelty of the kind in use."""
         return float(self.result.evaluation.novelty[self.query, 0])
 
     def caption(self) -> str:
@@ -68,30 +68,36 @@ class Example:
             f"{degrees(e.turn_deg[i])} to training"
         )
 
-    def apart(self, others: Sequence["Example"]) -> bool:
-        """At least APART_M from all others."""
-        return all(np.linalg.norm(self.xy_m - other.xy_m) >= APART_M for other in others)
+    def apart(self, examples: Sequence["Example"]) -> bool:
+        """Whether the query is at least APART_M from the queries of all other examples."""
+        return all(np.linalg.norm(self.xy_m - example.xy_m) >= APART_M for example in examples)
 
 
 def choose(results: Sequence[Result]) -> list[Example]:
-    """Examples of one model: right ones over the year, one of them turned, and the wrong ones of
-    least novelty by kind."""
+    """Examples of one model: right ones over the year, one of them turned; wrong ones of each kind.
+
+    Wrong ones are those of least novelty.
+    """
     group = of_one_model(results)
     chosen = _right(group)
-    for verdict, number, which in WRONG:
-        found: list[Example] = []
-        for example in _surest(group, verdict, which):
-            if len(found) < number and example.apart(found):
-                found.append(example)
-        chosen += found
+    for verdict, number, select in WRONG:
+        examples: list[Example] = []
+        for example in _surest(group, verdict, select):
+            if len(examples) < number and example.apart(examples):
+                examples.append(example)
+        chosen += examples
     return chosen
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
-    """The hit of median novelty in sequences spread over the year; then the surest one that drove
-    another way than training."""
-    every = (_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group)
-    hits = [ordered for ordered in every if ordered]
+    """The hit of median novelty in RIGHT sequences over the year, then the surest turned one.
+
+    A turned one drove another way than training.
+    """
+    hits_by_result = (
+        _surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group
+    )
+    hits = [ordered for ordered in hits_by_result if ordered]
     chosen: list[Example] = []
     for n in np.unique(np.linspace(0, len(hits) - 1, RIGHT).round().astype(int)) if hits else ():
         middle = len(hits[n]) // 2
@@ -102,23 +108,25 @@ def _right(group: Sequence[Result]) -> list[Example]:
     turned = _surest(
         group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
     )
-    shown = {(example.result.sequence, example.query) for example in chosen}
+    chosen_keys = {(example.result.sequence, example.query) for example in chosen}
     return (
         chosen
-        + [example for example in turned if (example.result.sequence, example.query) not in shown][
-            :1
-        ]
+        + [
+            example
+            for example in turned
+            if (example.result.sequence, example.query) not in chosen_keys
+        ][:1]
     )
 
 
-def _surest(group: Sequence[Result], verdict: str, which: Which) -> list[Example]:
-    """The queries of some kind in all sequences, least novel first."""
-    found = [
+def _surest(group: Sequence[Result], verdict: str, select: Which) -> list[Example]:
+    """The selected queries of all sequences, least novel first."""
+    examples = [
         Example(result, int(i), verdict)
         for result in group
-        for i in np.flatnonzero(which(result.evaluation))
+        for i in np.flatnonzero(select(result.evaluation))
     ]
-    return sorted(found, key=lambda example: example.novelty)
+    return sorted(examples, key=lambda example: example.novelty)
 
 
 def degrees(angle_deg: float) -> str:
@@ -128,15 +136,17 @@ def degrees(angle_deg: float) -> str:
 
 @dataclass(frozen=True)
 class Training:
-    """The training sequence, of which the answers are shown."""
+    """The training sequence: views, places and positions of the answers."""
 
     images: Any  # (submap, ring, sector) heights in metres; slicing reads
     places: NDArray[np.int64]  # (submap,)
     xy_m: NDArray[np.float64]  # (submap, 2)
 
     def answered(self, place: int, xy_m: NDArray[np.float64]) -> int:
-        """The submap of a place that lies nearest to the answer's position (2,); of them all for a
-        place that is none, −1."""
+        """The submap of a place that is nearest to the answer's position (2,).
+
+        For place −1, which is none, the nearest of all submaps.
+        """
         rows = np.flatnonzero((self.places == place) | (place < 0))
         return int(rows[np.linalg.norm(self.xy_m[rows] - xy_m, axis=1).argmin()])
 
@@ -147,17 +157,19 @@ class Training:
 
 @styled
 def matches(
-    examples: Sequence[Example], training: Training, images: Callable[[str], Any], own: bool = True
+    examples: Sequence[Example],
+    training: Training,
+    images: Callable[[str], Any],
+    own_views: bool = True,
 ) -> Figure:
-    """A row an example: the query's image, the answered place's, and for a wrong answer the
-    training image nearest to the query.
+    """A row an example: the query's view, the matched training view, and the nearest one if wrong.
 
-    `images` gives a test sequence's images (submap, ring, sector), `own` says that they are the
-    model's own views. Training images are rolled to the heading at which they look most like the
-    query, as the network's own training copies are.
+    `images` gives the views (submap, ring, sector) of a test sequence; `own_views` says that they
+    are the model's own. Training views are rolled to the heading at which they look most like the
+    query, as the network's training copies are.
     """
     heading = "queries and the training images they were matched with" + (
-        "" if own else ", as Scan Contexts"
+        "" if own_views else ", as Scan Contexts"
     )
     fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), f"{examples[0].result.model}: {heading}")
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
@@ -179,8 +191,8 @@ def matches(
             linespacing=1.3,
         )
         _show(left, query)
-        answered = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
-        _show(middle, query, np.asarray(training.images[answered]))
+        matched_submap = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
+        _show(middle, query, np.asarray(training.images[matched_submap]))
         if wrong:
             _show(right, query, np.asarray(training.images[training.nearest(example.xy_m)]))
             _note(right, 0.99, f"{evaluation.nearest_m[i]:.0f} m away")
@@ -199,8 +211,7 @@ def matches(
 
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
-    """A query, or an image rolled towards it: heights (ring, sector) in the project's jet, the
-    nearest ring at the bottom."""
+    """Draw a query, or a view rolled towards it: heights (ring, sector), nearest ring lowest."""
     shift, image = (0, query) if image is None else (best_shift(query, image), image)
     axis.imshow(
         colorize(np.roll(image, shift, axis=1)),
@@ -215,7 +226,7 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
 
 
 def _note(axis: Axes, x: float, text: str) -> None:
-    """In the lower left or right corner of an image."""
+    """Write in the lower left or right corner of a view."""
     axis.text(
         x,
         0.06,

@@ -1,4 +1,4 @@
-"""Panels of a figure: how many beside each other, their scales, and names beside lines and rows."""
+"""Panels of a figure: how many beside each other, their scales, names beside lines and rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.report.figures.style import QUIET, VEIL, folded, look
-from pipeline.report.found import Found
+from pipeline.report.found import Measurement
 from pipeline.studies.colours import marker
 
 LINE_IN = 0.125  # height of a line of text
@@ -17,8 +17,7 @@ Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
-    """Rows and columns for `number` panels, at most `most` beside each other, with few cells left
-    empty."""
+    """Rows and columns for `number` panels, at most `most` in a row, with few empty cells."""
     rows = -(-number // most)
     return rows, -(-number // rows)
 
@@ -26,8 +25,10 @@ def balanced(number: int, most: int) -> tuple[int, int]:
 def panels(
     fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
 ) -> list[Axes]:
-    """`number` axes in rows of `columns`, on one scale if `shared`; `x` and `y` label the lowest
-    and the left ones."""
+    """`number` axes in rows of `columns`, on one scale if `shared`.
+
+    `x` and `y` label the lowest and the leftmost axes.
+    """
     columns = min(columns, number)
     axes = list(
         fig.subplots(
@@ -45,7 +46,7 @@ def panels(
 
 
 def precision_axes(axis: Axes, title: str) -> None:
-    """Scales of a small panel of precision over recall."""
+    """Set the scales of a small panel of precision over recall."""
     ticks: Any = {"ticks": (0.0, 0.5, 1.0), "labels": ("0", ".5", "1")}
     axis.set(xlim=(0, 1), ylim=(0, 1.02))
     axis.set_xticks(**ticks)
@@ -54,8 +55,10 @@ def precision_axes(axis: Axes, title: str) -> None:
 
 
 def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
-    """A number in the lower left corner of a panel, or in the upper right one, `line` lines away
-    from it."""
+    """Write a number in the lower left corner of a panel, or in the upper right one.
+
+    It stands `line` lines away from the corner.
+    """
     corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
     place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": side}
     axis.annotate(text, corner, (0, step * line), **place).set(
@@ -64,12 +67,16 @@ def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) 
 
 
 def share_limits(*values: Any) -> tuple[float, float]:
-    """Limits of an axis of shares: from the tenth below all finite values to 1 or the largest, with
-    a margin."""
-    every = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(one, np.float64)) for one in values)])
-    every = every[np.isfinite(every)]
-    low = max(0.0, float(np.floor(every.min() * 10) / 10))
-    high = float(every.max())
+    """Limits of an axis of shares, with a margin.
+
+    They go from the tenth below all finite values to 1 or the largest value.
+    """
+    shares = np.concatenate(
+        [[0.9, 1.0], *(np.ravel(np.asarray(value, np.float64)) for value in values)]
+    )
+    shares = shares[np.isfinite(shares)]
+    low = max(0.0, float(np.floor(shares.min() * 10) / 10))
+    high = float(shares.max())
     return low - 0.02 * (high - low), high + 0.03 * (high - low)
 
 
@@ -80,9 +87,9 @@ def points(
     tint: str,
     marker: str = "o",
     alpha: float = 1.0,
-    **own: Any,
+    **options: Any,
 ) -> None:
-    """Markers of values (n, 3) with their intervals as bars."""
+    """Draw markers of values (n, 3) with their intervals as bars."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
     look: Any = {
@@ -94,19 +101,23 @@ def points(
         "zorder": 3,
         "clip_on": False,
     }
-    axis.plot(x, value, color=tint, alpha=alpha, **(look | own))
+    axis.plot(x, value, color=tint, alpha=alpha, **(look | options))
 
 
-def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
-    """A line a model through its means, each slightly beside the others, bars are deviations over
-    the test sequences."""
-    looks = look(found)
+def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:
+    """Draw a line a model through its means, slightly beside the other lines.
+
+    Bars are deviations over the test sequences.
+    """
+    looks = look(rows)
     lines = []
-    for i, (model, row) in enumerate(found.items()):
+    for i, (model, row) in enumerate(rows.items()):
         (tint, dash) = looks[model]
-        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(found) - 0.5)
-        means, apart = means_of(row)
-        axis.vlines(x, means - apart, means + apart, color=tint, lw=0.7, alpha=0.45, zorder=1)
+        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(rows) - 0.5)
+        means, deviations = means_of(row)
+        axis.vlines(
+            x, means - deviations, means + deviations, color=tint, lw=0.7, alpha=0.45, zorder=1
+        )
         axis.plot(
             x,
             means,
@@ -124,23 +135,30 @@ def model_lines(axis: Axes, found: Mapping[str, Sequence[Found]]) -> list[Line]:
     return lines
 
 
-def means_of(found: Sequence[Found]) -> NDArray[np.float64]:
-    """Means and deviations over the test sequences (2, k)."""
-    return np.array([[one.mean for one in found], [one.over_sequences for one in found]])
+def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
+    """Means and deviations over the test sequences (2, k) of k measurements."""
+    return np.array(
+        [
+            [measurement.mean for measurement in measurements],
+            [measurement.over_sequences for measurement in measurements],
+        ]
+    )
 
 
 def oracle_line(
     axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle"
 ) -> Line:
-    """The oracle's recall@1 (n,), in grey."""
+    """Draw the oracle's recall@1 (n,) in grey."""
     line = np.stack([x, shares], axis=1).astype(np.float64)
     axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
     return name, QUIET, line
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write names at the last finite values of lines, right of them, at least `gap`, a share of the
-    y axis, apart."""
+    """Write names right of the last finite values of lines.
+
+    They are at least `gap`, a share of the y axis, apart.
+    """
     low, high = axis.get_ylim()
     gap *= high - low
     finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]
@@ -153,12 +171,12 @@ def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
     y = high + gap
     places = [y := min(place, y - gap) for place in reversed(places)]
     for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
-        beside: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
-        axis.annotate(name, (right, place), (7, 0), color=tint, **beside)
+        placement: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
+        axis.annotate(name, (right, place), (7, 0), color=tint, **placement)
 
 
 def name_rows(axis: Axes, tints: Mapping[str, str]) -> None:
-    """Names of models in their colours along the y axis, the first above."""
+    """Write names of models in their colours along the y axis, the first on top."""
     axis.set_yticks(range(len(tints)), [folded(model) for model in tints], size=7)
     axis.set_ylim(len(tints) - 0.4, -0.6)
     for tick, tint in zip(axis.get_yticklabels(), tints.values(), strict=True):

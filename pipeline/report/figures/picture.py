@@ -1,5 +1,7 @@
-"""The moving picture of one test day: the robot drives, each answer stays behind as a dot, and the
-share of right ones grows."""
+"""The moving picture of one test day: the robot drives, and each answer stays as a dot.
+
+The share of right answers grows beside it.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,32 +49,33 @@ def write(drive: Drive, path: Path, progress: Progress) -> tuple[int, int]:
 
     Raises ConfigError for another ending.
     """
-    shown = queries(drive)
+    frame_queries = queries(drive)
     table = animation.palette((*TINTS.values(), PATH, WALL, INK, GREY), HEIGHTS)
-    return animation.save(progress.track(frames(drive, shown), len(shown), "frames"), path, table)
+    return animation.save(
+        progress.track(frames(drive, frame_queries), len(frame_queries), "frames"), path, table
+    )
 
 
 def queries(drive: Drive) -> NDArray[np.int64]:
-    """The queries (frame,) that have a frame each, evenly over the drive; the last one is the
-    drive's."""
+    """The queries (frame,) that have a frame each, evenly over the drive, the last one included."""
     count = len(drive.xy_m)
     return np.linspace(0, count - 1, min(count, FRAMES)).round().astype(np.int64)
 
 
-def frames(drive: Drive, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Draw a frame (height, width, 3) for each query of `shown`."""
+def frames(drive: Drive, frame_queries: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    """Draw a frame (height, width, 3) for each of `frame_queries`."""
     canvas = Canvas(drive)
-    pairs = drive.pairs(drive.views, shown) if drive.views else None
-    for number, query in enumerate(shown.tolist()):
+    pairs = drive.pairs(drive.views, frame_queries) if drive.views else None
+    for number, query in enumerate(frame_queries.tolist()):
         yield canvas.drawn(query, None if pairs is None else pairs[number])
 
 
 class Canvas:
-    """The figure, and what changes in it from frame to frame."""
+    """The figure, and the parts of it that change from frame to frame."""
 
     @styled
     def __init__(self, drive: Drive) -> None:
-        """Draw what stays."""
+        """Draw the parts that stay."""
         self.drive = drive
         self.figure = Figure((WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI)
         self.agg: Any = FigureCanvasAgg(self.figure)
@@ -83,35 +86,35 @@ class Canvas:
             self.text(RIGHT_PX, 15, SIMULATED, style="italic", color=GREY, ha="right")
         self._map(self.axes(12, 70, 490, 430))
         self.images = []
-        about = "the answer to its view"
-        about_px = 180
+        caption = "the answer to its view"
+        caption_px = 180
         top = 210
         if drive.views:
             self.text(520, 72, "the robot's view: 360° across, distance down")
             self.images = [self._view(y_px) for y_px in (94, 250)]
-            about = "the training view it matches"
-            about_px = 228
+            caption = "the training view it matches"
+            caption_px = 228
             top = 380
-        self.text(520, about_px, about)
-        self.off = self.text(RIGHT_PX, about_px, "", weight="bold", ha="right")
+        self.text(520, caption_px, caption)
+        self.off = self.text(RIGHT_PX, caption_px, "", weight="bold", ha="right")
         self.number = self.text(520, top, "", size=20, weight="bold")
         self.counts = self.text(RIGHT_PX, top + 8, "", ha="right")
         self._curve(self.axes(566, top + 44, 314, 96))
 
     def axes(self, x_px: float, y_px: float, width_px: float, height_px: float) -> Axes:
-        """Axes in a box of whole pixels, from the upper left corner of the picture."""
+        """Axes in a box of whole pixels, given from the upper left corner of the picture."""
         low = 1 - (y_px + height_px) / HEIGHT_PX
         return self.figure.add_axes(
             (x_px / WIDTH_PX, low, width_px / WIDTH_PX, height_px / HEIGHT_PX)
         )
 
     def text(self, x_px: float, y_px: float, words: str, **style: Any) -> Text:
-        """Words below a pixel, and right of it."""
-        usual: Any = {"va": "top", "ha": "left", "color": INK, "size": SIZE}
-        return self.figure.text(x_px / WIDTH_PX, 1 - y_px / HEIGHT_PX, words, **usual | style)
+        """Write words below and right of a pixel."""
+        defaults: Any = {"va": "top", "ha": "left", "color": INK, "size": SIZE}
+        return self.figure.text(x_px / WIDTH_PX, 1 - y_px / HEIGHT_PX, words, **defaults | style)
 
     def _map(self, axis: Axes) -> None:
-        """The site and the training path; empty lines for the dots, the robot and its answer."""
+        """Draw the site and the training path; empty lines for dots, robot and answer."""
         drive = self.drive
         empty = np.empty((2, 0))
         paths = np.concatenate([drive.train_xy_m, drive.xy_m])
@@ -142,7 +145,7 @@ class Canvas:
         )
 
     def _legend(self, right: str, not_counted: str) -> None:
-        """What the dots and the line mean, below the map."""
+        """Draw the legend of the dots and the line, below the map."""
         words = {RIGHT: right, WRONG: "answer farther off", NOT_COUNTED: not_counted}
         entries = [dot(word, TINTS[code], MARKS[code][0]) for code, word in words.items()]
         for entry in entries:
@@ -152,13 +155,13 @@ class Canvas:
         self.figure.legend(handles=entries, ncols=2, fontsize=SIZE, columnspacing=1.4, **corner)
 
     def _view(self, y_px: float) -> Any:
-        """An empty picture of three pixels a bin of the usual Scan Context."""
+        """An empty image of three pixels a bin of the usual Scan Context."""
         axis = self.axes(520, y_px, 360, 120)
         axis.set_axis_off()
         return axis.imshow(np.zeros((1, 1, 3), np.uint8), aspect="auto", interpolation="nearest")
 
     def _curve(self, axis: Axes) -> None:
-        """Axes of the share of right answers over metres driven, and its empty line."""
+        """Draw axes of the share of right answers over metres driven, and an empty line."""
         axis.set(
             xlim=(0, max(float(self.drive.driven_m[-1]), 1.0)), ylim=(0, 1.03), yticks=[0, 0.5, 1]
         )
@@ -171,8 +174,10 @@ class Canvas:
 
     @styled
     def drawn(self, query: int, pair: NDArray[np.float32] | None) -> NDArray[np.uint8]:
-        """The frame (height, width, 3) at a query, with the heights (2, ring, sector) of its
-        views."""
+        """Draw the frame (height, width, 3) at a query.
+
+        `pair` are the heights (2, ring, sector) of its view and of the matched training view.
+        """
         outcome = int(self.drive.outcome[query])
         upto = slice(query + 1)
         drive = self.drive

@@ -1,5 +1,4 @@
-"""How a model rejects: its novelty, precision and recall at its thresholds, and whether its
-confidence means what it says."""
+"""How a model rejects: its novelty, precision and recall at its thresholds, and calibration."""
 
 from collections.abc import Sequence
 
@@ -44,14 +43,18 @@ LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the pane
 
 @styled
 def histograms(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence: right and
-    misplaced stacked, unseen."""
+    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence.
+
+    Right and misplaced seen queries are stacked; unseen ones are a line.
+    """
     group = of_one_model(results)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    every = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(np.float64)
-    every = every[np.isfinite(every)]
-    low = every.min(initial=0.0)
-    high = every.max(initial=0.0)
+    novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(
+        np.float64
+    )
+    novelties = novelties[np.isfinite(novelties)]
+    low = novelties.min(initial=0.0)
+    high = novelties.max(initial=0.0)
     edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
     rows, columns = balanced(len(group), 5)
     width_in = WIDTH_IN if columns > 1 else 4.8
@@ -68,13 +71,14 @@ def histograms(results: Sequence[Result], protocol: str) -> Figure:
 
 
 def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]) -> None:
-    by = result.evaluation.protocol(protocol)
+    judgement = result.evaluation.protocol(protocol)
     threshold = result.evaluation.reject_from[0]
     novelty = result.evaluation.novelty[:, 0].astype(np.float64)
-    right = by.seen & (by.true_rank == 0)
-    per_query = 1 / (max(int(by.seen.sum()), 1) * np.diff(edges)[0])
+    right = judgement.seen & (judgement.true_rank == 0)
+    per_query = 1 / (max(int(judgement.seen.sum()), 1) * np.diff(edges)[0])
     right_density, wrong_density = (
-        np.histogram(novelty[of], edges)[0] * per_query for of in (right, by.seen & ~right)
+        np.histogram(novelty[mask], edges)[0] * per_query
+        for mask in (right, judgement.seen & ~right)
     )
     axis.stairs(right_density, edges, fill=True, color=RIGHT, lw=0)
     axis.stairs(
@@ -85,9 +89,12 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
         color=MISPLACED,
         lw=0,
     )
-    if by.unseen.any():
+    if judgement.unseen.any():
         axis.stairs(
-            np.histogram(novelty[by.unseen], edges, density=True)[0], edges, color=UNSEEN, lw=1.2
+            np.histogram(novelty[judgement.unseen], edges, density=True)[0],
+            edges,
+            color=UNSEEN,
+            lw=1.2,
         )
     if edges[0] <= threshold <= edges[-1]:
         axis.axvline(threshold, **MARK)
@@ -108,8 +115,10 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 
 @styled
 def rejection(results: Sequence[Result]) -> Figure:
-    """Precision, and recall below it, of a model at the threshold of each kind of novelty, chosen
-    without a test sequence."""
+    """Precision and recall of a model at the threshold of each kind of novelty.
+
+    Thresholds are chosen without a test sequence.
+    """
     group = of_one_model(results)
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     wanted = group[0].wanted_precision
@@ -118,21 +127,24 @@ def rejection(results: Sequence[Result]) -> Figure:
     for row, name in zip(axes, ("precision", "recall"), strict=True):
         number = MEASURES.index(f"{name}_at_threshold")
         precise = MEASURES.index("precision_at_threshold")
-        by = [[result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS]
-        values = np.array(
-            [[one.rejection[:, number] for one in row_of] for row_of in by]
-        )  # (protocol, sequence, kind, 3)
-        values[np.isnan([[one.rejection[:, precise, 0] for one in row_of] for row_of in by])] = (
-            np.nan
-        )  # where nothing is accepted
+        judgements = [
+            [result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS
+        ]
+        # (protocol, sequence, kind, measure, 3)
+        rejections = np.array(
+            [[judgement.rejection for judgement in protocol_row] for protocol_row in judgements]
+        )
+        values = rejections[..., number, :]
+        nothing_accepted = np.isnan(rejections[..., precise, 0])
+        values[nothing_accepted] = np.nan
         for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
-            for k, (one, (tint, marker)) in enumerate(
+            for k, (kind_values, (tint, marker)) in enumerate(
                 zip(of_kinds[: len(kinds)], KINDS, strict=False)
             ):
                 points(
                     axis,
                     np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2),
-                    one,
+                    kind_values,
                     tint,
                     marker,
                 )
@@ -152,10 +164,10 @@ def rejection(results: Sequence[Result]) -> Figure:
         kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1)
         for i, kind in enumerate(kinds)
     ]
-    promised = group[0].evaluation.kept[: len(kinds)]
+    kept_precisions = group[0].evaluation.kept[: len(kinds)]
     names = [
-        name + f", keeps {one:.3f}" * (one < wanted)
-        for name, one in zip(names, promised, strict=True)
+        name + f", keeps {precision:.3f}" * (precision < wanted)
+        for name, precision in zip(names, kept_precisions, strict=True)
     ]
     entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
@@ -163,11 +175,10 @@ def rejection(results: Sequence[Result]) -> Figure:
 
 
 def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
-    """The raw confidence (1 − cost of the first place) and the temperature-scaled one; none where a
-    model has neither.
+    """Calibration of the raw confidence (1 − cost of the first place) and of the scaled one.
 
-    Each with its name, the seen queries (by cells) of all test sequences in bins, and its expected
-    calibration error (ECE).
+    The scaled one is by temperature. Each with its name, the seen queries (by cells) of all test
+    sequences in bins, and its expected calibration error (ECE). Empty where a model has neither.
     """
     parts = [(result.evaluation, result.evaluation.cells.seen) for result in of_one_model(results)]
     right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
@@ -177,18 +188,22 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
         scaled
     ):  # without a confidence, a cost is no chance either, but a distance
         return []
-    named = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
-    return [(name, reliability(one, right), ece(one, right)) for name, one in named if chances(one)]
+    named_confidences = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
+    return [
+        (name, reliability(confidence, right), ece(confidence, right))
+        for name, confidence in named_confidences
+        if chances(confidence)
+    ]
 
 
 @styled
 def diagram(results: Sequence[Result]) -> Figure | None:
-    """Of the answers given with a confidence of 80 %, are 80 % right? None of no confidence.
+    """Share of right answers over confidence: of those with 80 %, are 80 % right?
 
     Below: the share of the queries in each bin. The mean distance to the diagonal over the queries
-    is the ECE.
+    is the ECE. None for a model without confidence.
     """
-    if not (found := confidences(results)):
+    if not (calibrations := confidences(results)):
         return None
     model = results[0].model
     count = sum(int(result.evaluation.cells.seen.sum()) for result in results)
@@ -198,9 +213,9 @@ def diagram(results: Sequence[Result]) -> Figure | None:
         f"{model}: confidence against the share right, by cells ({count:,} seen queries)",
     )
     axes = fig.subplots(
-        2, len(found), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
+        2, len(calibrations), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
     )
-    for (upper, lower), (name, bins, error) in zip(axes.T, found, strict=True):
+    for (upper, lower), (name, bins, error) in zip(axes.T, calibrations, strict=True):
         full = bins.count > 0
         upper.plot([0, 1], [0, 1], **MARK)
         upper.vlines(

@@ -1,5 +1,7 @@
-"""Fig. 9 to 11 of the SCI paper: each model's numbers as driven and altered, over levels of change,
-N-way training and cells."""
+"""Fig. 9 to 11 of the SCI paper: numbers as driven and altered.
+
+They are drawn over levels of change, over N-way training and over cell sizes.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -42,7 +44,7 @@ from pipeline.report.figures.style import (
     styled,
     tints,
 )
-from pipeline.report.found import Found
+from pipeline.report.found import Measurement
 from pipeline.studies.colours import colour, method_of
 
 MARKERS = "osD^vP"
@@ -50,24 +52,34 @@ MEASURES = (AUC, KEPT, FAR)
 
 
 @styled
-def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, heading: str) -> Figure:
-    """A row a model, the best AUC in the kind `by` above; a panel a measure, a marker a kind, bars:
-    deviations over sequences."""
-    models = comparison.ordered(by, AUC)
+def dots(
+    comparison: Comparison, measures: Sequence[Measure], order_by: Kind, heading: str
+) -> Figure:
+    """A row a model, the best AUC in the kind `order_by` first; a panel a measure, a marker a kind.
+
+    Bars are deviations over the sequences.
+    """
+    models = comparison.ordered(order_by, AUC)
     kinds = comparison.kinds
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
     fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), heading)
     axes = fig.subplots(1, len(measures), squeeze=False, sharey=True)[0]
     for axis, measure in zip(axes, measures, strict=True):
-        found = [
-            means_of([comparison.found(model, kind, measure) for model in models]) for kind in kinds
+        values_by_kind = [
+            means_of([comparison.measurement(model, kind, measure) for model in models])
+            for kind in kinds
         ]
-        for i, values in enumerate(found):
+        for i, values in enumerate(values_by_kind):
             if i or not measure.relative:
                 _row(axis, models, values, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
         if len(kinds) == 2 and not measure.relative:
             axis.hlines(
-                range(len(models)), found[0][0], found[1][0], color="0.75", lw=1.0, zorder=1
+                range(len(models)),
+                values_by_kind[0][0],
+                values_by_kind[1][0],
+                color="0.75",
+                lw=1.0,
+                zorder=1,
             )
         _scale_x(axis, measure)
     name_rows(axes[0], tints(models))
@@ -82,9 +94,11 @@ def dots(comparison: Comparison, measures: Sequence[Measure], by: Kind, heading:
 
 
 @styled
-def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) -> Figure:
-    """As driven: a row of panels a test sequence, titled as `named`, a row a model, the best above;
-    bars: over the seeds."""
+def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -> Figure:
+    """As driven: a row of panels a test sequence under its title, a row a model, the best on top.
+
+    Bars are deviations over the seeds.
+    """
     models = comparison.ordered(Kind(), RECALL)
     measures = (RECALL, AUC, AUROC, FAR)
     fig = figure(WIDTH_IN, 0.4 + (0.42 + 0.145 * len(models)) * len(comparison.sequences), heading)
@@ -93,14 +107,21 @@ def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) ->
     )
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
-            found = [comparison.found(model, Kind(), measure).on(i) for model in models]
+            measurements = [
+                comparison.measurement(model, Kind(), measure).on(i) for model in models
+            ]
             _row(
                 axis,
                 models,
-                np.array([[one.mean for one in found], [one.over_seeds for one in found]]),
+                np.array(
+                    [
+                        [measurement.mean for measurement in measurements],
+                        [measurement.over_seeds for measurement in measurements],
+                    ]
+                ),
             )
             _scale_x(axis, measure)
-        row[0].set_title(named[sequence], loc="left", pad=4)
+        row[0].set_title(titles[sequence], loc="left", pad=4)
         name_rows(row[0], tints(models))
     for axis in grid[:-1].flat:
         axis.set_xlabel("")
@@ -111,8 +132,10 @@ def sequences(comparison: Comparison, named: Mapping[str, str], heading: str) ->
 
 @styled
 def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
-    """A panel a measure, a line a model, over the level of the change in `unit`; walls with shadow
-    in a second row."""
+    """A panel a measure, a line a model, over the level of the change in `unit`.
+
+    Walls with shadow are in a second row.
+    """
     models = comparison.models
     shadows = sorted({kind.shadow for kind in comparison.changes})
     panel_in = 0.5 + 0.12 * max(len(models), 8)
@@ -126,7 +149,10 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
             ends.append(
                 model_lines(
                     axis,
-                    {m: [comparison.found(m, kind, measure) for kind in kinds] for m in models},
+                    {
+                        m: [comparison.measurement(m, kind, measure) for kind in kinds]
+                        for m in models
+                    },
                 )
             )
             axis.set_xticks(range(len(kinds)), [f"{kind.level:g}" for kind in kinds])
@@ -145,33 +171,47 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
 
 
 @styled
-def ways(comparison: Comparison, kind: Kind, others: Sequence[str], heading: str) -> Figure:
-    """A method over N of its N-way training, as driven and altered; `others` altered, as level
-    lines."""
-    found = comparison.ways()
+def ways(
+    comparison: Comparison, kind: Kind, reference_models: Sequence[str], heading: str
+) -> Figure:
+    """A method over N of its N-way training, as driven and altered.
+
+    `reference_models` are drawn as level lines, altered.
+    """
+    models_by_n = comparison.ways()
     looks = look(comparison.models)
-    method = method_of(next(iter(found.values())))
-    at = np.arange(len(found))
+    method = method_of(next(iter(models_by_n.values())))
+    positions = np.arange(len(models_by_n))
     tint = colour(method)
     fig = figure(WIDTH_IN, 2.7, heading)
     for axis, measure in zip(fig.subplots(1, len(MEASURES)), MEASURES, strict=True):
         ends: list[Line] = []
-        for one in (kind,) if measure.relative else (Kind(), kind):
-            dash, fill = ("-", tint) if one == kind else (DASHES[1], "white")
-            means, apart = means_of(
-                [comparison.found(model, one, measure) for model in found.values()]
+        for case in (kind,) if measure.relative else (Kind(), kind):
+            dash, fill = ("-", tint) if case == kind else (DASHES[1], "white")
+            means, deviations = means_of(
+                [comparison.measurement(model, case, measure) for model in models_by_n.values()]
             )
             marks: Any = {"marker": "o", "ms": 4, "mfc": fill, "mew": 0.8}
             axis.errorbar(
-                at, means, apart, color=tint, lw=1.3, ls=dash, elinewidth=0.6, zorder=3, **marks
+                positions,
+                means,
+                deviations,
+                color=tint,
+                lw=1.3,
+                ls=dash,
+                elinewidth=0.6,
+                zorder=3,
+                **marks,
             )
-            ends.append((f"{method} {one.label}", tint, np.stack([at, means], axis=1)))
-        for model in others:
-            level = np.array([[-0.3, at[-1]], [comparison.found(model, kind, measure).mean] * 2])
+            ends.append((f"{method} {case.label}", tint, np.stack([positions, means], axis=1)))
+        for model in reference_models:
+            level = np.array(
+                [[-0.3, positions[-1]], [comparison.measurement(model, kind, measure).mean] * 2]
+            )
             axis.plot(*level, color=looks[model][0], lw=1.0, ls=DASHES[2])
             ends.append((model, looks[model][0], level.T))
-        axis.set_xticks(at, [str(n) for n in found])
-        axis.set(xlim=(-0.3, len(found) - 0.7), xlabel="N of N-way")
+        axis.set_xticks(positions, [str(n) for n in models_by_n])
+        axis.set(xlim=(-0.3, len(models_by_n) - 0.7), xlabel="N of N-way")
         axis.set_title(measure.title, loc="left", pad=5)
         _scale_y([axis], measure)
         name_ends(axis, ends, gap=0.07)
@@ -185,22 +225,22 @@ def cells(
     oracle: Mapping[str, Sequence[float]],
     heading: str,
 ) -> Figure:
-    """A panel a number, a line a model: means over the sequences, bars: deviations; the oracle's
-    mean recall@1 by protocol.
+    """A panel a number, a line a model over the cell sizes, and the oracle's mean recall@1.
 
-    `values` go by model, protocol and number: for each size one value a test sequence (s,).
+    `values` go by model, protocol and number: for each size one value a test sequence (s,). Lines
+    are means over the sequences, bars deviations.
     """
     models = list(dict.fromkeys(model for model, _, _ in values))
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
     for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
         rows = {model: values.get((model, measure.protocol, measure.name), ()) for model in models}
-        found = {
-            model: [Found(np.reshape(one, (1, -1, 1))) for one in row]
+        measurements = {
+            model: [Measurement(np.reshape(numbers, (1, -1, 1))) for numbers in row]
             for model, row in rows.items()
             if len(row)
         }
-        ends = model_lines(axis, found)
+        ends = model_lines(axis, measurements)
         if measure.name == "recall_at_1":
             ends.append(oracle_line(axis, range(len(sizes_m)), oracle[measure.protocol]))
         axis.set_xticks(range(len(sizes_m)), [f"{side_m:g} m" for side_m in sizes_m])
@@ -218,18 +258,18 @@ def _row(
     full: bool = True,
     lift: float = 0.0,
 ) -> None:
-    """One marker in the row of each model, of means and deviations (2, model)."""
-    for y, tint, mean, apart in zip(
+    """Draw a marker in the row of each model, from means and deviations (2, model)."""
+    for y, tint, mean, deviation in zip(
         np.arange(len(models)) + lift, tints(models).values(), *values, strict=True
     ):
-        axis.hlines(y, mean - apart, mean + apart, color=tint, lw=0.8, alpha=0.6, zorder=2)
+        axis.hlines(y, mean - deviation, mean + deviation, color=tint, lw=0.8, alpha=0.6, zorder=2)
         axis.plot(
             mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3
         )
 
 
 def _scale_x(axis: Axes, measure: Measure) -> None:
-    """Shares up to 1, or degrees from 0; a line where nothing is lost."""
+    """Scale x to shares up to 1 or degrees from 0; draw a line where nothing is lost."""
     limits = share_limits(axis.dataLim.intervalx)
     axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is OFF else limits))
     if measure.relative:
@@ -240,7 +280,7 @@ def _scale_x(axis: Axes, measure: Measure) -> None:
 
 
 def _scale_y(axes: Iterable[Axes], measure: Measure) -> None:
-    """One scale for some panels, and a line where nothing is lost."""
+    """Give panels one y scale, and draw a line where nothing is lost."""
     limits = share_limits(*(axis.dataLim.intervaly for axis in axes))
     for axis in axes:
         axis.set_ylim(*limits)

@@ -1,5 +1,7 @@
-"""The style of every figure: fonts, a colour for each model, the line that says simulated, files of
-the same bytes each time."""
+"""The style of every figure: fonts, a colour a model, the mark of simulated data.
+
+Files have the same bytes each time.
+"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -71,18 +73,20 @@ LONG = 12  # letters of a model's name that fit beside a panel
 
 
 def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
-    """Colour and dash of each model in a figure: its method's colour, darker and with another dash
-    from variant to variant."""
+    """Colour and dash of each model in a figure.
+
+    A variant has its method's colour, darker and with another dash.
+    """
     models = list(models)
     looks = {}
     for model in models:
-        kin = sorted(
-            {one for one in models if method_of(one) == method_of(model)},
-            key=lambda one: ("-" in one, len(one), one),
+        variants = sorted(
+            {name for name in models if method_of(name) == method_of(model)},
+            key=lambda name: ("-" in name, len(name), name),
         )
-        place = kin.index(model)
+        place = variants.index(model)
         rgb = np.array(to_rgb(colour(model)))
-        shade = 1.0 - 0.6 * place / max(len(kin) - 1, 1)
+        shade = 1.0 - 0.6 * place / max(len(variants) - 1, 1)
         looks[model] = to_hex((*(shade * rgb),)).upper(), DASHES[place % len(DASHES)]
     return looks
 
@@ -104,20 +108,20 @@ def handles(models: Iterable[str]) -> list[Line2D]:
 def dot(
     label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0
 ) -> Line2D:
-    """A legend's entry of a marker."""
+    """A legend entry of a marker."""
     shape: Any = {"marker": marker, "ms": 4, "mfc": tint if full else "white", "mew": 0.8}
     return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **shape)
 
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
-    """A legend below the panels."""
+    """Add a legend below the panels."""
     fig.legend(
         handles=entries, loc="outside lower center", ncols=min(columns, len(entries)), **options
     )
 
 
 def folded(model: str) -> str:
-    """A model's name, a long one in two lines: before its last dash or underscore."""
+    """A model's name; a long one in two lines, broken before its last dash or underscore."""
     cut = max(model.rfind("_"), model.rfind("-"))
     return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONG and cut > 0 else model
 
@@ -132,10 +136,10 @@ def figure(width_in: float, height_in: float, heading: str) -> Figure:
 
 
 def save(fig: Figure, path: Path, simulated: bool) -> Path:
-    """Write a figure as .svg, with SIMULATED above where its data was; raises InputError for
-    another ending.
+    """Write a figure as .svg, marked where its data were simulated.
 
-    The bytes are the same each time: no date, no random ids, fonts from matplotlib itself.
+    The bytes are the same each time: no date, no random ids, fonts from matplotlib itself. Raises
+    InputError for another ending.
     """
     if path.suffix != ".svg":
         raise InputError(f"{path.name}: a figure is saved as .svg")
@@ -166,14 +170,14 @@ def illustrate(
     name: str = "",
     **values: str,
 ) -> Illustration:
-    """Save a figure of a study as an SVG of its kind's or another name; `values` fill its words."""
+    """Save a figure as an SVG named by its kind or `name`; `values` fill its words."""
     return Illustration(
         kind, save(figure, folder / f"{name or kind}.svg", study.simulated), findings, values
     )
 
 
 def _head(fig: Figure, simulated: bool) -> None:
-    """Keep room for the heading, and for SIMULATED beside it, or above it in a narrow figure."""
+    """Make room for the heading, and for SIMULATED beside it or, in a narrow figure, above it."""
     width_in, height_in = fig.get_size_inches()
     above_in = LINE_IN * (simulated and width_in < WIDE_IN)
     top = 1.0 - MARGIN_IN / height_in

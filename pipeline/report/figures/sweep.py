@@ -24,27 +24,26 @@ class SweepJob:
 
     number: int
     values: Mapping[str, str]  # parameter to value, such as {"grid.cell_m": "5"}
-    numbers: Mapping[
-        tuple[str, str], Sequence[float]
-    ]  # protocol and number to one value a test sequence; none of a failed job
+    # protocol and number to one value a test sequence; none of a failed job
+    numbers: Mapping[tuple[str, str], Sequence[float]]
     error: str | None  # why it failed
     held_out_auc: float | None = None
 
     def value(self, name: str) -> str:
-        """Of a parameter; of `job` its own number."""
+        """The value of a parameter, MISSING if not set; for `job` the job's number."""
         return str(self.number) if name == "job" else self.values.get(name, MISSING)
 
     def finite(self, protocol: str, name: str) -> list[float]:
-        """The values that are there."""
+        """The finite values of one number, one a test sequence."""
         return [value for value in self.numbers.get((protocol, name), ()) if np.isfinite(value)]
 
 
 @styled
 def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
-    """Both panels over the swept parameter with most values, numeric if any is; a line for each
-    combination of the others.
+    """The scores over the swept parameter with most values, numeric if any is.
 
-    Points are joined along a numeric axis only. Raises InputError where every job failed.
+    A panel a protocol, a line for each combination of the other parameters. Points are joined along
+    a numeric axis only. Raises InputError where every job failed.
     """
     if not any(job.numbers for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
@@ -84,18 +83,20 @@ def _panel(
     measure: Measure,
     joined: bool,
 ) -> None:
-    """Means as lines, test sequences as dots, the mean oracle of the jobs at each place in grey,
-    failed jobs as crosses."""
+    """Draw means as lines, test sequences as dots and failed jobs as crosses.
+
+    The mean oracle of the jobs at each place is grey.
+    """
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]
         dash = DASHES[i // len(PALETTE) % len(DASHES)] if joined else ""
-        shown = [
-            (x, found) for x, job in jobs if (found := job.finite(measure.protocol, measure.name))
+        drawn_jobs = [
+            (x, values) for x, job in jobs if (values := job.finite(measure.protocol, measure.name))
         ]
-        means = [np.mean(found) for _, found in shown]
+        means = [np.mean(values) for _, values in drawn_jobs]
         axis.plot(
-            [x for x, _ in shown],
+            [x for x, _ in drawn_jobs],
             means,
             color=tint,
             ls=dash,
@@ -106,8 +107,8 @@ def _panel(
             label=name,
             zorder=3,
         )
-        for x, found in shown:
-            axis.scatter([x] * len(found), found, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+        for x, values in drawn_jobs:
+            axis.scatter([x] * len(values), values, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
             oracle.setdefault(x, []).extend(job.finite(measure.protocol, "oracle"))
             if job.error is not None:
@@ -115,7 +116,7 @@ def _panel(
                 axis.plot(
                     x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low
                 )
-    best = np.array(sorted((x, np.mean(found)) for x, found in oracle.items() if found)).reshape(
+    best = np.array(sorted((x, np.mean(values)) for x, values in oracle.items() if values)).reshape(
         -1, 2
     )
     axis.plot(

@@ -19,8 +19,10 @@ WRONG = "#B2182B"
 
 @styled
 def verdicts(results: Sequence[Result]) -> Figure:
-    """Position error over novelty, a panel a test sequence; left of the line poses are accepted
-    with a promise of .99."""
+    """Position error over novelty, a panel a test sequence.
+
+    Poses left of the line are accepted with a promise of .99.
+    """
     group = of_one_model(results)
     rows, columns = balanced(len(group), 4)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
@@ -30,13 +32,13 @@ def verdicts(results: Sequence[Result]) -> Figure:
     for axis, result in zip(
         panels(fig, len(group), columns, x=f"novelty: {kind}", y="error [m]"), group, strict=True
     ):
-        given = result.evaluation
+        evaluation = result.evaluation
         (accepted, right) = result.evaluation.fixes
-        error_m = np.nan_to_num(given.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
-        for some, tint, marker in ((right, RIGHT, "o"), (~right, WRONG, "X")):
+        error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
+        for mask, tint, marker in ((right, RIGHT, "o"), (~right, WRONG, "X")):
             axis.scatter(
-                given.novelty[some, 0],
-                error_m[some],
+                evaluation.novelty[mask, 0],
+                error_m[mask],
                 5.0,
                 tint,
                 marker=marker,
@@ -47,8 +49,8 @@ def verdicts(results: Sequence[Result]) -> Figure:
             yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5), xlim=(-0.03, 1.03), title=result.label
         )
         axis.axhline(WITHIN["within_2m_5deg"][0], color="0.8", lw=0.7, zorder=0)
-        if 0 < given.promised < 1:
-            axis.axvline(given.promised, **MARK)
+        if 0 < evaluation.promised < 1:
+            axis.axvline(evaluation.promised, **MARK)
         in_corner(
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )

@@ -1,5 +1,4 @@
-"""Fig. 5 to 7 of paper 2: how methods match a place from another heading, what codes keep, and
-whether they collapsed."""
+"""Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -35,11 +34,10 @@ CROWDED = 0.6
 
 @styled
 def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Figure:
-    """Fig. 5: a panel a heading, a curve a model and seed, in one sequence; the model's mean
-    accuracy stands in the panel.
+    """Fig. 5: precision over recall in one sequence, a panel a heading, a curve a model and seed.
 
-    Recall is of the model's own correct matches, so curves of models of different accuracy do not
-    compare.
+    The model's mean accuracy stands in the panel. Recall is of the model's own correct matches, so
+    curves of models of different accuracy do not compare.
     """
     headings_deg = next(iter(group.values()))[0].headings_deg
     looks = look(group)
@@ -48,9 +46,9 @@ def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Fi
         WIDTH_IN, 0.9 + 1.55 * rows, f"Precision over recall of the correct matches, {sequence}"
     )
     axes = panels(fig, len(headings_deg), columns, x="recall of the correct", y="precision")
-    at = NUMBERS.index("accuracy")
+    accuracy_at = NUMBERS.index("accuracy")
     accuracy = {
-        model: np.mean([judged.values[:, at] for judged in seeds], axis=0)
+        model: np.mean([judged.values[:, accuracy_at] for judged in seeds], axis=0)
         for model, seeds in group.items()
     }
     upper = bool(np.max([*accuracy.values()]) < CROWDED)
@@ -79,25 +77,30 @@ def indices(
     headings_deg: Sequence[float],
     correct_m: float,
 ) -> Figure:
-    """Fig. 6: each number over the headings, models side by side; means of the rows, each of them a
-    faint dot.
+    """Fig. 6: each number over the headings, models side by side.
 
     `values` (n, heading), a row a sequence and seed, go by model and number; NaN where there is
-    none.
+    none. Lines are means of the rows, and each row is a faint dot.
     """
     looks = look(dict.fromkeys(model for model, _ in values))
-    at = np.arange(len(headings_deg))
+    positions = np.arange(len(headings_deg))
     fig = figure(WIDTH_IN, 4.4, "Each index over the heading of the query")
     for axis, (name, title) in zip(
         panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True
     ):
         for i, (model, (tint, dash)) in enumerate(looks.items()):
-            every = np.ma.masked_invalid(values[model, name])
-            x = at + 0.5 * ((i + 0.5) / len(looks) - 0.5)
+            finite = np.ma.masked_invalid(values[model, name])
+            x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
             axis.scatter(
-                np.broadcast_to(x, every.shape), every, 6, tint, alpha=0.35, linewidths=0, zorder=2
+                np.broadcast_to(x, finite.shape),
+                finite,
+                6,
+                tint,
+                alpha=0.35,
+                linewidths=0,
+                zorder=2,
             )
-            means = every.mean(axis=0).filled(np.nan)
+            means = finite.mean(axis=0).filled(np.nan)
             axis.plot(
                 x,
                 means,
@@ -113,7 +116,7 @@ def indices(
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
-        axis.set_xticks(at, [f"{deg:g}°" for deg in headings_deg], size=6.5)
+        axis.set_xticks(positions, [f"{deg:g}°" for deg in headings_deg], size=6.5)
         axis.set_title(title.format(correct_m=correct_m), pad=5)
         axis.grid(axis="y")
     below(fig, handles(looks))
@@ -122,8 +125,10 @@ def indices(
 
 @styled
 def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -> Figure:
-    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and each model's reconstructions;
-    mean squared errors."""
+    """Fig. 7: views (heading, side, side) of one place, 0 to 255, and their reconstructions.
+
+    Numbers are mean squared errors.
+    """
     rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
     for model, (seen, reconstructed) in pictures.items():
         rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]
@@ -135,20 +140,20 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
         WIDTH_IN, 0.45 + (side_in + 0.12) * len(rows), "Seen, and reconstructed from a code"
     )
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
-    for line, (name, seen, shown) in zip(axes, rows, strict=True):
+    for line, (name, seen, rebuilt) in zip(axes, rows, strict=True):
         for axis, i in zip(line, columns, strict=True):
             axis.imshow(
-                (seen if shown is None else shown)[i],
+                (seen if rebuilt is None else rebuilt)[i],
                 cmap="gray",
                 vmin=0,
                 vmax=255,
                 interpolation="nearest",
             )
             axis.set(xticks=[], yticks=[])
-            if shown is not None:
-                error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
+            if rebuilt is not None:
+                error = np.square((rebuilt[i].astype(np.float64) - seen[i]) / 127.5).mean()
                 axis.set_xlabel(f"{error:.3f}", size=7, labelpad=2)
-        line[0].set_ylabel(name, color="0.1" if shown is None else colour(name))
+        line[0].set_ylabel(name, color="0.1" if rebuilt is None else colour(name))
     for axis, i in zip(axes[0], columns, strict=True):
         axis.set_title(f"{i * 360 / headings:g}°", pad=4)
     return fig
@@ -156,32 +161,33 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
 
 @styled
 def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) -> Figure | None:
-    """How far codes lie apart, and the error of reconstructions, over training, a line a seed; None
-    without any such curve.
+    """Spread of the codes and reconstruction error over training, a line a seed.
 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model.
+    model. None without any such curve.
     """
-    found = {
-        model: [one for one in seeds if COLLAPSE.keys() & one.keys()]
+    seeds_by_model = {
+        model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]
         for model, seeds in curves.items()
     }
-    found = {model: seeds for model, seeds in found.items() if seeds}
-    if not found:
+    seeds_by_model = {model: seeds for model, seeds in seeds_by_model.items() if seeds}
+    if not seeds_by_model:
         return None
-    looks = look(found)
+    looks = look(seeds_by_model)
     fig = figure(WIDTH_IN, 2.5, "While learning")
     for axis, (name, title) in zip(
         panels(fig, len(COLLAPSE), len(COLLAPSE), shared=False), COLLAPSE.items(), strict=True
     ):
         for model, (tint, dash) in looks.items():
-            for curve in (one[name] for one in found[model] if name in one):
+            for curve in (
+                seed_curves[name] for seed_curves in seeds_by_model[model] if name in seed_curves
+            ):
                 few = "." if len(curve) < 3 else ""
-                width = 1.0 if len(found[model]) > 1 else 1.3
+                width = 1.0 if len(seeds_by_model[model]) > 1 else 1.3
                 axis.plot(
                     1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
                 )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    below(fig, handles(found))
+    below(fig, handles(seeds_by_model))
     return fig

@@ -1,5 +1,7 @@
-"""The sections of a study of robustness: turned queries, demolition, construction, stress, real
-changes, cell sizes."""
+"""The sections of a study of robustness.
+
+They are on turned queries, demolition, construction, stress, real changes and cell sizes.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -36,27 +38,24 @@ NEAR = ("recall_at_1", "auc_exact_top1")
 
 
 def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
-    """Draw the figures into `folder` and yield what the study has."""
-    own = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
+    """Draw the figures into `folder` and yield the sections that the study has."""
+    rows = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
     for alteration, sequences in study.words.get("altered", {}).items():
-        changes = (
-            (alteration,) if alteration in CHANGES else CHANGES
-        )  # one that is no change itself has several
-        some = own[own["sequence"].isin(sequences) & own["change"].isin(["", *changes])]
-        answered = some[some["change"] != ""][["method", "variant", "seed"]].drop_duplicates()
-        write = (
+        # an alteration that is no change itself has several
+        changes = (alteration,) if alteration in CHANGES else CHANGES
+        altered_rows = rows[rows["sequence"].isin(sequences) & rows["change"].isin(["", *changes])]
+        model_columns = ["method", "variant", "seed"]
+        altered_models = altered_rows[altered_rows["change"] != ""][model_columns].drop_duplicates()
+        make_section = (
             _structure if alteration in UNITS else _turned if alteration == "turned" else _glance
         )
-        yield write(study, folder, alteration, Comparison(some.merge(answered), n_way))
+        comparison = Comparison(altered_rows.merge(altered_models), n_way)
+        yield make_section(study, folder, alteration, comparison)
     if stress := study.words.get("stress", {}):
-        yield _stress(
-            study,
-            folder,
-            Comparison(own[own["sequence"].isin(stress) & (own["change"] == "")], n_way),
-            stress,
-        )
+        stress_rows = rows[rows["sequence"].isin(stress) & (rows["change"] == "")]
+        yield _stress(study, folder, Comparison(stress_rows, n_way), stress)
     if study.words["question"] == "robustness":
         yield _events(study, folder, few)
     if study.words.get("cells"):
@@ -67,9 +66,9 @@ def _section(
     study: Study,
     kind: str,
     comparison: Comparison,
-    found: Sequence[Finding],
-    shown: Sequence[Illustration],
-    listed: Sequence[Table],
+    conclusions: Sequence[Finding],
+    illustrations: Sequence[Illustration],
+    section_tables: Sequence[Table],
     name: str = "",
 ) -> Section:
     scope = findings.scope(
@@ -79,9 +78,9 @@ def _section(
         anchor(study.name, study.grid, name or kind),
         kind,
         values={"study": study},
-        findings=(*found, scope),
-        illustrations=shown,
-        tables=listed,
+        findings=(*conclusions, scope),
+        illustrations=illustrations,
+        tables=section_tables,
         sources=[
             f"{study.artifacts.name}/evaluate/{study.name}/{study.grid}/{model}"
             for model in study.trained
@@ -94,7 +93,7 @@ def _section(
     )
 
 
-def _both(comparison: Comparison) -> list[Table]:
+def _both_tables(comparison: Comparison) -> list[Table]:
     return [
         case_tables.every_case(comparison, measures)
         for measures in (case_tables.BY_CELLS, case_tables.BY_DISTANCE)
@@ -102,90 +101,128 @@ def _both(comparison: Comparison) -> list[Table]:
 
 
 def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """Fig. 10: queries that are turned by random angles."""
+    """Fig. 10: queries turned by random angles."""
     kind = comparison.kinds[-1]
     ways = comparison.ways()
-    tells = any(np.isfinite(comparison.found(model, kind, OFF).mean) for model in comparison.models)
-    measures = (AUC, KEPT, FAR, OFF) if tells else (AUC, KEPT, FAR)
+    gives_headings = any(
+        np.isfinite(comparison.measurement(model, kind, OFF).mean) for model in comparison.models
+    )
+    measures = (AUC, KEPT, FAR, OFF) if gives_headings else (AUC, KEPT, FAR)
     figure = robustness.dots(
         comparison, measures, kind, f"Queries turned by random angles, {study.name}"
     )
-    about = (verdicts.kept, verdicts.nearly_always, verdicts.heading_errors, verdicts.chance)
-    shown = [illustrate("turned", figure, study, folder, *(one(comparison, kind) for one in about))]
+    make_findings = (
+        verdicts.kept,
+        verdicts.nearly_always,
+        verdicts.heading_errors,
+        verdicts.chance,
+    )
+    illustrations = [
+        illustrate(
+            "turned",
+            figure,
+            study,
+            folder,
+            *(make_finding(comparison, kind) for make_finding in make_findings),
+        )
+    ]
     if len(ways) > 1:
-        others = [one for one in comparison.ordered(kind, AUC) if one not in ways.values()][:2]
-        figure = robustness.ways(comparison, kind, others, f"N-way training, {study.name}")
-        shown.append(illustrate("ways", figure, study, folder))
-    found = (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind))
-    listed = [*_both(comparison), case_tables.on_sequences(comparison, kind, AUC)]
-    return _section(study, alteration, comparison, found, shown, listed)
+        other_models = [
+            model for model in comparison.ordered(kind, AUC) if model not in ways.values()
+        ][:2]
+        figure = robustness.ways(comparison, kind, other_models, f"N-way training, {study.name}")
+        illustrations.append(illustrate("ways", figure, study, folder))
+    conclusions = (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind))
+    section_tables = [*_both_tables(comparison), case_tables.on_sequences(comparison, kind, AUC)]
+    return _section(study, alteration, comparison, conclusions, illustrations, section_tables)
 
 
 def _structure(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """Fig. 9: a wedge of directions gone, or new walls."""
+    """Fig. 9: queries with a wedge of directions removed, or with new walls."""
     worst = max(comparison.changes, key=lambda kind: (kind.level, kind.shadow))
     figure = robustness.levels(
         comparison, f"{alteration.capitalize()}, {study.name}", UNITS[alteration]
     )
-    about = (
+    figure_findings = (
         verdicts.kept(comparison, worst),
         *verdicts.shadows(comparison),
         verdicts.nearly_always(comparison, worst),
+        verdicts.chance(comparison, worst),
     )
-    about = (*about, verdicts.chance(comparison, worst))
-    shown = illustrate(
-        "structure", figure, study, folder, *about, name=alteration, alteration=alteration
+    illustration = illustrate(
+        "structure", figure, study, folder, *figure_findings, name=alteration, alteration=alteration
     )
-    found = [verdicts.leader(comparison, worst, measure) for measure in (AUC, KEPT)]
-    listed = [
-        *(case_tables.over_kinds(comparison, one) for one in (AUC, KEPT, FAR)),
-        *_both(comparison),
+    conclusions = [verdicts.leader(comparison, worst, measure) for measure in (AUC, KEPT)]
+    section_tables = [
+        *(case_tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
+        *_both_tables(comparison),
     ]
-    return _section(study, alteration, comparison, found, [shown], listed)
+    return _section(study, alteration, comparison, conclusions, [illustration], section_tables)
 
 
 def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """A case or two of several alterations side by side."""
+    """One or two cases of several alterations side by side."""
     figure = robustness.dots(
         comparison, (AUC, KEPT, FAR), Kind(), f"Altered queries at a glance, {study.name}"
     )
-    about = [verdicts.kept(comparison, kind) for kind in comparison.changes]
-    shown = illustrate("glance", figure, study, folder, *about, name=alteration)
-    found = [verdicts.leader(comparison, kind, AUC) for kind in comparison.kinds]
-    return _section(study, "glance", comparison, found, [shown], _both(comparison), alteration)
+    figure_findings = [verdicts.kept(comparison, kind) for kind in comparison.changes]
+    illustration = illustrate("glance", figure, study, folder, *figure_findings, name=alteration)
+    conclusions = [verdicts.leader(comparison, kind, AUC) for kind in comparison.kinds]
+    return _section(
+        study,
+        "glance",
+        comparison,
+        conclusions,
+        [illustration],
+        _both_tables(comparison),
+        alteration,
+    )
 
 
 def _stress(
     study: Study, folder: Path, comparison: Comparison, stress: Mapping[str, str]
 ) -> Section:
-    """Sequences that are hard as they are."""
-    named = {one: f"{day(one)}, {stress[one]}" for one in comparison.sequences}
-    figure = robustness.sequences(comparison, named, f"Sequences of stress, {study.name}")
-    about = (verdicts.nearly_always(comparison, Kind()), verdicts.chance(comparison, Kind()))
-    found = (verdicts.leader(comparison, Kind(), RECALL), verdicts.best_on_each(comparison, named))
-    shown = illustrate("stress", figure, study, folder, *about)
+    """Sequences that are hard as driven."""
+    titles = {sequence: f"{day(sequence)}, {stress[sequence]}" for sequence in comparison.sequences}
+    figure = robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}")
+    figure_findings = (
+        verdicts.nearly_always(comparison, Kind()),
+        verdicts.chance(comparison, Kind()),
+    )
+    conclusions = (
+        verdicts.leader(comparison, Kind(), RECALL),
+        verdicts.best_on_each(comparison, titles),
+    )
+    illustration = illustrate("stress", figure, study, folder, *figure_findings)
     return _section(
-        study, "stress", comparison, found, [shown], [case_tables.stress(comparison, named)]
+        study,
+        "stress",
+        comparison,
+        conclusions,
+        [illustration],
+        [case_tables.stress(comparison, titles)],
     )
 
 
 def _events(study: Study, folder: Path, few: int) -> Section:
-    """By the distance to the nearest building that went up or came down."""
+    """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
     bands = _bands(rows)
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
     values = {}
-    known = indexed(rows, "change", "method", "protocol", "number", "level")
+    values_by_key = indexed(rows, "change", "method", "protocol", "number", "level")
     models = [
-        model for model in study.families if (SHOWN, model, PROTOCOLS[0], "seen", np.inf) in known
+        model
+        for model in study.families
+        if (SHOWN, model, PROTOCOLS[0], "seen", np.inf) in values_by_key
     ]
-    for model, by, when in product(models, PROTOCOLS, (SHOWN, TO_COME)):
-        found = {
-            key: np.array([known[when, model, by, key, edge] for edge in names])
+    for model, protocol, when in product(models, PROTOCOLS, (SHOWN, TO_COME)):
+        arrays = {
+            key: np.array([values_by_key[when, model, protocol, key, edge] for edge in names])
             for key in ("seen", "unseen", *NEAR)
         }
-        values[model, by, when == SHOWN] = events.BandValues(
-            found["seen"][:, 0], found["unseen"][:, 0], *(found[key] for key in NEAR)
+        values[model, protocol, when == SHOWN] = events.BandValues(
+            arrays["seen"][:, 0], arrays["unseen"][:, 0], *(arrays[key] for key in NEAR)
         )
     figure = events.by_distance(values, bands.names, few)
     recall, auc = (findings.near_changes(rows, number, names, few) for number in NEAR)
@@ -196,7 +233,9 @@ def _events(study: Study, folder: Path, few: int) -> Section:
         findings=(recall, findings.changes_counted(rows, bands.kinds, bands.edges_m[-1])),
         illustrations=[illustrate("events", figure, study, folder, auc)],
         tables=[
-            tables.near_changes(rows, by, number, names) for by in PROTOCOLS for number in NEAR
+            tables.near_changes(rows, protocol, number, names)
+            for protocol in PROTOCOLS
+            for number in NEAR
         ],
         sources=[f"{study.artifacts.name}/events/{study.name}"],
         parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": few},
@@ -204,20 +243,19 @@ def _events(study: Study, folder: Path, few: int) -> Section:
 
 
 def _bands(rows: pd.DataFrame) -> Bands:
-    """The bands of distance that the rows go by."""
+    """The bands of distance that the rows are grouped by."""
     edges_m = sorted(
         edge for edge in rows.loc[rows["change"] == SHOWN, "level"].unique() if np.isfinite(edge)
     )
     ending = "_changes"
-    counted = rows.loc[
+    change_numbers = rows.loc[
         rows["number"].str.endswith(ending) & (rows["method"] == ""), "number"
     ].unique()
-    return Bands(edges_m, [number.removesuffix(ending) for number in counted])
+    return Bands(edges_m, [number.removesuffix(ending) for number in change_numbers])
 
 
 def _cells(study: Study, folder: Path) -> Section:
-    """Fig. 11: what the side of a grid cell does to each method, which learns its places anew at
-    every size."""
+    """Fig. 11: the effect of the cell size; each method learns its places anew at every size."""
     sides_m = {
         grid: replace(study, grid=grid).cell_m
         for grid in (*study.words["grids"], *study.words["cells"])
@@ -231,34 +269,41 @@ def _cells(study: Study, folder: Path) -> Section:
         & (table["seed"] == 0)
         & (table["sequence"] != "")
     ]
-    by = {
+    values_by_key = {
         key: group.dropna().to_numpy()
         for key, group in driven.groupby(["method", "protocol", "number", "grid"])["value"]
     }
-    every = {
-        (model, *panel): [by[model, *panel, grid] for grid in grids]
+    values_by_panel = {
+        (model, *panel): [values_by_key[model, *panel, grid] for grid in grids]
         for model in methods
         for panel in PANELS
     }
     oracle = {
-        protocol: [by[methods[0], protocol, "oracle", grid].mean() for grid in grids]
+        protocol: [values_by_key[methods[0], protocol, "oracle", grid].mean() for grid in grids]
         for protocol in PROTOCOLS
     }
-    figure = robustness.cells(every, sizes_m, oracle, f"The side of a cell, {study.name}")
-    titled = [
+    figure = robustness.cells(values_by_panel, sizes_m, oracle, f"The side of a cell, {study.name}")
+    titled_values = [
         (
-            {model: every[model, *panel] for model in methods},
+            {model: values_by_panel[model, *panel] for model in methods},
             f"{tables.TITLES[panel[1]]} by {panel[0]}",
         )
         for panel in PANELS
     ]
-    about = [findings.best_at_each_size(*one, sizes_m) for one in titled]
+    figure_findings = [
+        findings.best_at_each_size(*values_and_title, sizes_m) for values_and_title in titled_values
+    ]
     return Section(
         anchor(study.name, "cells"),
         "cells",
         values={"study": study},
-        findings=[findings.trend(*one, sizes_m) for one in (titled[0], titled[3])],
-        illustrations=[illustrate("cells", figure, study, folder, *about)],
-        tables=[case_tables.cells(*one, sizes_m) for one in titled],
+        findings=[
+            findings.trend(*values_and_title, sizes_m)
+            for values_and_title in (titled_values[0], titled_values[3])
+        ],
+        illustrations=[illustrate("cells", figure, study, folder, *figure_findings)],
+        tables=[
+            case_tables.cells(*values_and_title, sizes_m) for values_and_title in titled_values
+        ],
         sources=[f"{study.artifacts.name}/evaluate/{study.name}/{grid}" for grid in grids],
     )

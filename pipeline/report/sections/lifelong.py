@@ -1,5 +1,4 @@
-"""The section on learning further days: what is known after each step, what is forgotten, and what
-a step costs."""
+"""The section on learning further days: recall after each step, forgetting, and costs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -21,7 +20,7 @@ from pipeline.report.sections.lifelong_numbers import (
     UPDATES,
     StrategyNumbers,
     by_order,
-    strategies,
+    read_strategies,
 )
 from pipeline.report.sections.lifelong_tables import of_order
 from pipeline.report.study import Study
@@ -33,32 +32,32 @@ DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 
 
 def section(study: Study, folder: Path) -> Section:
-    """Draw its figures into `folder`."""
-    every = strategies(study.rows)
+    """Draw the figures into `folder` and return the section."""
+    strategies = read_strategies(study.rows)
     words = study.words
-    orders = by_order(every)
-    first = every[0].model
-    shown = [
+    orders = by_order(strategies)
+    first = strategies[0].model
+    illustrations = [
         illustrate(
             "lifelong_known",
-            lifelong.known_places(_known(study, orders), study.train_xy_m),
+            lifelong.known_places(_first_known(study, orders), study.train_xy_m),
             study,
             folder,
         )
     ]
-    if aged := _aged(study, every):
-        shown.append(
-            illustrate("lifelong_ages", lifelong.ages(aged, study.train_xy_m), study, folder)
+    if ages := _ages(study, strategies):
+        illustrations.append(
+            illustrate("lifelong_ages", lifelong.ages(ages, study.train_xy_m), study, folder)
         )
-    for model in dict.fromkeys(one.model for one in every):
-        own = {
-            order: [one for one in found if one.model == model] for order, found in orders.items()
+    for model in dict.fromkeys(strategy.model for strategy in strategies):
+        model_orders = {
+            order: model_group
+            for order, group in orders.items()
+            if (model_group := [strategy for strategy in group if strategy.model == model])
         }
-        drawn = list(
-            _of_model(study, folder, model, {order: found for order, found in own.items() if found})
-        )
-        shown += [replace(one, on_page=model == first) for one in drawn]
-    learned = {
+        figures = list(_of_model(study, folder, model, model_orders))
+        illustrations += [replace(illustration, on_page=model == first) for illustration in figures]
+    sequences = {
         "train": words["train"],
         "learned": words["learned"],
         "updates": words.get("updates", []),
@@ -68,74 +67,91 @@ def section(study: Study, folder: Path) -> Section:
         anchor(study.name, study.grid, "lifelong"),
         "lifelong",
         values={"study": study, "updates": UPDATES in orders},
-        findings=findings(every),
-        illustrations=shown,
-        tables=[one for order, found in orders.items() for one in of_order(order, found)],
+        findings=findings(strategies),
+        illustrations=illustrations,
+        tables=[table for order, group in orders.items() for table in of_order(order, group)],
         folded=False,
         sources=[f"{study.artifacts.name}/lifelong/{study.name}/{study.grid}"],
-        parameters={**learned, "budget": words["budget"]},
+        parameters={**sequences, "budget": words["budget"]},
     )
 
 
 def _of_model(
     study: Study, folder: Path, model: str, orders: dict[str, list[StrategyNumbers]]
 ) -> Iterator[Illustration]:
-    """The figures of one model; those of days that nobody surveyed are two steps, which a table
-    shows."""
-    for order, found in orders.items():
+    """The figures of one model.
+
+    Days that nobody surveyed have two steps only, so no matrix of them is drawn.
+    """
+    for order, strategies in orders.items():
         if order != UPDATES:
-            matrices = {one.strategy: one.matrix(PROTOCOL) for one in found}
+            matrices = {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies}
             figure = lifelong.matrices(
-                matrices, found[0].steps, found[0].groups, f"{model}, {order}: recall by {PROTOCOL}"
+                matrices,
+                strategies[0].steps,
+                strategies[0].groups,
+                f"{model}, {order}: recall by {PROTOCOL}",
             )
-            named = {
+            figure_words = {
                 "name": f"lifelong_matrix_{model}_{order}",
                 "model": model,
                 "order": order,
                 "protocol": PROTOCOL,
             }
-            yield illustrate("lifelong_matrix", figure, study, folder, **named)
+            yield illustrate("lifelong_matrix", figure, study, folder, **figure_words)
     numbers = {
         title: {
-            (order, one.strategy): one.over(name, PROTOCOL)
-            for order, found in orders.items()
-            for one in found
+            (order, strategy.name): strategy.over(name, PROTOCOL)
+            for order, strategies in orders.items()
+            for strategy in strategies
         }
         for name, title in DRAWN.items()
     }
-    steps = {order: found[0].steps for order, found in orders.items()}
+    steps = {order: strategies[0].steps for order, strategies in orders.items()}
     figure = lifelong.over_steps(steps, numbers, f"{model}: after each step, by {PROTOCOL}")
     yield illustrate(
         "lifelong_steps", figure, study, folder, name=f"lifelong_steps_{model}", model=model
     )
 
 
-def _known(study: Study, orders: dict[str, list[StrategyNumbers]]) -> dict[str, lifelong.Known]:
-    """Of each order that brings new places, where queries were taken and the step from which their
-    place is known."""
-    known = {}
-    for order, (one, *_) in orders.items():
-        artifact = _artifact(study, one)
-        known[order] = lifelong.Known(artifact.load("xy_m"), artifact.load("known_from"), one.steps)
-    return {order: one for order, one in known.items() if one.known_from.max() > 0} or known
+def _first_known(
+    study: Study, orders: dict[str, list[StrategyNumbers]]
+) -> dict[str, lifelong.FirstKnown]:
+    """For each order: where queries were taken, and the step from which their place is known.
+
+    Orders that bring no new places are left out, unless none does.
+    """
+    first_known = {}
+    for order, (strategy, *_) in orders.items():
+        artifact = _artifact(study, strategy)
+        first_known[order] = lifelong.FirstKnown(
+            artifact.load("xy_m"), artifact.load("known_from"), strategy.steps
+        )
+    return {
+        order: queries for order, queries in first_known.items() if queries.known_from.max() > 0
+    } or first_known
 
 
-def _aged(
-    study: Study, every: Sequence[StrategyNumbers]
+def _ages(
+    study: Study, strategies: Sequence[StrategyNumbers]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """Of the first model that learned further days, where its places lie and how old the newest
-    view of each is at the end."""
-    found = {}
-    for one in every:
-        if one.strategy in (GROWN, UPDATED) and one.order not in found:
-            artifact = _artifact(study, one)
+    """For each order: where the places lie, and the age in days of their newest view at the end.
+
+    Taken from the first model that learned further days.
+    """
+    ages = {}
+    for strategy in strategies:
+        if strategy.name in (GROWN, UPDATED) and strategy.order not in ages:
+            artifact = _artifact(study, strategy)
             newest_ns = artifact.load("newest_ns")
             days = np.rint((newest_ns.max() - newest_ns) / DAY_NS).astype(np.int64)
             if days.any():
-                found[one.order] = artifact.load("place_xy_m"), days
-    return found
+                ages[strategy.order] = artifact.load("place_xy_m"), days
+    return ages
 
 
-def _artifact(study: Study, one: StrategyNumbers) -> Artifact:
-    """Of the model's first seed."""
-    return store.read(study.find("lifelong", f"{one.order}-{one.strategy}", one.model), LIFELONG)
+def _artifact(study: Study, strategy: StrategyNumbers) -> Artifact:
+    """The artifact of a strategy, for the model's first seed."""
+    return store.read(
+        study.find("lifelong", f"{strategy.order}-{strategy.name}", strategy.model), LIFELONG
+    )

@@ -1,5 +1,4 @@
-"""What learning further days shows, as data: what growth forgets and lacks, and what a site regains
-by itself."""
+"""What learning further days shows, as data: what growth forgets and lacks, what a site regains."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -18,62 +17,78 @@ from pipeline.report.sections.lifelong_numbers import (
 from pipeline.report.table import average
 
 
-def findings(every: Sequence[StrategyNumbers]) -> list[Finding]:
-    """Of each model those that its strategies allow: what growth forgets, what it lacks, what a
-    site regains by itself."""
+def findings(strategies: Sequence[StrategyNumbers]) -> list[Finding]:
+    """For each model: what growth forgets, what it lacks, and what a site regains by itself.
+
+    A model has the findings that its strategies allow.
+    """
     models = {
-        model: [one for one in every if one.model == model]
-        for model in dict.fromkeys(one.model for one in every)
+        model: [strategy for strategy in strategies if strategy.model == model]
+        for model in dict.fromkeys(strategy.model for strategy in strategies)
     }
-    about = {"protocol": PROTOCOL, "strategy": GROWN}
-    found = []
-    for model, own in models.items():
-        if listed := against(own, "forgetting", TUNED):
-            found.append(
-                Finding("growth_forgets", model=model, reference=TUNED, listed=listed, **about)
+    context = {"protocol": PROTOCOL, "strategy": GROWN}
+    verdicts = []
+    for model, model_strategies in models.items():
+        if entries := against(model_strategies, "forgetting", TUNED):
+            verdicts.append(
+                Finding("growth_forgets", model=model, reference=TUNED, listed=entries, **context)
             )
-    for model, own in models.items():
-        if listed := against(own, "recall_of_all", JOINT):
-            found.append(
-                Finding("below_joint", model=model, reference=JOINT, listed=listed, **about)
+    for model, model_strategies in models.items():
+        if entries := against(model_strategies, "recall_of_all", JOINT):
+            verdicts.append(
+                Finding("below_joint", model=model, reference=JOINT, listed=entries, **context)
             )
-    return [*found, *(one for own in models.values() for one in regained(own))]
+    for model_strategies in models.values():
+        verdicts += regained(model_strategies)
+    return verdicts
 
 
-def against(every: Sequence[StrategyNumbers], number: str, reference: str) -> list[dict[str, Any]]:
-    """One model's growth and a reference in each order, after the last step: means over the seeds
-    of both; the mean, lowest and highest difference on the same seed."""
-    known = {(one.order, one.strategy): one for one in every}
-    listed = []
-    for order in dict.fromkeys(one.order for one in every):
-        if (order, GROWN) in known and (order, reference) in known:
-            own, theirs = (
-                known[order, strategy].last(number, PROTOCOL) for strategy in (GROWN, reference)
+def against(
+    strategies: Sequence[StrategyNumbers], number: str, reference: str
+) -> list[dict[str, Any]]:
+    """Compare one model's growth with a reference strategy in each order, after the last step.
+
+    Gives the means of both over the seeds, and the mean, lowest and highest difference on the same
+    seed.
+    """
+    by_key = {(strategy.order, strategy.name): strategy for strategy in strategies}
+    entries = []
+    for order in dict.fromkeys(strategy.order for strategy in strategies):
+        if (order, GROWN) in by_key and (order, reference) in by_key:
+            grown_values, reference_values = (
+                by_key[order, name].last(number, PROTOCOL) for name in (GROWN, reference)
             )
-            apart = own - theirs
-            ends = {"low": float(apart.min()), "high": float(apart.max()), "seeds": len(apart)}
-            listed.append(
+            differences = grown_values - reference_values
+            ends = {
+                "low": float(differences.min()),
+                "high": float(differences.max()),
+                "seeds": len(differences),
+            }
+            entries.append(
                 {
                     "order": order,
-                    "own": average(own),
-                    "reference": average(theirs),
-                    "apart": average(apart),
+                    "own": average(grown_values),
+                    "reference": average(reference_values),
+                    "apart": average(differences),
                     **ends,
                 }
             )
-    return listed
+    return entries
 
 
-def regained(every: Sequence[StrategyNumbers]) -> Iterator[Finding]:
-    """One model's recall on the day that is asked last and on average, before and after days that
-    nobody surveyed; and how many scans were adopted, and at a wrong pose."""
-    updates = [one for one in every if one.order == UPDATES]
-    listed = []
-    for one in updates:
-        recall = one.over("recall_at_1", PROTOCOL, one.groups[-1])
-        means = one.over("mean_recall", PROTOCOL)
+def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
+    """One model's recall before and after days that nobody surveyed.
+
+    Recall is of the last asked day and on average. Adds how many scans were adopted, and at a wrong
+    pose.
+    """
+    updates = [strategy for strategy in strategies if strategy.order == UPDATES]
+    entries = []
+    for strategy in updates:
+        recall = strategy.over("recall_at_1", PROTOCOL, strategy.groups[-1])
+        means = strategy.over("mean_recall", PROTOCOL)
         counts = {
-            name: average(np.nansum(one.over(name), axis=1))
+            name: average(np.nansum(strategy.over(name), axis=1))
             for name in ("asked", "adopted", "wrong")
         }
         ends = {
@@ -81,20 +96,20 @@ def regained(every: Sequence[StrategyNumbers]) -> Iterator[Finding]:
             "after": average(recall[:, -1]),
             "digits": int(counts["wrong"] % 1 > 0),
         }
-        listed.append(
+        entries.append(
             {
-                "strategy": one.strategy,
+                "strategy": strategy.name,
                 "means": [average(means[:, 0]), average(means[:, -1])],
                 **ends,
                 **counts,
             }
         )
-    for one in updates[:1]:
+    for strategy in updates[:1]:
         yield Finding(
             "regained",
-            model=one.model,
+            model=strategy.model,
             protocol=PROTOCOL,
-            last=one.groups[-1],
-            seeds=len(one.seeds),
-            listed=listed,
+            last=strategy.groups[-1],
+            seeds=len(strategy.seeds),
+            listed=entries,
         )

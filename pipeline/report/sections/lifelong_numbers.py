@@ -1,4 +1,4 @@
-"""What the table of results holds of strategies of learning further days (METHODS 11.4)."""
+"""Strategies of learning further days (METHODS 11.4), read from the table of results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,79 +24,83 @@ PROTOCOL = "distance"
 
 @dataclass(frozen=True, eq=False)
 class StrategyNumbers:
-    """One strategy of one model in one order, over the model's seeds."""
+    """The numbers of one strategy of one model in one order, over the model's seeds."""
 
     order: str
     model: str  # method and variant
-    strategy: str
+    name: str  # of the strategy: a file of conf/strategy
     rows: pd.DataFrame  # those of the table of results
 
     @property
     def steps(self) -> list[str]:
         """The name of each step."""
-        own = self.rows[self.rows["number"] == "places"].sort_values("level")
-        return list(dict.fromkeys(own["sequence"]))
+        step_rows = self.rows[self.rows["number"] == "places"].sort_values("level")
+        return list(dict.fromkeys(step_rows["sequence"]))
 
     @property
     def seeds(self) -> list[int]:
-        """Of which there is a model."""
+        """The seeds of which there is a model."""
         return sorted(set(self.rows.loc[self.rows["number"] == "places", "seed"]))
 
     @property
     def groups(self) -> list[str]:
-        """The days that were asked, or the parts of the site."""
+        """The asked days, or the parts of the site."""
         return list(dict.fromkeys(self.rows.loc[self.rows["number"] == "recall_at_1", "sequence"]))
 
     def over(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
-        """One number after each step (seed, step), of a group where it has one; NaN where there is
-        none."""
-        own = self.rows[(self.rows["number"] == number) & (self.rows["protocol"] == protocol)]
-        own = own[own["sequence"] == group] if group else own
-        wide = own.pivot(index="seed", columns="level", values="value").reindex(
+        """One number after each step (seed, step), of a group if given; NaN where there is none."""
+        number_rows = self.rows[
+            (self.rows["number"] == number) & (self.rows["protocol"] == protocol)
+        ]
+        number_rows = number_rows[number_rows["sequence"] == group] if group else number_rows
+        wide = number_rows.pivot(index="seed", columns="level", values="value").reindex(
             self.seeds, columns=range(len(self.steps))
         )
         return np.asarray(wide, np.float64)
 
     def last(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
-        """The same after the last step (seed,)."""
+        """One number after the last step (seed,)."""
         return self.over(number, protocol, group)[:, -1]
 
     def matrix(self, protocol: str) -> NDArray[np.float64]:
-        """Recall (step, group), means over the seeds; NaN where no place of the group is known
-        yet."""
-        every = [self.over("recall_at_1", protocol, group).T for group in self.groups]
-        return np.array([[average(seeds) for seeds in steps] for steps in every]).T
+        """Mean recall (step, group) over the seeds; NaN where no place of the group is known."""
+        recall_by_group = [self.over("recall_at_1", protocol, group).T for group in self.groups]
+        return np.array([[average(seeds) for seeds in steps] for steps in recall_by_group]).T
 
 
-def strategies(rows: pd.DataFrame) -> list[StrategyNumbers]:
-    """Every strategy of every model in every order, in the order of the rows; of what was timed
-    alone, none."""
-    own = rows[rows["change"] == CHANGE]
-    timed = own["number"] == "cpu_s"
-    found = []
-    own = pd.concat([own[~timed], own[timed]])
-    for (kind, method, variant), group in own.groupby(["kind", "method", "variant"], sort=False):
-        order, _, strategy = str(kind).partition(" ")
-        found.append(
-            StrategyNumbers(order, ModelName(str(method), str(variant)).name, strategy, group)
+def read_strategies(rows: pd.DataFrame) -> list[StrategyNumbers]:
+    """Every strategy of every model in every order, in the order of the rows.
+
+    Strategies that were only timed are left out.
+    """
+    learning_rows = rows[rows["change"] == CHANGE]
+    timed = learning_rows["number"] == "cpu_s"
+    strategies = []
+    learning_rows = pd.concat([learning_rows[~timed], learning_rows[timed]])
+    for (kind, method, variant), group in learning_rows.groupby(
+        ["kind", "method", "variant"], sort=False
+    ):
+        order, _, name = str(kind).partition(" ")
+        strategies.append(
+            StrategyNumbers(order, ModelName(str(method), str(variant)).name, name, group)
         )
-    return [one for one in found if one.steps]
+    return [strategy for strategy in strategies if strategy.steps]
 
 
-def by_order(every: Sequence[StrategyNumbers]) -> dict[str, list[StrategyNumbers]]:
-    """The strategies of each order."""
+def by_order(strategies: Sequence[StrategyNumbers]) -> dict[str, list[StrategyNumbers]]:
+    """Group the strategies by order."""
     return {
-        order: [one for one in every if one.order == order]
-        for order in dict.fromkeys(one.order for one in every)
+        order: [strategy for strategy in strategies if strategy.order == order]
+        for order in dict.fromkeys(strategy.order for strategy in strategies)
     }
 
 
 def by_strategy(
-    every: Sequence[StrategyNumbers],
+    strategies: Sequence[StrategyNumbers],
 ) -> dict[tuple[str, str], dict[str, StrategyNumbers]]:
-    """Model and strategy to what there is of them in each order."""
-    found: dict[tuple[str, str], dict[str, StrategyNumbers]] = {}
-    for model in dict.fromkeys(one.model for one in every):
-        for one in (one for one in every if one.model == model):
-            found.setdefault((model, one.strategy), {})[one.order] = one
-    return found
+    """Map model and strategy to its numbers in each order."""
+    grouped: dict[tuple[str, str], dict[str, StrategyNumbers]] = {}
+    for model in dict.fromkeys(strategy.model for strategy in strategies):
+        for strategy in (strategy for strategy in strategies if strategy.model == model):
+            grouped.setdefault((model, strategy.name), {})[strategy.order] = strategy
+    return grouped

@@ -1,5 +1,4 @@
-"""Tables of learning further days: a row a model and strategy, means and deviations over the
-seeds."""
+"""Tables of learning further days: a row a model and strategy, means ± deviation over the seeds."""
 
 from collections.abc import Sequence
 
@@ -23,55 +22,64 @@ COUNTS = {
 }
 
 
-def of_order(order: str, found: Sequence[StrategyNumbers]) -> list[Table]:
+def of_order(order: str, strategies: Sequence[StrategyNumbers]) -> list[Table]:
     """All tables of one order."""
-    updates = [counts(found), *(asked_days(found, by) for by in BOTH)] if order == UPDATES else []
-    return [strategies(order, found), *updates]
+    updates = (
+        [counts(strategies), *(asked_days(strategies, protocol) for protocol in BOTH)]
+        if order == UPDATES
+        else []
+    )
+    return [strategy_table(order, strategies), *updates]
 
 
-def strategies(order: str, found: Sequence[StrategyNumbers]) -> Table:
-    """Recall and forgetting after the last step by both protocols, places, and what a step
-    costs."""
+def strategy_table(order: str, strategies: Sequence[StrategyNumbers]) -> Table:
+    """Recall and forgetting after the last step by both protocols, places, and costs of a step."""
     rows = []
-    for one in found:
-        cells = [spread(one.last(name, by), 3) for by in BOTH for name in NUMBERS]
-        first, *_, last = one.over("places")[0]
-        step_s = [average(seconds[1:]) for seconds in one.over("cpu_s")]
-        cost = spread(one.last("bytes") / 1e6, 1), spread(step_s, 1)
+    for strategy in strategies:
+        cells = [spread(strategy.last(name, protocol), 3) for protocol in BOTH for name in NUMBERS]
+        first, *_, last = strategy.over("places")[0]
+        step_s = [average(seconds[1:]) for seconds in strategy.over("cpu_s")]
+        cost = spread(strategy.last("bytes") / 1e6, 1), spread(step_s, 1)
         rows.append(
-            (one.model, one.strategy, *cells, Cell(f"{first:.0f} → {last:.0f}", float(last)), *cost)
+            (
+                strategy.model,
+                strategy.name,
+                *cells,
+                Cell(f"{first:.0f} → {last:.0f}", float(last)),
+                *cost,
+            )
         )
     columns = [
-        f"{by}: {title}" if title == "of all" else title
-        for by in BOTH
+        f"{protocol}: {title}" if title == "of all" else title
+        for protocol in BOTH
         for title in NUMBERS.values()
     ]
     header = ("model", "strategy", *columns, "places", "model [MB]", "CPU [s] a step")
     return table("lifelong", header, rows, words=2, order=order)
 
 
-def counts(found: Sequence[StrategyNumbers]) -> Table:
-    """What was adopted over all steps, and how many submaps changed."""
+def counts(strategies: Sequence[StrategyNumbers]) -> Table:
+    """The numbers of adopted scans and of changed submaps over all steps."""
     rows = [
-        (one.model, one.strategy, *(spread(_total(one, name), 0) for name in COUNTS))
-        for one in found
+        (strategy.model, strategy.name, *(spread(_total(strategy, name), 0) for name in COUNTS))
+        for strategy in strategies
     ]
     return table("lifelong_adopted", ("model", "strategy", *COUNTS.values()), rows, words=2)
 
 
-def asked_days(found: Sequence[StrategyNumbers], protocol: str) -> Table:
+def asked_days(strategies: Sequence[StrategyNumbers], protocol: str) -> Table:
     """Recall on each asked day before the first step and after the last."""
-    days = list(dict.fromkeys(day for one in found for day in one.groups))
+    days = list(dict.fromkeys(day for strategy in strategies for day in strategy.groups))
     rows = []
-    for one in found:
-        every = {day: one.over("recall_at_1", protocol, day) for day in days}
-        for at, when in ((0, "before"), (-1, "after")):
+    for strategy in strategies:
+        recall_by_day = {day: strategy.over("recall_at_1", protocol, day) for day in days}
+        for step, when in ((0, "before"), (-1, "after")):
             rows.append(
                 (
-                    one.model,
-                    one.strategy,
+                    strategy.model,
+                    strategy.name,
                     when,
-                    *(spread(values[:, at], 3) for values in every.values()),
+                    *(spread(values[:, step], 3) for values in recall_by_day.values()),
                 )
             )
     return table(
@@ -79,8 +87,9 @@ def asked_days(found: Sequence[StrategyNumbers], protocol: str) -> Table:
     )
 
 
-def _total(one: StrategyNumbers, name: str) -> list[float]:
-    """Of each seed, over the steps; the first step adopts nothing and counts nothing."""
+def _total(strategy: StrategyNumbers, name: str) -> list[float]:
+    """The sum over the steps for each seed; the first step adopts and counts nothing."""
     return [
-        float(np.nansum(steps)) if np.isfinite(steps).any() else np.nan for steps in one.over(name)
+        float(np.nansum(steps)) if np.isfinite(steps).any() else np.nan
+        for steps in strategy.over(name)
     ]

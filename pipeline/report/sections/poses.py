@@ -1,5 +1,4 @@
-"""The section of poses: how near, how often, and whether the promise was kept; for the models of a
-study that have some."""
+"""The section on poses: how near, how often, and whether the promised precision was kept."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,7 @@ from pipeline.report.study import Study
 
 def sections(study: Study, folder: Path) -> Iterator[Section]:
     """Draw the figures into `folder` and yield the section, if any model of the study has poses."""
-    posed = [one for one in study.results if one.posed]
+    posed = [result for result in study.results if result.posed]
     if posed:
         yield Section(
             anchor(study.name, study.grid, "poses"),
@@ -23,7 +22,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
             values={"study": study},
             illustrations=list(_illustrations(study, folder, posed)),
             tables=[poses(posed)],
-            sources=[study.source("evaluate", one.sequence, one.model) for one in posed],
+            sources=[study.source("evaluate", result.sequence, result.model) for result in posed],
         )
 
 
@@ -38,12 +37,12 @@ def _illustrations(study: Study, folder: Path, posed: list[Result]) -> Iterator[
             model=model,
         )
         last = group[-1]
-        of = {"model": model, "sequence": last.sequence, "label": last.label}
+        words = {"model": model, "sequence": last.sequence, "label": last.label}
         yield illustrate(
             "fixes",
             maps.fix_map(last, study.train_xy_m),
             study,
             folder,
             name=f"fixes_{model}",
-            **of,
+            **words,
         )

@@ -1,5 +1,4 @@
-"""The section on paper 2's protocol: a sequence matched with itself, from headings between those of
-the reference."""
+"""The section on paper 2's protocol: a sequence matched with itself from other headings."""
 
 from itertools import islice
 from pathlib import Path
@@ -14,27 +13,30 @@ from pipeline.report.figures import birdview, viewpoints
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.section import Section
-from pipeline.report.study import Learned, Study
+from pipeline.report.study import Study, TrainingRecord
 from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews
 
 
 def section(study: Study, folder: Path, view: BirdView) -> Section:
-    """Draw paper 2's figures into `folder`; `view` is what its methods look at."""
-    listed = on_bird_views(study.words["methods"])
+    """Draw paper 2's figures into `folder`; `view` is the bird-view that the methods look at."""
+    view_methods = on_bird_views(study.words["methods"])
     methods = {
-        one["name"]: [model.name for model in models_of({**one, "variants": {}})] for one in listed
+        method["name"]: [model.name for model in models_of({**method, "variants": {}})]
+        for method in view_methods
     }
-    judged: dict[str, dict[str, list[Judged]]] = {}  # by sequence and method, one of each seed
+    judgements_on: dict[
+        str, dict[str, list[Judged]]
+    ] = {}  # by sequence and method, one of each seed
     for method, models in methods.items():
-        for path in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
-            paths = (path.parents[1] / model / path.name for model in models)
-            found = [Judged.read(store.read(one, schemas.VIEWPOINTS)) for one in paths]
-            judged.setdefault(path.stem, {})[method] = found
-    sequence, of_first = next(iter(judged.items()))
-    first = next(iter(of_first.values()))[0]
-    shown = [
+        for artifact in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
+            seed_paths = (artifact.parents[1] / model / artifact.name for model in models)
+            judgements = [Judged.read(store.read(path, schemas.VIEWPOINTS)) for path in seed_paths]
+            judgements_on.setdefault(artifact.stem, {})[method] = judgements
+    sequence, first_group = next(iter(judgements_on.items()))
+    first = next(iter(first_group.values()))[0]
+    illustrations = [
         illustrate(
             "birdview",
             _mapping(study, view, sequence),
@@ -44,30 +46,43 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             sequence=sequence,
         )
     ]
-    for day, group in judged.items():
+    for day, group in judgements_on.items():
         figure = viewpoints.precision_recall(group, day)
-        shown.append(
+        illustrations.append(
             illustrate(
                 "viewpoint_curves", figure, study, folder, name=f"viewpoints_{day}", sequence=day
             )
         )
-    every = {
-        method: np.stack([one.values for group in judged.values() for one in group.get(method, ())])
+    values_of_method = {
+        method: np.stack(
+            [
+                judgement.values
+                for group in judgements_on.values()
+                for judgement in group.get(method, ())
+            ]
+        )
         for method in methods
     }
     values = {
-        (method, number): found[:, :, i]
-        for method, found in every.items()
+        (method, number): stacked[:, :, i]
+        for method, stacked in values_of_method.items()
         for i, number in enumerate(NUMBERS)
     }
     figure = viewpoints.indices(values, first.headings_deg.tolist(), first.correct_m)
-    shown.append(illustrate("viewpoint_indices", figure, study, folder, name="viewpoints_indices"))
-    seen = {name: seeds[0] for name, seeds in of_first.items() if len(seeds[0].reconstructed)}
-    if seen:
+    illustrations.append(
+        illustrate("viewpoint_indices", figure, study, folder, name="viewpoints_indices")
+    )
+    with_pictures = {
+        name: seeds[0] for name, seeds in first_group.items() if len(seeds[0].reconstructed)
+    }
+    if with_pictures:
         figure = viewpoints.reconstructions(
-            {name: (one.pictures, one.reconstructed) for name, one in seen.items()}
+            {
+                name: (judgement.pictures, judgement.reconstructed)
+                for name, judgement in with_pictures.items()
+            }
         )
-        shown.append(
+        illustrations.append(
             illustrate(
                 "reconstructions",
                 figure,
@@ -78,12 +93,14 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             )
         )
     curves = {
-        name: [Learned.read(study.find("train", model=model)).curves for model in seeds]
+        name: [TrainingRecord.read(study.find("train", model=model)).curves for model in seeds]
         for name, seeds in methods.items()
     }
-    if drawn := viewpoints.collapse(curves):
-        shown.append(illustrate("collapse", drawn, study, folder, name="viewpoints_collapse"))
-    about = {
+    if collapse := viewpoints.collapse(curves):
+        illustrations.append(
+            illustrate("collapse", collapse, study, folder, name="viewpoints_collapse")
+        )
+    words = {
         "study": study,
         "correct_m": first.correct_m,
         "length": first.length,
@@ -92,8 +109,8 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
     return Section(
         anchor(study.name, study.grid, "viewpoints"),
         "viewpoints",
-        values=about,
-        illustrations=shown,
+        values=words,
+        illustrations=illustrations,
         tables=[
             *viewpoint_tables.over(study),
             *(viewpoint_tables.every_heading(study, number) for number in NUMBERS),
@@ -103,9 +120,9 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 
 
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
-    """How the middle one of a sequence's submaps becomes a bird-view."""
+    """How the middle submap of a sequence becomes a bird-view."""
     views = MappedViews(
         study.artifact("scans", sequence), study.artifact("submaps", sequence), view
     )
-    points, grown, standing = next(islice(views.maps(), len(views) // 2, None))
-    return birdview.bird_view(points, grown, standing, view)
+    points, octree_map, odom_T_vehicle = next(islice(views.maps(), len(views) // 2, None))
+    return birdview.bird_view(points, octree_map, odom_T_vehicle, view)

@@ -1,5 +1,4 @@
-"""The sections of every study of the year: the answer, the set-up, the results by both protocols,
-all figures, ageing."""
+"""The sections of a study of the year: answer, set-up, results, figures and ageing."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -49,13 +48,15 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
         "tests": len(study.words["tests"]),
         "places": int(study.labels["cells"].shape[0]),
     }
-    rests = {
+    parameters = {
         "protocol by distance": vars(study.distance),
         "bootstrap": vars(study.bootstrap),
         "budget": study.words["budget"],
     }
-    trained = [study.source("train", model=model) for model in study.families]
-    judged = [study.source("evaluate", one.sequence, one.model) for one in study.results]
+    model_sources = [study.source("train", model=model) for model in study.families]
+    evaluation_sources = [
+        study.source("evaluate", result.sequence, result.model) for result in study.results
+    ]
     yield Section(
         f"{name}-answer",
         "answer",
@@ -63,52 +64,73 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
         values,
         [findings.answer(study), *findings.doubts(study)],
     )
-    unfolded: Any = {"folded": False, "parameters": rests}
+    unfolded: Any = {"folded": False, "parameters": parameters}
     setup = [
-        one for one in (tables.setup(study), tables.sequences(study), tables.costs(study)) if one
+        table
+        for table in (tables.setup(study), tables.sequences(study), tables.costs(study))
+        if table
     ]
     yield Section(
-        f"{name}-setup", "setup", "setup", values, tables=setup, sources=trained, **unfolded
+        f"{name}-setup", "setup", "setup", values, tables=setup, sources=model_sources, **unfolded
     )
-    for by in tables.BOTH:
-        main = [tables.main(study, by, number) for number in tables.MAIN]
+    for protocol in tables.BOTH:
+        main_tables = [tables.main(study, protocol, number) for number in tables.MAIN]
         yield Section(
-            f"{name}-results-{by}",
+            f"{name}-results-{protocol}",
             "results",
             "results",
-            {**values, "protocol": by},
-            tables=main,
-            sources=judged,
+            {**values, "protocol": protocol},
+            tables=main_tables,
+            sources=evaluation_sources,
             **unfolded,
         )
     further = [
         tables.means(study),
         tables.headings(study),
-        *(tables.paired(study, by) for by in tables.BOTH),
+        *(tables.paired(study, protocol) for protocol in tables.BOTH),
     ]
     further += [
-        one(study, by) for one in (tables.novelties, tables.everything) for by in tables.BOTH
+        make_table(study, protocol)
+        for make_table in (tables.novelties, tables.everything)
+        for protocol in tables.BOTH
     ]
-    found = [one for by in tables.BOTH for one in findings.paired(study.rows, by)]
-    found += [one for by in tables.BOTH for one in findings.novelties(study, by)]
-    compared = [one for one in further if one]
+    further_findings = [
+        finding for protocol in tables.BOTH for finding in findings.paired(study.rows, protocol)
+    ]
+    further_findings += [
+        finding for protocol in tables.BOTH for finding in findings.novelties(study, protocol)
+    ]
+    present_tables = [table for table in further if table]
     yield Section(
-        f"{name}-further", "further", "results", values, found, tables=compared, sources=judged
+        f"{name}-further",
+        "further",
+        "results",
+        values,
+        further_findings,
+        tables=present_tables,
+        sources=evaluation_sources,
     )
-    drawn = [
+    figures = [
         replace(
-            one, on_page=one.kind in ON_PAGE and one.values.get("model", study.best) == study.best
+            illustration,
+            on_page=illustration.kind in ON_PAGE
+            and illustration.values.get("model", study.best) == study.best,
         )
-        for one in illustrations(study, folder)
+        for illustration in illustrations(study, folder)
     ]
     yield Section(
-        f"{name}-figures", "figures", "figures", values, illustrations=drawn, sources=judged
+        f"{name}-figures",
+        "figures",
+        "figures",
+        values,
+        illustrations=figures,
+        sources=evaluation_sources,
     )
-    yield aged(study, folder, judged)
+    yield ageing_section(study, folder, evaluation_sources)
 
 
 def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
-    """Every figure of the year, drawn."""
+    """Draw every figure of the year."""
 
     def saved(
         kind: str, figure: Figure | None, name: str = "", **values: str
@@ -119,63 +141,84 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
     results = study.results
     path_xy_m = study.train_xy_m
     yield from saved("year", curves.year(results, study.train))
-    for by in tables.BOTH:
+    for protocol in tables.BOTH:
         yield from saved(
             "precision_recall",
-            curves.precision_recall(results, by),
-            f"precision_recall_{by}",
-            protocol=by,
+            curves.precision_recall(results, protocol),
+            f"precision_recall_{protocol}",
+            protocol=protocol,
         )
     yield from saved("recall_at", curves.recall_at(results))
     yield from saved("montage", maps.montage(results, path_xy_m), "outcomes")
     for model, group in by_model(results).items():
-        own = {"model": model, "novelty": group[0].evaluation.kinds[0].replace("_", " ")}
-        yield from saved("novelty", rejection.histograms(group, "cells"), f"novelty_{model}", **own)
-        yield from saved("rejection", rejection.rejection(group), f"rejection_{model}", **own)
-        yield from saved("reliability", rejection.diagram(group), f"reliability_{model}", **own)
+        model_words = {"model": model, "novelty": group[0].evaluation.kinds[0].replace("_", " ")}
         yield from saved(
-            "matches", _matches(study, model, matches.choose(group)), f"matches_{model}", **own
+            "novelty", rejection.histograms(group, "cells"), f"novelty_{model}", **model_words
         )
-        for one in group:
-            of = {"model": model, "sequence": one.sequence, "label": one.label}
+        yield from saved(
+            "rejection", rejection.rejection(group), f"rejection_{model}", **model_words
+        )
+        yield from saved(
+            "reliability", rejection.diagram(group), f"reliability_{model}", **model_words
+        )
+        yield from saved(
+            "matches",
+            _matches(study, model, matches.choose(group)),
+            f"matches_{model}",
+            **model_words,
+        )
+        for result in group:
+            result_words = {"model": model, "sequence": result.sequence, "label": result.label}
             yield from saved(
-                "map", maps.outcome_map(one, path_xy_m), f"outcomes_{model}_{one.sequence}", **of
+                "map",
+                maps.outcome_map(result, path_xy_m),
+                f"outcomes_{model}_{result.sequence}",
+                **result_words,
             )
-        if model in study.trained and (learned := study.models[model]).curves:
-            figure = curves.history(learned.curves, learned.best_round, model)
+        if model in study.trained and (record := study.models[model]).curves:
+            figure = curves.history(record.curves, record.best_round, model)
             yield from saved("history", figure, f"history_{model}", model=model)
 
 
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
-    """Of the model's own Scan Contexts, else of another model's; None where no model of the study
-    looks at any."""
-    looking = [
-        one
-        for one in (model, *study.families)
-        if study.artifact("views", study.train, one).attrs["kind"] == VIEWS.kind
+    """Queries beside their matches, drawn as Scan Contexts.
+
+    The views are the model's own, or else another model's; None where no model looks at any.
+    """
+    with_scan_contexts = [
+        candidate
+        for candidate in (model, *study.families)
+        if study.artifact("views", study.train, candidate).attrs["kind"] == VIEWS.kind
     ]
-    if not chosen or not looking:
+    if not chosen or not with_scan_contexts:
         return None
 
     def images(sequence: str) -> Any:
-        return study.artifact("views", sequence, looking[0])["images"]
+        return study.artifact("views", sequence, with_scan_contexts[0])["images"]
 
     training = matches.Training(images(study.train), study.labels.load("places"), study.train_xy_m)
-    return matches.matches(chosen, training, images, own=looking[0] == model)
+    return matches.matches(chosen, training, images, own_views=with_scan_contexts[0] == model)
 
 
-def aged(study: Study, folder: Path, sources: list[str]) -> Section:
-    """Whether methods know their places less well as the days go by, and when to train again."""
+def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
+    """Whether methods recognise their places less well with the days, and when to train again."""
     rows = study.driven[study.driven["variant"] == ""]
-    last = max(one.days for one in study.results)
-    titled = [(by, number, LINES[number].format(by)) for by, number in AGEING]
+    last = max(result.days for result in study.results)
+    titled_numbers = [
+        (protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING
+    ]
     lines = [
-        line for by, number, title in titled[:DRAWN] for line in _lines(rows, by, number, title)
+        line
+        for protocol, number, title in titled_numbers[:DRAWN]
+        for line in _lines(rows, protocol, number, title)
     ]
     first, second, third = (
-        findings.ageing(rows, title, by, number, last) for by, number, title in titled[:3]
+        findings.ageing(rows, title, protocol, number, last)
+        for protocol, number, title in titled_numbers[:3]
     )
-    counted = findings.slopes_counted(rows, [(by, number) for by, number, _ in titled[:DRAWN]])
+    slope_counts = findings.slopes_counted(
+        rows, [(protocol, number) for protocol, number, _ in titled_numbers[:DRAWN]]
+    )
     return Section(
         anchor(study.name, study.grid, "ageing"),
         "ageing",
@@ -191,9 +234,12 @@ def aged(study: Study, folder: Path, sources: list[str]) -> Section:
                 findings.newer(rows),
                 per=str(PER_DAYS),
             ),
-            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, counted),
+            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, slope_counts),
         ],
-        tables=[tables.ageing(rows, by, number, title) for by, number, title in titled],
+        tables=[
+            tables.ageing(rows, protocol, number, title)
+            for protocol, number, title in titled_numbers
+        ],
         sources=sources,
     )
 
@@ -201,19 +247,21 @@ def aged(study: Study, folder: Path, sources: list[str]) -> Section:
 def _lines(
     rows: pd.DataFrame, protocol: str, number: str, title: str
 ) -> Iterator[ageing.AgeingLine]:
-    """The line through one number of each model and the oracle, as the figure takes it."""
-    own = rows[rows["protocol"] == protocol].sort_values("days")
+    """The line through one number over the days, for each model and the oracle."""
+    ordered_rows = rows[rows["protocol"] == protocol].sort_values("days")
     points, lines = (
-        indexed(own[own["number"] == name], "method", "sequence", "days")
+        indexed(ordered_rows[ordered_rows["number"] == name], "method", "sequence", "days")
         for name in (number, f"{number}_line")
     )
-    slopes = indexed(own[own["number"] == f"{number}_per_{PER_DAYS}_days"], "method")
+    slopes = indexed(
+        ordered_rows[ordered_rows["number"] == f"{number}_per_{PER_DAYS}_days"], "method"
+    )
     for model in dict.fromkeys(
         rows.loc[(rows["protocol"] == protocol) & (rows["number"] == f"{number}_line"), "method"]
     ):
         keys = [key for key in lines if key[0] == model]
         values, fitted = (
-            np.array([of[key] for key in keys]).reshape(-1, 3) for of in (points, lines)
+            np.array([by_key[key] for key in keys]).reshape(-1, 3) for by_key in (points, lines)
         )
         days = np.array([day for *_, day in keys])
         slope = np.array(slopes.get(model, NONE))

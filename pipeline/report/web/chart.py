@@ -1,5 +1,4 @@
-"""Curves as the page draws them: an SVG of its own text and colours, one line a model, its name at
-the end of it."""
+"""Line charts of the page as SVG: one line a model, with its name at the end of the line."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ OTHER = "other"
 
 @dataclass(frozen=True)
 class Series:
-    """One model's values over something; those that are not finite are left out."""
+    """One model's values over x; values that are not finite are left out."""
 
     model: str
     x: Sequence[float]
@@ -32,7 +31,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Line:
-    """The same in px; `name_y` is where the model's name stands."""
+    """One model's line in px; `name_y` is the height of the model's name."""
 
     model: str
     role: str
@@ -45,7 +44,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Chart:
-    """Lines, the less important ones first, and where the ticks are."""
+    """Lines, the best model's last so that it lies on top, and the ticks of both axes."""
 
     lines: Sequence[Line]
     x_ticks: Sequence[tuple[float, str]]
@@ -54,7 +53,7 @@ class Chart:
 
     @property
     def size(self) -> dict[str, float]:
-        """Of the whole, and where its corners lie."""
+        """The size of the chart and the edges of its plot, in px."""
         return {
             "wide": WIDE,
             "high": self.high,
@@ -72,8 +71,10 @@ def chart(
     x_ticks: Mapping[float, str],
     high: float,
 ) -> Chart:
-    """The lines of some models over `x_range` and over 0 to 1, `high` px; a model without a role is
-    one of the others."""
+    """A chart `high` px high over `x_range` and the shares 0 to 1; `roles` maps models to roles.
+
+    A model without a role is one of OTHER.
+    """
     first, last = x_range
 
     def across(value: float) -> float:
@@ -83,59 +84,67 @@ def chart(
         return round(high - BOTTOM - value * (high - TOP - BOTTOM), 1)
 
     lines = []
-    for one in sorted(
-        series, key=lambda one: (OTHER, NEXT, BEST).index(roles.get(one.model, OTHER))
+    for curve in sorted(
+        series, key=lambda curve: (OTHER, NEXT, BEST).index(roles.get(curve.model, OTHER))
     ):
-        at = [i for i, pair in enumerate(zip(one.x, one.y, strict=True)) if np.isfinite(pair).all()]
-        if not at:
+        drawn_points = [
+            i
+            for i, pair in enumerate(zip(curve.x, curve.y, strict=True))
+            if np.isfinite(pair).all()
+        ]
+        if not drawn_points:
             continue
-        points = [(across(one.x[i]), up(one.y[i])) for i in at]
+        points = [(across(curve.x[i]), up(curve.y[i])) for i in drawn_points]
         edges = [
-            (across(one.x[i]), *map(up, one.bounds[i]))
-            for i in at
-            if one.bounds and np.isfinite(one.bounds[i]).all()
+            (across(curve.x[i]), *map(up, curve.bounds[i]))
+            for i in drawn_points
+            if curve.bounds and np.isfinite(curve.bounds[i]).all()
         ]
         band = [
             *((x, top) for x, _, top in edges),
             *((x, bottom) for x, bottom, _ in reversed(edges)),
         ]
-        opens = one.opens or [""] * len(one.dots)
+        opened_days = curve.opens or [""] * len(curve.dots)
         dots = [
             (across(x), up(y), text, day)
-            for (x, y, text), day in zip(one.dots, opens, strict=True)
+            for (x, y, text), day in zip(curve.dots, opened_days, strict=True)
             if np.isfinite([x, y]).all()
         ]
         lines.append(
             Line(
-                one.model,
-                roles.get(one.model, OTHER),
+                curve.model,
+                roles.get(curve.model, OTHER),
                 _points(points),
                 _points(band),
                 dots,
                 points[-1],
             )
         )
-    heights = _apart([line.end[1] for line in lines], high - BOTTOM)
-    named = [Line(**{**vars(line), "name_y": y}) for line, y in zip(lines, heights, strict=True)]
+    heights = _moved_apart([line.end[1] for line in lines], high - BOTTOM)
+    named_lines = [
+        Line(**{**vars(line), "name_y": y}) for line, y in zip(lines, heights, strict=True)
+    ]
     shares = [(up(share), f"{100 * share:.0f} %") for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
-    return Chart(named, [(across(x), text) for x, text in x_ticks.items()], shares, high)
+    return Chart(named_lines, [(across(x), text) for x, text in x_ticks.items()], shares, high)
 
 
 def _points(points: Sequence[tuple[float, float]]) -> str:
     return " ".join(f"{x:g},{y:g}" for x, y in points)
 
 
-def _apart(heights: Sequence[float], lowest: float) -> list[float]:
-    """Heights moved as little as a pass downwards and one upwards need to be APART, none below
-    `lowest`."""
+def _moved_apart(heights: Sequence[float], lowest: float) -> list[float]:
+    """Move heights to be at least APART from each other, none below `lowest`.
+
+    One pass goes downwards and one upwards.
+    """
     order = np.argsort(heights, kind="stable")
-    moved = np.asarray(heights, float)[order]
-    for before, after in pairwise(range(len(moved))):
-        moved[after] = max(moved[after], moved[before] + APART)
-    if len(moved):
-        moved[-1] = min(moved[-1], lowest)
-    for after, before in pairwise(reversed(range(len(moved)))):
-        moved[before] = min(moved[before], moved[after] - APART)
-    found = np.empty(len(moved))
-    found[order] = moved
-    return [round(float(y), 1) for y in found]
+    sorted_heights = np.asarray(heights, float)[order]
+    for previous, current in pairwise(range(len(sorted_heights))):
+        sorted_heights[current] = max(sorted_heights[current], sorted_heights[previous] + APART)
+    if len(sorted_heights):
+        sorted_heights[-1] = min(sorted_heights[-1], lowest)
+    for current, previous in pairwise(reversed(range(len(sorted_heights)))):
+        sorted_heights[previous] = min(sorted_heights[previous], sorted_heights[current] - APART)
+    spaced = np.empty(len(sorted_heights))
+    spaced[order] = sorted_heights
+    return [round(float(y), 1) for y in spaced]

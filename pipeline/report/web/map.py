@@ -1,5 +1,7 @@
-"""What the map of a study shows: queries, answers and views, as typed arrays and pictures in
-base64, which map.js reads back."""
+"""The data of a study's map: queries, answers and views.
+
+Arrays and pictures are written in base64, which map.js reads back.
+"""
 
 import io
 from base64 import b64encode
@@ -26,22 +28,24 @@ COLUMNS = 16  # views beside each other in a picture
 
 
 def chart(study: Study) -> dict[str, Any]:
-    """All that the map of a study shows; without pictures where no model looks at Scan Contexts."""
-    found = (
-        (model, Views.read(*(study.find("views", one, model) for one in study.train.split())))
+    """All data of a study's map; without pictures where no model looks at Scan Contexts."""
+    candidates = (
+        (
+            model,
+            Views.read(*(study.find("views", sequence, model) for sequence in study.train.split())),
+        )
         for model in study.models
     )
-    looking, train = next(((model, views) for model, views in found if views), ("", None))
+    view_model, train = next(((model, views) for model, views in candidates if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
-    origin_m = np.rint(
-        study.train_xy_m.mean(axis=0)
-    )  # float32 as far out as UTM would take decimetres
+    # float32 as far out as UTM would take decimetres
+    origin_m = np.rint(study.train_xy_m.mean(axis=0))
     days = dates(study.results)
     sequences = []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
         first = results[0]
-        views = Views.read(study.find("views", sequence, looking)) if train else None
+        views = Views.read(study.find("views", sequence, view_model)) if train else None
         looked_at = store.read(study.find("views", sequence, first.model), *schemas.LOOKED_AT)
         sequences.append(
             {
@@ -54,8 +58,8 @@ def chart(study: Study) -> dict[str, Any]:
                 "views": views.picture if views else None,
             }
         )
-        for one in results:
-            answers[one.model][sequence] = _answers(study, one, views, training, origin_m)
+        for result in results:
+            answers[result.model][sequence] = _answers(study, result, views, training, origin_m)
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -64,12 +68,14 @@ def chart(study: Study) -> dict[str, Any]:
         "path": packed(study.train_xy_m - origin_m, "f4"),
         "train": train.picture if train else None,
         "sequences": sequences,
-        "answers": {model: given for model, given in answers.items() if given},
+        "answers": {
+            model: model_answers for model, model_answers in answers.items() if model_answers
+        },
     }
 
 
 def packed(array: NDArray[Any], dtype: str) -> dict[str, str]:
-    """An array as map.js reads it back: its type and its bytes, lowest first, in base64."""
+    """An array as map.js reads it: its type, and its bytes (little-endian) in base64."""
     return {
         "dtype": dtype,
         "base64": b64encode(np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()).decode(),
@@ -78,14 +84,14 @@ def packed(array: NDArray[Any], dtype: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Views:
-    """The Scan Contexts of a sequence, or of all of training, to be shown and to be compared."""
+    """The Scan Contexts of a sequence or of all training sequences, as a picture and as spectra."""
 
     picture: dict[str, Any]
     spectra: NDArray[np.complex64]
 
     @classmethod
     def read(cls, *paths: Path) -> Self | None:
-        """Of artifacts behind each other; None where one is missing or holds other views."""
+        """Read artifacts one after the other; None where one is missing or holds other views."""
         try:
             heights_m = np.concatenate(
                 [store.read(path, schemas.VIEWS).load("images") for path in paths]
@@ -100,7 +106,7 @@ class Views:
 
 
 def picture(heights_m: NDArray[np.float32]) -> bytes:
-    """A PNG with a palette of views (view, ring, sector), row by row, ring 0 of each on top."""
+    """A PNG with a palette of views (view, ring, sector), in rows of COLUMNS, ring 0 on top."""
     views, rings, sectors = heights_m.shape
     pixels = np.pad(quantize(heights_m), ((0, -views % COLUMNS), (0, 0), (0, 0)))
     sheet = Image.fromarray(
@@ -114,14 +120,16 @@ def picture(heights_m: NDArray[np.float32]) -> bytes:
 
 @dataclass(frozen=True)
 class Training:
-    """What positions are looked up in."""
+    """The training views and positions, in which positions are looked up."""
 
     views: Views | None
     tree: KDTree
 
     def nearest(self, xy_m: NDArray[np.float64], views: Views | None) -> dict[str, dict[str, str]]:
-        """The training row nearest to each position (q, 2), and by how many columns to roll its
-        view to look like the query."""
+        """The training row nearest to each position (q, 2), and the shift of its view.
+
+        The shift is the number of columns to roll the view by so that it looks like the query.
+        """
         rows = np.full(len(xy_m), NONE, np.int64)
         shifts = np.zeros(len(xy_m), np.int64)
         finite = np.isfinite(xy_m).all(axis=1)
@@ -140,9 +148,11 @@ def _answers(
     training: Training,
     origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
-    """What one model answered, with outcomes by both protocols; headings (q,) are of queries as
-    driven, whose rows come first."""
-    given = result.evaluation
+    """The answers of one model, with outcomes by both protocols.
+
+    Headings (q,) are of queries as driven, whose rows come first.
+    """
+    evaluation = result.evaluation
     count = len(result.evaluation.xy_m)
     try:
         rankings = store.read(
@@ -152,17 +162,17 @@ def _answers(
     except ArtifactError:
         first_deg = np.full(count, np.nan)
     answers = {
-        "xy": packed(given.answer_xy_m - origin_m, "f4"),
-        "novelty": packed(given.novelty[:, 0], "f4"),
-        "kind": given.kinds[0],
-        "threshold": given.reject_from[0],
+        "xy": packed(evaluation.answer_xy_m - origin_m, "f4"),
+        "novelty": packed(evaluation.novelty[:, 0], "f4"),
+        "kind": evaluation.kinds[0],
+        "threshold": evaluation.reject_from[0],
         "heading": packed(first_deg, "f4") if np.isfinite(first_deg).any() else None,
     }
-    for protocol, by in (("distance", given.distance), ("cells", given.cells)):
-        judged = {
-            "outcome": packed(by.outcome, "i1"),
-            "rank": packed(by.true_rank, "i2"),
-            "seen": packed(by.seen, "u1"),
+    for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
+        outcomes = {
+            "outcome": packed(judgement.outcome, "i1"),
+            "rank": packed(judgement.true_rank, "i2"),
+            "seen": packed(judgement.seen, "u1"),
         }
-        answers[protocol] = judged
-    return answers | training.nearest(given.answer_xy_m, views)
+        answers[protocol] = outcomes
+    return answers | training.nearest(evaluation.answer_xy_m, views)

@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: no server, no network, no other file."""
+"""The report as one HTML file that needs no server, no network and no other file."""
 
 import json
 import re
@@ -29,14 +29,14 @@ UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as an image of its own, so that no id in it meets one of another."""
+    """A figure as an image of its own, so that its ids do not meet those of other figures."""
 
     url: Markup
     wide_px: int
 
     @classmethod
     def of(cls, svg: str) -> "Picture":
-        """From an SVG file's text."""
+        """Build a picture from the text of an SVG file."""
         width = re.search(r'<svg[^>]*?\bwidth="([\d.]+)pt"', svg)
         url = "data:image/svg+xml," + quote(re.sub(r"\s+", " ", svg), safe=UNQUOTED)
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
@@ -52,16 +52,21 @@ class Entry:
 
     @property
     def id(self) -> str:
-        """Its place on the page."""
+        """The HTML id of the study on the page."""
         return anchor(self.study.name, self.study.grid)
 
 
 def html(entries: Sequence[Entry], lock: DvcLock) -> str:
-    """The whole file, of these studies alone; it says which figures could not be read."""
+    """The whole file, for these studies; it names the figures that could not be read."""
     lines = list[str]()
     pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
-    for path in (one.path for section in sections for one in section.illustrations if one.on_page):
+    for path in (
+        illustration.path
+        for section in sections
+        for illustration in section.illustrations
+        if illustration.on_page
+    ):
         try:
             pictures[path] = Picture.of(path.read_text(encoding="utf-8"))
         except OSError:
@@ -69,7 +74,7 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
     fronts = [entry.front for entry in entries if entry.front]
     artifacts = {
         path: (*lock.of(path), recipe)
-        for path, recipe in _artifacts([one.study for one in fronts], sections).items()
+        for path, recipe in _artifacts([front.study for front in fronts], sections).items()
     }
     stages = [
         stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage
@@ -93,8 +98,7 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
 def _artifacts(
     studies: Sequence[Study], sections: Sequence[Section]
 ) -> dict[str, Mapping[str, str]]:
-    """The path of each artifact that a number is from to the recipe that it was trained with, empty
-    if it is no model."""
+    """Map the path of each source artifact to the recipe it was trained with; empty if no model."""
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
         driven = (*study.train.split(), *by_sequence(study.results))
@@ -109,28 +113,28 @@ def _artifacts(
             for sequence in driven
         }
         recipes |= {
-            study.source(kind, one.sequence, one.model): {}
-            for one in study.results
+            study.source(kind, result.sequence, result.model): {}
+            for result in study.results
             for kind in ("localize", "evaluate")
         }
         for model in (name for name, path in study.trained.items() if path.is_file()):
-            shown = {
+            parameters = {
                 name: value
                 for name, value in study.recipe(model).items()
                 if not name.startswith("_")
             }
-            recipes[study.source("train", model=model)] = shown
-    named = [path for section in sections for path in section.sources]
-    return recipes | {path: {} for path in named if path not in recipes}
+            recipes[study.source("train", model=model)] = parameters
+    source_paths = [path for section in sections for path in section.sources]
+    return recipes | {path: {} for path in source_paths if path not in recipes}
 
 
 def _json(value: Any) -> Markup:
-    """Data for a script element, which no text in them can end early."""
+    """JSON for a script element, escaped so that no text in it ends the element."""
     return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
 def _yaml(files: Mapping[str, Any]) -> str:
-    own = {file: values for file, values in files.items() if file not in LISTS}
+    stage_files = {file: values for file, values in files.items() if file not in LISTS}
     return yaml.safe_dump(
-        own, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
+        stage_files, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
     )
