@@ -232,7 +232,7 @@ def _inspect(args: argparse.Namespace) -> None:
 
         print(describe(args.path).text(terminal_width()))
         return
-    print(inspect(args.path, args.format, own=_own_reader()).text(terminal_width()))
+    print(inspect(args.path, args.format, folder_reader=_own_reader()).text(terminal_width()))
     if args.save:
         from pipeline.inspection.bags import proposal
 
