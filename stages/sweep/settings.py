@@ -85,7 +85,7 @@ def listed(
     usual = {
         name: value for one in study["methods"] for name, value in one.get("settings", {}).items()
     }
-    own["methods"] = [entry(ROOT / "conf", method, view, usual=usual)]
+    own["methods"] = [entry(ROOT / "conf", method, view, defaults=usual)]
     return expand({dataset: study | own})
 
 
