@@ -17,19 +17,21 @@ from stages import ROOT, build, stage
 @stage("report")
 def main(cfg: DictConfig) -> str:
     artifacts = Path(cfg.artifacts)
-    known = studies(ROOT / "conf")
-    table = results.read(artifacts, known)
+    all_studies = studies(ROOT / "conf")
+    table = results.read(artifacts, all_studies)
     with store.replace(cfg.out) as folder:
         line = report.write(
-            folder, artifacts, known, table, cfg.few, lambda name: build("view", name)
+            folder, artifacts, all_studies, table, cfg.few, lambda name: build("view", name)
         )
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
 
 
-def sweep_report(folder: Path, records: Sequence[Record], usual: Mapping[str, str]) -> str:
-    """Write the table and the figure of a sweep into its folder; returns the table for a
-    terminal."""
-    return sweep.write(folder, records, usual)
+def sweep_report(folder: Path, records: Sequence[Record], defaults: Mapping[str, str]) -> str:
+    """Write the table and the figure of a sweep into its folder.
+
+    Returns the table for a terminal.
+    """
+    return sweep.write(folder, records, defaults)
 
 
 if __name__ == "__main__":
