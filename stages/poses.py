@@ -43,12 +43,16 @@ def main(cfg: DictConfig) -> str:
             f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks, searched in "
             f"{verdict.depth} steps"
         ]
-        found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
-        for sequence, own in zip(
-            sequences, ProgressBar().track(found, len(sequences), "register"), strict=True
+        fixes_by_sequence = compute.each(
+            lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences
+        )
+        for sequence, sequence_fixes in zip(
+            sequences,
+            ProgressBar().track(fixes_by_sequence, len(sequences), "register"),
+            strict=True,
         ):
             rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
-            lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))
+            lines.append(posing.write(folder / f"{sequence}.zarr", rankings, sequence_fixes))
     return "; ".join(lines)
 
 
