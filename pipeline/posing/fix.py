@@ -2,7 +2,7 @@
 9.5)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -42,8 +42,6 @@ class Hypothesis:
     """Between the query's and the submap's upward axes."""
     slide: Slide
     """Where else along its street the walls fit best."""
-    step: int = 0
-    """Of the search, at which it was found."""
 
     @property
     def quality(self) -> float:
@@ -72,28 +70,20 @@ class Fix:
 
     @classmethod
     def of(cls, found: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
-        """Of hypotheses in any order; of those within 2 m and 5° of one another the one of the
-        highest quality stays.
+        """Of hypotheses in any order; of those within 2 m and 5° of one another the best stays.
 
-        It was found when the first of them was.
+        The best has the highest quality.
         """
         kept: list[Hypothesis] = []
         for one in sorted(found, key=lambda one: -one.quality):
             away_m, turn_deg = apart(
                 _poses(kept), np.broadcast_to(one.world_T_query, (len(kept), 4, 4))
             )
-            same = np.flatnonzero((away_m < SAME_M) & (turn_deg < SAME_DEG)).tolist()
-            if not same:
+            if not ((away_m < SAME_M) & (turn_deg < SAME_DEG)).any():
                 kept.append(one)
-            elif one.step < kept[same[0]].step:
-                kept[same[0]] = replace(kept[same[0]], step=one.step)
         shares = chances.of(signs(kept))
         order = np.argsort(-shares, kind="stable").tolist()
         return cls(tuple(kept[i] for i in order), tuple(float(shares[i]) for i in order))
-
-    def upto(self, depth: int, chances: Chances = USUAL) -> Self:
-        """As if the search had ended after so many steps."""
-        return self.of([one for one in self.hypotheses if one.step < depth], chances)
 
     @property
     def alignment(self) -> Alignment:

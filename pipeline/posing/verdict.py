@@ -32,8 +32,6 @@ LEAST_DOUBT = 1e-9
 TIMES = 5.0
 """No single belief is accepted whose doubt is over so many times what a promise allows in the mean
 (METHODS 9.5)."""
-AS_MUCH = 0.005
-"""Shares of right poses that differ by less are no reason to search on."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +100,6 @@ class Evidence:
         alike = np.where(self.unseen, max(self.unseen.sum(), 1), max((~self.unseen).sum(), 1))
         return np.asarray(self.blocks * share / alike)
 
-    def upto(self, depth: int) -> "Evidence":
-        """As if the searches had ended after so many steps."""
-        return replace(self, fixes=[fix.upto(depth) for fix in self.fixes])
-
     def ordered(self, chances: Chances) -> "Evidence":
         """The same with the hypotheses of each fix in the order of other chances."""
         return replace(self, fixes=[Fix.of(fix.hypotheses, chances) for fix in self.fixes])
@@ -127,24 +121,6 @@ class Verdict:
     evidence: Evidence
     unseen_share: float
     """Share of queries to expect from places that the map does not have."""
-    depth: int
-    """So many steps the search takes at most."""
-
-    @classmethod
-    def learned(cls, evidence: Evidence, unseen_share: float, depth: int) -> Self:
-        """From fixes searched to a depth: to the least one that finds about as much as any.
-
-        To look farther takes time, and what changes over a year is found by it.
-        """
-        tried = [cls(evidence.upto(least), unseen_share, least) for least in range(1, depth + 1)]
-        most = max(verdict.found for verdict in tried)
-        return next(verdict for verdict in tried if verdict.found >= most - AS_MUCH)
-
-    @property
-    def found(self) -> float:
-        """The share of the evidence whose likeliest pose is right."""
-        weight = self.evidence.weight(self.unseen_share)
-        return float(weight @ self._judged[1][:, 0] / max(weight.sum(), 1e-9))
 
     @cached_property
     def judge(self) -> Judge:
