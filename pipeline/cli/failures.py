@@ -14,7 +14,7 @@ from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
-    from pipeline.online.failures import Judged
+    from pipeline.online.failures import JudgedFix
     from pipeline.online.site import Site
     from pipeline.posing.targets import Targets
 
@@ -60,7 +60,7 @@ def failures(given: argparse.Namespace) -> None:
     print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn there")
 
 
-def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]":
+def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[JudgedFix]":
     """Localises the scans of a log that have a true pose."""
     import numpy as np
 
@@ -90,7 +90,7 @@ def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[Judged]
     return of_log(log, [site.localize(scan.points(), given.promise) for scan in log])
 
 
-def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[Judged], bool]":
+def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[JudgedFix], bool]":
     """The map, the fixes of a study's test sequences, or of one of them, and whether they are
     simulated."""
     from itertools import chain
