@@ -14,7 +14,7 @@ from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
-    from pipeline.online.failures import Judged
+    from pipeline.online.failures import JudgedFix
     from pipeline.online.site import Site
     from pipeline.posing.targets import Targets
 
@@ -62,7 +62,7 @@ def failures(args: argparse.Namespace) -> None:
     print(f"{args.out}: {summary}; {min(len(misjudged_fixes), args.worst)} drawn there")
 
 
-def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[Judged]":
+def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[JudgedFix]":
     """Localises the scans of a log that have a true pose."""
     import numpy as np
 
@@ -92,7 +92,7 @@ def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[Judged]"
     return of_log(posed_scans, [site.localize(scan.points(), args.promise) for scan in posed_scans])
 
 
-def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[Judged], bool]":
+def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[JudgedFix], bool]":
     """Read the map and the fixes of a study's test days, or of one of them.
 
     Also returns whether the study is simulated.

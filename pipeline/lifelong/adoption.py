@@ -1,5 +1,7 @@
-"""Adoption: scans of a later day whose poses are known by survey, or found by the site itself and
-believed (METHODS 11.2)."""
+"""Adoption: which scans of a later day a site learns, and at which poses (METHODS 11.2).
+
+The poses are known by survey, or found by the site itself and believed.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +21,7 @@ from pipeline.posing.registration import Points
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
 STEP_M = 0.8
-"""Way from one adopted scan to the next, at least: a little less than from one submap to the
-next."""
+"""Least path from one adopted scan to the next: a little less than from one submap to the next."""
 
 
 class NothingAdoptedError(LogError):
@@ -41,7 +42,7 @@ class Adoption:
     """(scan,) whether the pose is over 2 m or 5° off the log's own, where it has one."""
     surveyed: bool
     """Whether the poses are given, so that places may be new."""
-    asked: int
+    scan_count: int
     """Scans of the day, adopted or not."""
 
     def views(self, site: Site) -> Rows:
@@ -54,8 +55,7 @@ class Adoption:
 
 
 def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> Adoption:
-    """The scans of one drive whose fixes keep a promise; without a promise every scan that has any
-    pose.
+    """Adopt the scans of one drive whose fixes keep a promise; without one, all that have a pose.
 
     The drive is followed there and back. Scans between two fixes are adopted where odometry leads
     from one to the other. Raises NothingAdoptedError where there is none, as where the site cannot
@@ -65,54 +65,58 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
         raise NothingAdoptedError(
             f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}"
         )
-    both = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
-    believed = [
-        [fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*both, strict=True)
+    passes = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
+    believed_fixes = [
+        [fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*passes, strict=True)
     ]
-    best = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed]
-    poses = np.array([NO_POSE if fix is None else fix.world_T_sensor for fix in best]).reshape(
-        -1, 4, 4
-    )
-    chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best])
+    best_fixes = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed_fixes]
+    poses = np.array(
+        [NO_POSE if fix is None else fix.world_T_sensor for fix in best_fixes]
+    ).reshape(-1, 4, 4)
+    chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best_fixes])
     bridge(poses, chance, np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4))
-    return taken(scans, poses, chance, False, "no fix is believed")
+    return spaced_adoption(scans, poses, chance, False, "no fix is believed")
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
-    """The scans of a drive at surveyed poses, by stamps, or at the log's own; raises
-    NothingAdoptedError where none is known."""
-    known = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
+    """Adopt the scans of a drive at surveyed poses, by stamps, or at the log's own poses.
+
+    Raises NothingAdoptedError where none is known.
+    """
+    world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
     if poses is not None:
-        known = poses.at(
+        world_T_scan = poses.at(
             np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64)
         )[0]
-    return taken(scans, known, np.ones(len(scans)), True, "the survey has a pose of none")
+    return spaced_adoption(
+        scans, world_T_scan, np.ones(len(scans)), True, "the survey has a pose of none"
+    )
 
 
 def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
-    """The fix of each scan, along the drive in this direction."""
+    """Track the scans one after the other, and give the fix of each."""
     tracker = Tracker(site, promise or min(site.promises, default=None))
-    before: Scan | None = None
+    previous: Scan | None = None
     fixes: list[Fix] = []
     for scan in scans:
-        fixes.append(tracker.localize(scan.points(), step(before, scan), scan.stamp_ns))
-        before = scan
+        fixes.append(tracker.localize(scan.points(), step(previous, scan), scan.stamp_ns))
+        previous = scan
     return fixes
 
 
 def accepts(fix: Fix, promise: float | None) -> bool:
-    """Whether a fix is to be believed."""
+    """Whether a fix is to be adopted: accepted, or without a promise, any that has a pose."""
     return fix.verdict == "accepted" if promise else fix.verdict != "no pose"
 
 
 def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> None:
-    """Fill poses (n, 4, 4) between two that are known where odometry (n, 4, 4) leads from one to
-    the other within 2 m and 5°.
+    """Fill gaps in poses (n, 4, 4) where odometry (n, 4, 4) leads from one known pose to the next.
 
-    What it is off is spread over the way; the chance is that of the less sure end.
+    It may miss the next pose by 2 m and 5°, an error that is spread over the way. The chance is
+    that of the less sure end.
     """
-    known = np.flatnonzero(np.isfinite(poses).all((1, 2)))
-    for first, last in zip(known[:-1].tolist(), known[1:].tolist(), strict=True):
+    posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
+    for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
         onwards = poses[first] @ np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
         away_m, turn_deg = apart(onwards[-1:], poses[last][None])
         if last - first < 2 or not (
@@ -135,19 +139,21 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
         chance[between] = min(chance[first], chance[last])
 
 
-def taken(
-    scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], given: bool, why: str
+def spaced_adoption(
+    scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], surveyed: bool, reason: str
 ) -> Adoption:
-    """Those with a pose, STEP_M or more from the one before; raises NothingAdoptedError with the
-    reason where there is none."""
+    """Adopt the scans that have a pose and lie STEP_M or more from the one before.
+
+    Raises NothingAdoptedError with the reason where there is none.
+    """
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():
         if not rows or np.linalg.norm(poses[row, :2, 3] - poses[rows[-1], :2, 3]) >= STEP_M:
             rows.append(row)
     if not rows:
-        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: {why}")
+        raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: {reason}")
     stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
     true = np.array([scans[row].world_T_scan for row in rows])
     wrong = np.isfinite(true).all((1, 2)) & ~right(poses[rows], true)
     points = tuple(finite(scans[row].points()) for row in rows)
-    return Adoption(points, stamps_ns, poses[rows], chance[rows], wrong, given, len(scans))
+    return Adoption(points, stamps_ns, poses[rows], chance[rows], wrong, surveyed, len(scans))

@@ -19,7 +19,7 @@ Order = Literal["days", "streets", "updates"]
 
 @dataclass(frozen=True)
 class Course:
-    """The days of one model of a study."""
+    """The days that one model of a study learns."""
 
     artifacts: Path
     study: str
@@ -27,7 +27,7 @@ class Course:
     model: str
     train: str
     learned: Sequence[str]
-    """After `train`."""
+    """Sequences to learn after `train`."""
     views: Path
     """Folder of what the method looks at."""
 
@@ -40,8 +40,7 @@ class Course:
         scratch: Path,
         progress: Progress,
     ) -> Iterator[Step]:
-        """The localiser after each day, in an order; for updates a site is packed into a folder
-        first."""
+        """The localiser after each step, in an order; updates pack a site into `scratch` first."""
         if order == "updates":
             return self.updates(strategy, packing, scratch, progress)
         return self.surveys(strategy, method, order, progress)
@@ -49,16 +48,18 @@ class Course:
     def surveys(
         self, strategy: Any, method: Method, order: Order, progress: Progress
     ) -> Iterator[Step]:
-        """A step a day whose poses are known, the first trained already; or a step for each part of
-        the training day."""
+        """The localiser after each surveyed day, or after each part of the training day.
+
+        The first day is trained already.
+        """
         first, *later = (
             Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned)
         )
         labels = self.artifacts / "labels" / self.study / self.grid / f"{self.train}.zarr"
         places = Places.read(store.read(labels, schemas.LABELS))
         if order == "streets":
-            none = Places(places.grid, places.cells[:0])
-            return surveyed(method, strategy, streets(self.train, first), none, None, progress)
+            no_places = Places(places.grid, places.cells[:0])
+            return surveyed(method, strategy, streets(self.train, first), no_places, None, progress)
         days = dict(zip((self.train, *self.learned), (first, *later), strict=True))
         trained = self.artifacts / "train" / self.study / self.grid / f"{self.model}.safetensors"
         return surveyed(method, strategy, days, places, store.read_model(trained), progress)
@@ -66,7 +67,7 @@ class Course:
     def updates(
         self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress
     ) -> Iterator[Step]:
-        """A step a day that the site of the model learns by itself."""
+        """The localiser after each day that the model's site learns by itself."""
         site = scratch / "first.site"
         progress.tell(packing.pack(f"{self.study}/{self.grid}/{self.model}", site, progress))
         return updated(

@@ -1,5 +1,7 @@
-"""Drives of a study as scans that come one after the other, with their odometry and, to count
-errors by, their true poses."""
+"""Drives of a study as scans in their order, with odometry and true poses.
+
+True poses serve to count errors only.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -15,7 +17,7 @@ from pipeline.store import Artifact
 
 
 def read(artifacts: Path, study: str, sequences: Sequence[str]) -> dict[str, list[Scan]]:
-    """The submaps of some sequences, each of which is one scan."""
+    """The scans of each sequence: its submaps, each of which is one scan."""
     return {name: _scans(artifacts, study, name) for name in sequences}
 
 

@@ -1,5 +1,4 @@
-"""What a localiser answered of the asked days after each step of learning: the artifact of the
-stage `lifelong`."""
+"""Records what a localiser answers after each step of learning: the artifact of `lifelong`."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ K = 25
 
 @dataclass(frozen=True)
 class Record:
-    """What a localiser answered of the asked days after each step."""
+    """A localiser's answers to all query days after each step of learning."""
 
     columns: Mapping[str, NDArray[Any]]
     """As in schemas_lifelong."""
@@ -27,59 +26,63 @@ class Record:
 
     @classmethod
     def of(
-        cls, steps: Iterator[Step], asked: Mapping[str, Rows], told: Callable[[str], None]
+        cls, steps: Iterator[Step], queries: Mapping[str, Rows], tell: Callable[[str], None]
     ) -> Self:
-        """Every day asked after every step."""
-        xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in asked.values()])
-        day = np.repeat(np.arange(len(asked)), [len(views.stamps_ns) for views in asked.values()])
+        """Localise all query days after every step; `tell` is called with a line a step."""
+        xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in queries.values()])
+        day = np.repeat(
+            np.arange(len(queries)), [len(views.stamps_ns) for views in queries.values()]
+        )
         answers = []
         errors = []
-        done = list[Step]()
+        done_steps = list[Step]()
         for step in steps:
-            rankings = [step.localizer(views, K) for views in asked.values()]
-            answers.append(np.concatenate([one.places[:, 0] for one in rankings]))
+            rankings = [step.localizer(views, K) for views in queries.values()]
+            answers.append(np.concatenate([ranking.places[:, 0] for ranking in rankings]))
             errors.append(
-                np.linalg.norm(np.concatenate([one.xy_m[:, 0] for one in rankings]) - xy_m, axis=1)
+                np.linalg.norm(
+                    np.concatenate([ranking.xy_m[:, 0] for ranking in rankings]) - xy_m, axis=1
+                )
             )
-            done.append(step)
+            done_steps.append(step)
             true = step.places.at(xy_m)
-            told(
+            tell(
                 f"{step.name}: {np.mean((answers[-1] == true)[true >= 0]):.3f} right of "
                 f"{(true >= 0).sum()} seen"
             )
-        true = done[-1].places.at(xy_m)
-        known = np.array([step.places.at(xy_m) >= 0 for step in done])
+        true = done_steps[-1].places.at(xy_m)
+        is_known = np.array([step.places.at(xy_m) >= 0 for step in done_steps])
         columns = {
             "right": (np.array(answers) == true) & (true >= 0),
             "error_m": np.array(errors),
-            "known_from": np.where(known.any(axis=0), known.argmax(axis=0), -1),
+            "known_from": np.where(is_known.any(axis=0), is_known.argmax(axis=0), -1),
             "day": day,
             "xy_m": xy_m,
-            "place_xy_m": (last := done[-1]).places.grid.centre(last.places.cells),
-            "newest_ns": last.newest_ns,
+            "place_xy_m": (last_step := done_steps[-1]).places.grid.centre(last_step.places.cells),
+            "newest_ns": last_step.newest_ns,
         }
-        return cls(columns, done, [int(views.stamps_ns[0]) for views in asked.values()])
+        return cls(columns, done_steps, [int(views.stamps_ns[0]) for views in queries.values()])
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """The other half of the artifact."""
-        every = self.steps
-        known = [len(step.places.cells) for step in every]
+        """The attributes of the artifact."""
+        steps = self.steps
+        place_counts = [len(step.places.cells) for step in steps]
         return {
-            "steps": [step.name for step in every],
-            "places": known,
-            "newest_ns": [int(step.newest_ns.max()) for step in every],
+            "steps": [step.name for step in steps],
+            "places": place_counts,
+            "newest_ns": [int(step.newest_ns.max()) for step in steps],
             "asked_ns": [*self.asked_ns],
-            "bytes": [step.bytes for step in every],
-            "counts": [dict(step.counts) for step in every],
+            "bytes": [step.bytes for step in steps],
+            "counts": [dict(step.counts) for step in steps],
         }
 
     def line(self) -> str:
-        """What came out, in a line."""
-        known = self.columns["known_from"] >= 0
-        first, last = (float(self.columns["right"][step, known].mean()) for step in (0, -1))
+        """Summarise the results in a line: the share of right answers at first and at last."""
+        knowable = self.columns["known_from"] >= 0
+        first, last = (float(self.columns["right"][step, knowable].mean()) for step in (0, -1))
         places = f"{len(self.steps)} steps to {len(self.steps[-1].places.cells)} places"
         return (
-            f"{places}: of {known.sum()} queries that can be known {first:.3f} right at first, "
+            f"{places}: of {knowable.sum()} queries that can be known {first:.3f} right at first, "
             f"{last:.3f} at last"
         )

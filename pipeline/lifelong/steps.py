@@ -1,5 +1,4 @@
-"""Steps: what a localiser is after each further day, by a strategy; and what it then answers of
-other days (METHODS 11.4)."""
+"""Steps of learning: the localiser after each further day, by a strategy (METHODS 11.4)."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,13 +32,13 @@ class Step:
     name: str
     localizer: Localizer
     places: Places
-    """Those surveyed by then, whether it learned them or not."""
+    """The places surveyed by then, whether the localiser learned them or not."""
     newest_ns: NDArray[np.int64]
     """(place,) stamp of the newest view of each that was surveyed or adopted."""
     bytes: int
     cpu_s: float
     counts: Mapping[str, int] = field(default_factory=dict)
-    """Of an update: scans asked and adopted, adopted at a wrong pose, and submaps that changed."""
+    """Of an update, scans asked and adopted, adopted at a wrong pose, submaps that changed."""
 
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
@@ -58,40 +57,49 @@ def surveyed(
     strategy: Any,
     days: Mapping[str, Rows],
     places: Places,
-    first: Model | None,
+    first_model: Model | None,
     progress: Progress,
 ) -> Iterator[Step]:
-    """A step a day whose poses are known; `places` are those of the grid, none or the first day's,
-    and `first` its model."""
-    known: TrainingSet | None = None
-    model: Model = first or {}
-    for number, (name, (new, by_then)) in enumerate(
+    """The localiser after each day whose poses are known.
+
+    `places` are those of the grid at the start, none or the first day's; `first_model` is its
+    model.
+    """
+    known_views: TrainingSet | None = None
+    model: Model = first_model or {}
+    for number, (name, (new_views, places_by_then)) in enumerate(
         zip(days, in_order(days.values(), places), strict=True)
     ):
         start = time.process_time()
         part = progress.part(f"step{number}")
-        if known is None:
-            model = first if first is not None else method.learn(*new, part)
+        if known_views is None:
+            model = first_model if first_model is not None else method.learn(*new_views, part)
         else:
-            model = strategy.learn(method, model, known, new, part)
-        known = new if known is None else TrainingSet.joined([known, new])
+            model = strategy.learn(method, model, known_views, new_views, part)
+        known_views = (
+            new_views if known_views is None else TrainingSet.joined([known_views, new_views])
+        )
         used_s = time.process_time() - start
         size = sum(array.nbytes for array in model.values())
-        yield Step(name, method.localizer(model), by_then, newest_ns(known), size, used_s)
+        yield Step(
+            name, method.localizer(model), places_by_then, newest_ns(known_views), size, used_s
+        )
 
 
 def newest_ns(views: TrainingSet) -> NDArray[np.int64]:
-    """(place,) the stamp of the newest view of each."""
-    found = np.zeros(views.places.max() + 1, np.int64)
-    np.maximum.at(found, views.places, views.views.stamps_ns)
-    return found
+    """The stamp (place,) of the newest view of each place."""
+    stamps_ns = np.zeros(views.places.max() + 1, np.int64)
+    np.maximum.at(stamps_ns, views.places, views.views.stamps_ns)
+    return stamps_ns
 
 
 def updated(
     path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress
 ) -> Iterator[Step]:
-    """The site at `path`, then a step a drive that it learned by itself; one of which it believes
-    nothing changes nothing."""
+    """The site at `path`, then the site after each drive that it learned by itself.
+
+    A drive of which it believes nothing leaves it as it is.
+    """
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
     yield _of_site(str(parts.about["provenance"]["train"]), site, parts, 0.0)

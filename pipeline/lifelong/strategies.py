@@ -1,4 +1,4 @@
-"""Strategies: what becomes of a model when a further day was surveyed (METHODS 11.4)."""
+"""Strategies: what becomes of a model when a further day has been surveyed (METHODS 11.4)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,47 +11,64 @@ from pipeline.running.settings import SomeShare, check
 
 @dataclass(frozen=True)
 class Frozen:
-    """Nothing: the model stays as it was."""
+    """Leaves the model as it is."""
 
     def learn(
-        self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+        self,
+        method: Method,
+        model: Model,
+        known_views: TrainingSet,
+        new_views: TrainingSet,
+        progress: Progress,
     ) -> Model:
-        """The model itself."""
+        """Return the model itself."""
         return model
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A new model of all days: what growth is measured by."""
+    """Trains a new model on all days: what growth is measured by."""
 
     def learn(
-        self, method: Method, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+        self,
+        method: Method,
+        model: Model,
+        known_views: TrainingSet,
+        new_views: TrainingSet,
+        progress: Progress,
     ) -> Model:
-        """Learned from the beginning."""
-        return method.learn(*TrainingSet.joined([known, new]), progress)
+        """Train on all days from the beginning."""
+        return method.learn(*TrainingSet.joined([known_views, new_views]), progress)
 
 
 @dataclass(frozen=True)
 class Grown:
-    """The model learns the day besides what it knows."""
+    """Lets the model learn the new day without forgetting the earlier ones."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Of the method, changed for growth."""
+    """Settings of the method that are changed for growth."""
 
     def learn(
-        self, method: Any, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress
+        self,
+        method: Any,
+        model: Model,
+        known_views: TrainingSet,
+        new_views: TrainingSet,
+        progress: Progress,
     ) -> Model:
-        """The model of all days."""
-        grown: Model = replace(method, **self.settings).grow(model, known, new, progress)
+        """Grow the model by the new views."""
+        grown: Model = replace(method, **self.settings).grow(
+            model, known_views, new_views, progress
+        )
         return grown
 
 
 @dataclass(frozen=True)
 class Updated:
-    """A site adopts what it localises of a day that nobody surveyed."""
+    """Lets a site adopt what it localises of a day that nobody surveyed."""
 
     promise: SomeShare | None
-    """That a fix must keep to be adopted; None adopts every scan with a pose."""
+    """The promise that a fix must keep to be adopted; None adopts every scan with a pose."""
 
     def __post_init__(self) -> None:
         check(self, "strategy")

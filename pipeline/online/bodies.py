@@ -1,4 +1,4 @@
-"""Scans as they come over a network: float32 x, y, z, or a PointCloud2 as ROS 2 sends it."""
+"""Decodes a scan sent over a network: float32 x, y, z, or a PointCloud2 as ROS 2 sends it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,10 @@ LARGEST_BYTES = 32 * 2**20  # 2.7 million points
 
 
 def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
-    """Stamp in ns, if there is one, and points (n, 3) in metres; raises LogError for a body that is
-    no scan."""
+    """Decode a body into its stamp in ns, None if it has none, and points (n, 3) in metres.
+
+    Raises LogError for a body that is no scan.
+    """
     if len(body) > LARGEST_BYTES:
         raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")
     if kind == CDR:

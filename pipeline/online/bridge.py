@@ -18,10 +18,10 @@ CONNECT_MS = 5000
 
 
 def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
-    """A session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447; no other is
-    looked for.
+    """Open a session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447.
 
-    `how` may be `listen` too. Raises ConfigError where nobody answers there.
+    Nothing else is searched for on the network. `how` may be `listen` too. Raises ConfigError where
+    nobody answers there.
     """
     config = zenoh.Config()
     if "/" not in endpoint:
@@ -46,11 +46,12 @@ def run(
     tell: Callable[[str], None],
     body_T_lidar: Poses | None = None,
 ) -> None:
-    """Answer until the session is closed, after calling `ready`.
+    """Localise scans until the session is closed; `ready` is called before the first.
 
-    While one scan is localised the newest waits.
+    While one scan is localised the newest waits, older ones are dropped.
 
-    Points are placed by `body_T_lidar` (4, 4), or raised as those that the site was learned with.
+    Points are placed by `body_T_lidar` (4, 4); by default they are raised as those that the site
+    was learned with.
     """
     body_T_lidar = (
         raised(float(site.about["sensor"]["lift_m"])) if body_T_lidar is None else body_T_lidar

@@ -1,4 +1,4 @@
-"""What `yearloc inspect` says of a site file."""
+"""Describes a site file for `yearloc inspect`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,21 +11,23 @@ from pipeline.online.site_file import read
 
 
 def describe(path: Path) -> Inspection:
-    """What a site holds, promises and was made of; raises ArtifactError for a file that is no whole
-    site."""
+    """Describe what a site holds, promises and was made of.
+
+    Raises ArtifactError for a file that is no whole site.
+    """
     about, model, arrays, network, _ = read(path)
-    found = Inspection(path)
+    inspection = Inspection(path)
     verdict = about["verdict"]
-    seen = about["sensor"]
+    sensor = about["sensor"]
     anchors = arrays["world_T_anchor"]
-    made = about["provenance"]
+    provenance = about["provenance"]
     method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
-    found.describe(
+    inspection.describe(
         f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
         (
             "size",
             f"{nbytes(path.stat().st_size)}; model "
-            f"{nbytes(sum(one.nbytes for one in model.values()))}",
+            f"{nbytes(sum(array.nbytes for array in model.values()))}",
         ),
         (
             "method",
@@ -35,7 +37,7 @@ def describe(path: Path) -> Inspection:
             "learned on",
             ", then ".join(map(_day, about["growth"]["days"]))
             if "growth" in about
-            else made["train"],
+            else provenance["train"],
         ),
         (
             "map",
@@ -49,30 +51,34 @@ def describe(path: Path) -> Inspection:
     title = f"promises of a pose, by {verdict['held_out']} held-out blocks"
     title += f"; of queries {verdict['unseen_share']:g} are expected unseen"
     title += first_day(about)
-    found.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
+    inspection.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
     names = {
         "points": "points a scan",
         "beams": "beams",
         "azimuth_deg": "azimuth in °",
         "sensor_m": "metres over the ground",
     }
-    known = (
-        (label, "unknown" if seen[name] is None else f"{seen[name]:,.4g}")
+    sensor_rows = (
+        (label, "unknown" if sensor[name] is None else f"{sensor[name]:,.4g}")
         for name, label in names.items()
     )
-    found.add("sensor", *known, ("raised by", f"{seen['lift_m']:g} m"))
-    found.add("made of", *((name, digest or "unknown") for name, digest in made["md5"].items()))
-    found.add("with", *made["versions"].items())
-    found.warn(
+    inspection.add("sensor", *sensor_rows, ("raised by", f"{sensor['lift_m']:g} m"))
+    inspection.add(
+        "made of", *((name, digest or "unknown") for name, digest in provenance["md5"].items())
+    )
+    inspection.add("with", *provenance["versions"].items())
+    inspection.warn(
         not np.greater(verdict["promised"]["fix"], 0).any(),
         "no promise can be kept: every fix will be rejected",
     )
-    return found
+    return inspection
 
 
 def first_day(about: Mapping[str, Any]) -> str:
-    """Of a site that has grown, whose held-out queries its promises are by; nothing of any
-    other."""
+    """Name the day whose held-out queries a grown site's promises rest on.
+
+    Empty for a site that has not grown.
+    """
     days: list[dict[str, Any]] = about["growth"]["days"] if "growth" in about else []
     return f"; all of {days[0]['day']}, not of the days since" if len(days) > 1 else ""
 
@@ -86,8 +92,8 @@ def _promise(limit: float) -> str:
 
 
 def _day(day: Mapping[str, Any]) -> str:
-    """A day that a site learned."""
-    more = (
+    """Describe a day that a site learned, in a line."""
+    additions = (
         f", {day['places']} new places, {day['changed']} submaps changed" if "places" in day else ""
     )
-    return f"{day['day']} ({day['views']} views{more})"
+    return f"{day['day']} ({day['views']} views{additions})"

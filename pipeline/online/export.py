@@ -1,5 +1,7 @@
-"""A site's network as an ONNX file, or as a site that answers through ONNX Runtime, with how near
-it comes to torch's answers."""
+"""Exports a site's network to ONNX, and measures how near its answers come to torch's.
+
+The result is an ONNX file, or a site that answers through ONNX Runtime.
+"""
 
 import json
 import logging
@@ -27,24 +29,27 @@ from pipeline.replacing import replace as replaced
 from pipeline.running.building import build
 
 ALIKE = 1e-4
-"""Scores and descriptors of ONNX Runtime may differ so much from torch's."""
-TRIED = 32
+"""Largest difference allowed between scores or descriptors of ONNX Runtime and of torch."""
+VIEWS_TRIED = 32
+"""Random views that parity is measured on."""
 
 
 @dataclass(frozen=True)
 class Parity:
-    """How an exported network compares with torch, on so many random views."""
+    """How an exported network compares with torch on `views` random views."""
 
     views: int
     largest: float
-    """Difference of scores, or of descriptors."""
+    """Largest difference of scores, or of descriptors."""
     same_first: float
     """Share of views with the same best place, or nearest descriptor."""
 
 
 class Scores(nn.Module):
-    """Heights (1, rings, sectors) in metres → scores (1, places), features (1, 64) and headings in
-    degrees (1, places)."""
+    """The network from heights (1, rings, sectors) in metres to scores, features and headings.
+
+    Scores are (1, places), features (1, 64), headings in degrees (1, places).
+    """
 
     def __init__(self, method: Classifier, net: nn.Module) -> None:
         super().__init__()
@@ -63,10 +68,10 @@ class Scores(nn.Module):
 
 
 def export(source: Path, out: Path) -> str:
-    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it; returns what
-    was written, in a line.
+    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it.
 
-    Raises ConfigError for a method without a network, or an ending that says neither.
+    Returns what was written, in a line. Raises ConfigError for a method without a network, or an
+    ending that says neither.
     """
     about, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
@@ -75,40 +80,43 @@ def export(source: Path, out: Path) -> str:
         raise ConfigError(f"{source}: is exported already; export the site that it came from")
     method = build(about["method"], site.ROOTS)
     data, parity = exported(method, model)
-    found = (
+    comparison = (
         f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} "
         "with the same best place"
     )
     if parity.largest > ALIKE:
-        raise ConfigError(f"{source}: {found}; over {ALIKE:g}, nothing was written")
+        raise ConfigError(f"{source}: {comparison}; over {ALIKE:g}, nothing was written")
     if out.suffix == ".site":
         if not isinstance(method, Classifier):
             raise ConfigError(
                 f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this "
                 "network alone"
             )
-        own = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
-        answering = {key: value for key, value in about.items() if key != "growth"}
-        site_file.write(out, site_file.Parts(answering, own, arrays, data))
+        other_arrays = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
+        about_answering = {key: value for key, value in about.items() if key != "growth"}
+        site_file.write(out, site_file.Parts(about_answering, other_arrays, arrays, data))
     else:
         with replaced(out) as scratch:
             scratch.write_bytes(data)
-        beside = {
+        parity_numbers = {
             "views": parity.views,
             "largest_difference": parity.largest,
             "same_first": parity.same_first,
         }
         with replaced(out.with_suffix(".parity.json")) as scratch:
             scratch.write_text(
-                json.dumps({"site": about["name"], **beside}, indent=1, allow_nan=False) + "\n",
+                json.dumps({"site": about["name"], **parity_numbers}, indent=1, allow_nan=False)
+                + "\n",
                 encoding="utf-8",
             )
-    return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {found}"
+    return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {comparison}"
 
 
 def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Parity]:
-    """A method's network as an ONNX file's bytes, and its parity; raises ConfigError for a method
-    without one."""
+    """Export a method's network as an ONNX file's bytes, and measure its parity with torch.
+
+    Raises ConfigError for a method without a network.
+    """
     rng = np.random.default_rng(0)
     if isinstance(method, Classifier):
         method = replace(method, precision="f32", threads=1)
@@ -116,16 +124,16 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
         net = method.network(len(model["place_xy_m"]), rings, sectors)
         loop.fill(net, model)
         module: nn.Module = Scores(method, net)
-        views = rng.uniform(0, method.h_max_m, (TRIED, rings, sectors)) * (
-            rng.uniform(size=(TRIED, rings, sectors)) < 0.5
+        views = rng.uniform(0, method.h_max_m, (VIEWS_TRIED, rings, sectors)) * (
+            rng.uniform(size=(VIEWS_TRIED, rings, sectors)) < 0.5
         )
-        given = INPUT
+        input_name = INPUT
         names = list(CLASSIFIED)
     elif isinstance(method, PointNetVlad):
         module = Describer()
         loop.fill(module, model)
-        views = rng.uniform(-1, 1, (TRIED, int(model["points"]), 3))
-        given = "points"
+        views = rng.uniform(-1, 1, (VIEWS_TRIED, int(model["points"]), 3))
+        input_name = "points"
         names = ["descriptor"]
     else:
         raise ConfigError(
@@ -133,23 +141,27 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
             "have one"
         )
     inputs = torch.from_numpy(views.astype(np.float32))
-    data = _onnx(module.eval(), inputs[:1], given, names)
+    data = _onnx(module.eval(), inputs[:1], input_name, names)
     run = session(data)
     with torch.no_grad(), loop.reproducible(1):
-        ours = [_first(module(one[None])) for one in inputs]
-    theirs = [_first(run.run(None, {given: one[None].numpy()})) for one in inputs]
-    largest = max(float(np.abs(a - b).max()) for a, b in zip(ours, theirs, strict=True))
-    same = np.mean([a.argmax() == b.argmax() for a, b in zip(ours, theirs, strict=True)])
-    return data, Parity(TRIED, largest, float(same))
+        torch_answers = [_first(module(view[None])) for view in inputs]
+    onnx_answers = [_first(run.run(None, {input_name: view[None].numpy()})) for view in inputs]
+    largest = max(
+        float(np.abs(a - b).max()) for a, b in zip(torch_answers, onnx_answers, strict=True)
+    )
+    same_first = np.mean(
+        [a.argmax() == b.argmax() for a, b in zip(torch_answers, onnx_answers, strict=True)]
+    )
+    return data, Parity(VIEWS_TRIED, largest, float(same_first))
 
 
 def _first(answers: Any) -> NDArray[np.float64]:
-    """The output that is compared: scores, or the descriptor."""
+    """The output that is compared: the scores, or the descriptor."""
     return np.asarray(answers if isinstance(answers, Tensor) else answers[0], np.float64)
 
 
-def _onnx(module: nn.Module, example: Tensor, given: str, outputs: list[str]) -> bytes:
-    """The file's bytes; torch's exporter talks of what does not matter here."""
+def _onnx(module: nn.Module, example: Tensor, input_name: str, outputs: list[str]) -> bytes:
+    """Export a module as an ONNX file's bytes, without the exporter's own messages."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with (
         torch.no_grad(),
@@ -163,7 +175,7 @@ def _onnx(module: nn.Module, example: Tensor, given: str, outputs: list[str]) ->
                 module,
                 (example,),
                 dynamo=True,
-                input_names=[given],
+                input_names=[input_name],
                 output_names=outputs,
                 verbose=False,
             )

@@ -1,5 +1,4 @@
-"""Failure cards: a picture of each accepted fix that is wrong and each right one that was
-rejected."""
+"""Failure cards: pictures of accepted fixes that are wrong and of right ones that were rejected."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,14 +24,14 @@ from pipeline.store import Artifact
 
 WALL_M = 0.5
 SHOWN_M = 45.0
-"""Points below are ground; around the robot so much is drawn."""
+"""Points below WALL_M are ground; a card shows SHOWN_M to each side of the robot."""
 MAP = "#9A9A9A"
 QUERY = "#B2182B"
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A fix whose truth is known."""
+class JudgedFix:
+    """A fix whose true pose is known."""
 
     name: str
     points_m: Callable[[], Points]
@@ -45,13 +44,13 @@ class Judged:
 
     @property
     def off(self) -> tuple[float, float]:
-        """Metres and degrees from the true pose."""
+        """How far the pose is from the true one, in metres and degrees."""
         away_m, turn_deg = apart(self.world_T_found[None], self.world_T_true[None])
         return float(away_m[0]), float(turn_deg[0])
 
     @property
     def fails(self) -> bool:
-        """Whether the verdict is wrong."""
+        """Whether the verdict is wrong: a wrong pose accepted, or a right one rejected."""
         away_m, turn_deg = self.off
         return (away_m < RIGHT_M and turn_deg < RIGHT_DEG) != self.accepted
 
@@ -65,21 +64,23 @@ class Judged:
         return f"{'accepted' if self.accepted else 'rejected'}_{letters}.png"
 
 
-def failures(judged: Iterable[Judged]) -> list[Judged]:
-    """Those whose verdict is wrong: accepted ones of least novelty first, then rejected ones of the
-    highest."""
+def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
+    """The fixes whose verdict is wrong, the worst first.
+
+    Accepted ones of least novelty come first, then rejected ones of the highest.
+    """
     return sorted(
-        (one for one in judged if one.fails),
-        key=lambda one: (not one.accepted, one.novelty * (1 if one.accepted else -1)),
+        (fix for fix in fixes if fix.fails),
+        key=lambda fix: (not fix.accepted, fix.novelty * (1 if fix.accepted else -1)),
     )
 
 
-def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[Judged]:
-    """The fixes of a log; scans without a true pose and fixes without any are passed over."""
+def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
+    """The judged fixes of a log, without scans whose true pose or fix is missing."""
     for scan, fix in zip(scans, fixes, strict=True):
         if np.isfinite(scan.world_T_scan).all() and fix.verdict != "no pose":
             accepted = fix.verdict == "accepted"
-            yield Judged(
+            yield JudgedFix(
                 scan.name,
                 scan.points,
                 fix.world_T_sensor,
@@ -90,37 +91,40 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[Judged]:
             )
 
 
-def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> Iterator[Judged]:
-    """The fixes of a test sequence as it was driven, from its artifacts; raises ConfigError for a
-    promise that they cannot make. None accepts nothing."""
-    found = store.read(fixes, schemas.FIXES)
+def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> Iterator[JudgedFix]:
+    """The judged fixes of a test sequence as it was driven, from its artifacts.
+
+    `promise` None accepts nothing. Raises ConfigError for a promise that they cannot make.
+    """
+    answers = store.read(fixes, schemas.FIXES)
     anchors = store.read(submaps, schemas.SUBMAPS)
-    limits = zip(found.attrs["promises"], found.attrs["promised"], strict=True)
-    kept = {one: reject_from for one, reject_from in limits if reject_from > 0}
-    if promise is not None and promise not in kept:
-        can = (
-            f"they can {' and '.join(map(str, kept))}"
-            if kept
+    limits = zip(answers.attrs["promises"], answers.attrs["promised"], strict=True)
+    promises = {precision: reject_from for precision, reject_from in limits if reject_from > 0}
+    if promise is not None and promise not in promises:
+        possible = (
+            f"they can {' and '.join(map(str, promises))}"
+            if promises
             else "nor any other; --promise none draws them"
         )
-        raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {can}")
+        raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
     world_T_true = anchors.load("world_T_anchor")
     recorded = store.read(scans, schemas.SCANS)
-    driven = read_cases(found.attrs).index(Case())
-    own = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
-    world_T_query = found.load("world_T_query")[own]
-    novelty = found.load("novelty")[own].astype(np.float64)
-    reject_from = 0.0 if promise is None else kept[promise]
-    overlap = found.load("overlap")[own].astype(np.float64)
+    driven = read_cases(answers.attrs).index(Case())
+    case_rows = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
+    world_T_query = answers.load("world_T_query")[case_rows]
+    novelty = answers.load("novelty")[case_rows].astype(np.float64)
+    reject_from = 0.0 if promise is None else promises[promise]
+    overlap = answers.load("overlap")[case_rows].astype(np.float64)
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
-        known = (
+        yield JudgedFix(
+            f"{fixes.stem} query {row}",
+            partial(_points, recorded, anchors, row),
             world_T_query[row],
             world_T_true[row],
             novelty[row, 0] < reject_from,
             overlap[row],
             novelty[row, 0],
         )
-        yield Judged(f"{fixes.stem} query {row}", partial(_points, recorded, anchors, row), *known)
 
 
 def _points(scans: Artifact, submaps: Artifact, row: int) -> Points:
@@ -128,24 +132,26 @@ def _points(scans: Artifact, submaps: Artifact, row: int) -> Points:
     return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
 
 
-def draw(targets: Targets, one: Judged, path: Path, told: str) -> None:
-    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken;
-    `told` ends its heading."""
-    points_m = one.points_m()
+def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None:
+    """Write a card as a PNG: the scan on the map where it was placed, and where it was taken.
+
+    `heading_end` is the last part of its heading.
+    """
+    points_m = fix.points_m()
     points_m = points_m[points_m[:, 2] > WALL_M]
     figure = Figure((10, 5.6), layout="constrained", dpi=110)
-    placed, true = figure.subplots(1, 2)
-    _from_above(placed, targets, points_m, one.world_T_found)
-    placed.set_title(
-        f"placed: {'accepted' if one.accepted else 'rejected'}, overlap {one.overlap:.2f}",
+    placed_axes, true_axes = figure.subplots(1, 2)
+    _from_above(placed_axes, targets, points_m, fix.world_T_found)
+    placed_axes.set_title(
+        f"placed: {'accepted' if fix.accepted else 'rejected'}, overlap {fix.overlap:.2f}",
         loc="left",
     )
-    nearest_m = _from_above(true, targets, points_m, one.world_T_true)
-    true.set_title(f"taken here, {nearest_m:.1f} m from training", loc="left")
-    away_m, turn_deg = one.off
+    nearest_m = _from_above(true_axes, targets, points_m, fix.world_T_true)
+    true_axes.set_title(f"taken here, {nearest_m:.1f} m from training", loc="left")
+    away_m, turn_deg = fix.off
     heading = (
-        f"{one.name}: {one.kind}; {away_m:.1f} m and {turn_deg:.1f}° off; novelty "
-        f"{one.novelty:.3f}, {told}"
+        f"{fix.name}: {fix.kind}; {away_m:.1f} m and {turn_deg:.1f}° off; novelty "
+        f"{fix.novelty:.3f}, {heading_end}"
     )
     figure.suptitle(heading, x=0.01, ha="left", fontsize=11)
     figure.savefig(path)
@@ -154,8 +160,10 @@ def draw(targets: Targets, one: Judged, path: Path, told: str) -> None:
 def _from_above(
     axes: Axes, targets: Targets, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]
 ) -> float:
-    """Draw the two submaps nearest a pose and the scan at it; returns how far the nearest is in
-    metres."""
+    """Draw a scan at a pose and the two submaps nearest to it.
+
+    Returns how far the nearest is in metres.
+    """
     centre_m = world_T_scan[:2, 3]
     away_m = np.linalg.norm(targets.world_T_anchor[:, :2, 3] - centre_m, axis=1)
     for row in np.argsort(away_m)[:2]:

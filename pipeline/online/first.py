@@ -1,5 +1,4 @@
-"""The first scan of a machine, made up: what it takes to localise is compiled, and kept for every
-later one."""
+"""Compiles all that localising needs with a made-up scan, so that later scans find it compiled."""
 
 import time
 
@@ -20,13 +19,13 @@ from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 
 APART_M = 4.0
-"""From one made-up submap to the next."""
+"""Distance from one made-up submap to the next."""
 
 
 def compile_kernels() -> float:
     """Draw, rank, register and check a scan in a made-up street; returns the seconds that it took.
 
-    A compressed PCD has a kernel of its own, which is left to the first of them.
+    A compressed PCD has a kernel of its own, which the first such file compiles.
     """
     start = time.perf_counter()
     points_m = street()
@@ -40,10 +39,10 @@ def compile_kernels() -> float:
     rows = Rows(images, np.arange(len(anchors)), anchors)
     ranker = ScanContext50(candidates=len(anchors))
     ranker.localizer(ranker.learn(rows, np.arange(len(anchors)), Progress()))(rows, 1)
-    seen = outlines(images)
-    trained = Outlines(seen, np.arange(len(anchors)), np.zeros(len(anchors), np.float32))
-    every_place = (len(anchors), len(anchors))
-    reranked(np.ones(every_place), np.zeros(every_place), seen, trained)
+    image_outlines = outlines(images)
+    trained = Outlines(image_outlines, np.arange(len(anchors)), np.zeros(len(anchors), np.float32))
+    scores_shape = (len(anchors), len(anchors))
+    reranked(np.ones(scores_shape), np.zeros(scores_shape), image_outlines, trained)
     grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
     offsets = np.cumsum([0, *map(len, grains)])
     arrays = {

@@ -1,5 +1,7 @@
-"""The clouds of an MCAP recording that is still being written; those that wait too long are dropped
-and counted."""
+"""Reads the clouds of an MCAP recording while it is still being written.
+
+Clouds that wait too long are dropped and counted.
+"""
 
 import time
 from collections import Counter, deque
@@ -35,16 +37,18 @@ WAITING = 8
 """Clouds that may wait: a recorder writes several at once. Of more the oldest is dropped."""
 
 
-class Growing:
-    """A file that another process writes: a read waits for bytes that are not there yet, and ends
-    after `idle_s` without any."""
+class GrowingFile:
+    """A file that another process is writing.
+
+    A read waits for bytes that are not there yet, and ends after `idle_s` without any.
+    """
 
     def __init__(self, file: BinaryIO, idle_s: float) -> None:
         self._file = file
         self._idle_s = idle_s
 
     def read(self, size: int) -> bytes:
-        """So many bytes; fewer at the end."""
+        """Read `size` bytes; fewer at the end of the file."""
         parts = []
         missing = size
         since = time.monotonic()
@@ -60,7 +64,7 @@ class Growing:
 
 @dataclass
 class Following:
-    """Reads in a thread of its own, and hands out the oldest cloud that still waits."""
+    """Reads a recording in a thread of its own, and hands out the oldest cloud that still waits."""
 
     path: Path
     """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
@@ -79,8 +83,10 @@ class Following:
     """Why reading ended before the recording did; empty where it did not."""
 
     def scans(self) -> Iterator[Scan]:
-        """Until nothing has been written for `idle_s`; raises LogError where no recording is, or it
-        holds no cloud."""
+        """The scans of the recording, until nothing has been written for `idle_s`.
+
+        Raises LogError where no recording is, or it holds no cloud.
+        """
         file = (
             self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
         )
@@ -89,25 +95,25 @@ class Following:
                 f"{self.path}: no .mcap recording to follow; other bags can be localised once they "
                 "are written"
             )
-        self._waiting = deque[tuple[int, bytes]](maxlen=WAITING)
+        self._clouds = deque[tuple[int, bytes]](maxlen=WAITING)
         self._ended: Exception | bool = False
         self._changed = Condition()
         self._edges = dict[tuple[str, str], tuple[Any, Any]]()
-        self._driven = Newest()
+        self._newest_poses = Newest()
         self._child = ""
         Thread(target=self._reading, args=(file,), daemon=True).start()
         number = 0
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._ended)
-                oldest = self._waiting.popleft() if self._waiting else None
+                self._changed.wait_for(lambda: self._clouds or self._ended)
+                oldest = self._clouds.popleft() if self._clouds else None
                 if oldest and self.odometry:
-                    self._changed.wait_for(partial(self._driven_until, oldest[0]), AHEAD_S)
+                    self._changed.wait_for(partial(self._poses_reach, oldest[0]), AHEAD_S)
             if oldest is None:
                 break
             yield self._scan(number, *oldest)
             number += 1
-        if self.odometry and not self._driven.count:
+        if self.odometry and not self._newest_poses.count:
             self.damage = self.damage or f"{file}: no pose of {self.odometry} came"
         if isinstance(self._ended, ConfigError):
             raise self._ended
@@ -122,7 +128,7 @@ class Following:
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
         tree = Tree(str(self.path), dict(self._edges), 0)
         with self._changed:
-            odom_T_body = self._driven.at(stamp_ns) @ child_T_body(tree, self._child)
+            odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(tree, self._child)
         body_T_lidar = self.body_T_lidar
         if body_T_lidar is None:
             body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
@@ -130,12 +136,11 @@ class Following:
         points = partial(_points, data, body_T_lidar)
         return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
-    def _driven_until(self, stamp_ns: int) -> bool:
-        return bool(self._ended) or self._driven.stamp_ns >= stamp_ns
+    def _poses_reach(self, stamp_ns: int) -> bool:
+        return bool(self._ended) or self._newest_poses.stamp_ns >= stamp_ns
 
     def _reading(self, file: Path) -> None:
-        """Keep the newest clouds and all fixed transforms, until the file grows no more or is
-        damaged."""
+        """Keep the newest clouds and all fixed transforms until the file ends or is damaged."""
         try:
             from mcap.exceptions import EndOfFile
             from mcap.stream_reader import StreamReader
@@ -143,24 +148,23 @@ class Following:
             return self._end(ConfigError("mcap: not installed; `pip install 'yearloc[follow]'`"))
         try:
             with file.open("rb") as growing:
-                stream: Any = Growing(growing, self.idle_s)
+                stream: Any = GrowingFile(growing, self.idle_s)
                 self._read(
                     StreamReader(stream, validate_crcs=True, record_size_limit=2**28).records
                 )
         except EndOfFile:
             pass  # it grows no more, and was not closed
-        except (
-            Exception
-        ) as error:  # mcap, zstd and struct raise whatever they like at a damaged recording
+        # mcap, zstd and struct raise whatever they like at a damaged recording
+        except Exception as error:
             self.damage = (
                 f"{file}: damaged, what follows was not read ({type(error).__name__}: "
                 f"{str(error)[:100]})"
             )
         self._end(True)
 
-    def _end(self, how: Exception | bool) -> None:
+    def _end(self, reason: Exception | bool) -> None:
         with self._changed:
-            self._ended = how
+            self._ended = reason
             self._changed.notify()
 
     def _read(self, records: Iterator[Any]) -> None:
@@ -175,39 +179,47 @@ class Following:
             elif name == "Message":
                 topic, kind = topics[record.channel_id]
                 if kind == TRANSFORMS and topic.endswith("tf_static"):
-                    self._learn(record.data)
+                    self._keep_transforms(record.data)
                 elif self.odometry and (
                     topic == self.odometry
                     or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
                 ):
-                    self._drive(record, kind)
+                    self._keep_poses(record, kind)
                 elif kind == CLOUD and topic == (self.topic or topic):
-                    self._keep(record)
+                    self._keep_cloud(record)
 
-    def _learn(self, data: bytes) -> None:
+    def _keep_transforms(self, data: bytes) -> None:
         try:
             transforms = from_cdr(data, TRANSFORMS).transforms
         except LogError as error:
             self.damage = f"{self.path}: a transform was left out: {error}"
             return
-        for one in transforms:
-            self._edges[_edge(one)] = np.zeros(1, np.int64), poses([transform_numbers(one)])
+        for transform in transforms:
+            self._edges[_edge(transform)] = (
+                np.zeros(1, np.int64),
+                poses([transform_numbers(transform)]),
+            )
 
-    def _drive(self, record: Any, kind: str) -> None:
-        """Keep poses of the odometry; a message that is broken or of another kind is passed
-        over."""
+    def _keep_poses(self, record: Any, kind: str) -> None:
+        """Keep the poses of an odometry message.
+
+        One that is broken or of another kind is passed over.
+        """
         try:
             message = from_cdr(record.data, kind)
             if kind == TRANSFORMS:
-                sent = [
-                    one
-                    for one in message.transforms
-                    if self.odometry == f"tf:{_edge(one)[0]}>{_edge(one)[1]}"
+                transforms = [
+                    transform
+                    for transform in message.transforms
+                    if self.odometry == f"tf:{_edge(transform)[0]}>{_edge(transform)[1]}"
                 ]
-                found = [(one.header.stamp, _edge(one)[1], transform_numbers(one)) for one in sent]
+                stamped_poses = [
+                    (transform.header.stamp, _edge(transform)[1], transform_numbers(transform))
+                    for transform in transforms
+                ]
             else:
                 child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
-                found = (
+                stamped_poses = (
                     [(message.header.stamp, child, pose_numbers(message, kind))]
                     if kind in KINDS
                     else []
@@ -215,21 +227,21 @@ class Following:
         except LogError:
             return
         with self._changed:
-            for stamp, self._child, numbers in found:
-                self._driven.add(
+            for stamp, self._child, numbers in stamped_poses:
+                self._newest_poses.add(
                     stamp.sec * 10**9 + stamp.nanosec or int(record.log_time), poses([numbers])[0]
                 )
             self._changed.notify()
 
-    def _keep(self, record: Any) -> None:
+    def _keep_cloud(self, record: Any) -> None:
         try:
             stamp_ns = header(record.data, 2)[0] or int(record.log_time)
         except LogError:
             self.skipped["broken message"] += 1
             return
         with self._changed:
-            self.dropped += len(self._waiting) == WAITING
-            self._waiting.append((stamp_ns, record.data))
+            self.dropped += len(self._clouds) == WAITING
+            self._clouds.append((stamp_ns, record.data))
             self._changed.notify()
 
 
@@ -238,5 +250,5 @@ def _points(data: bytes, body_T_lidar: Poses) -> NDArray[np.float64]:
 
 
 def _edge(transform: Any) -> tuple[str, str]:
-    """Parent and child."""
+    """The parent and child frame of a transform."""
     return frame_name(transform.header.frame_id), frame_name(transform.child_frame_id)

@@ -1,5 +1,7 @@
-"""The same as a bag that Foxglove and Lichtblick open: the map, each scan where it was placed, and
-the accepted poses."""
+"""Writes fixes as a bag that Foxglove and Lichtblick open.
+
+It holds the map, each scan where it was placed, and the accepted poses.
+"""
 
 import shutil
 from pathlib import Path
@@ -25,9 +27,9 @@ VERDICTS = ("accepted", "rejected", "near", "ambiguous")
 
 
 class Recording:
-    """Writes FILE.mcap, whole or not at all: /map, /scan, /fixes (a point a pose) and /fix (the
-    accepted ones).
+    """Writes FILE.mcap, whole or not at all.
 
+    Topics: /map, /scan, /fixes (a point a pose) and /fix (the accepted poses).
     Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
     """
 
@@ -54,12 +56,12 @@ class Recording:
         with self._scratch:
             self._bag.__exit__(kind, error, trace)
             if kind is None:
-                (found,) = self._folder.glob("*.mcap")
+                (recording_file,) = self._folder.glob("*.mcap")
                 with replace(self._out) as whole:
-                    shutil.move(found, whole)
+                    shutil.move(recording_file, whole)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
-        """One more scan, at its stamp, or at its number in seconds."""
+        """Add a scan and its fix, at its stamp, or at its number in seconds."""
         stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
         if self._first:
             map_T_site = np.eye(4)
@@ -69,10 +71,10 @@ class Recording:
             self._first = False
         if fix.verdict not in VERDICTS:
             return
-        where = fix.world_T_sensor[:3, 3] - self._origin_m
-        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + where
+        position_m = fix.world_T_sensor[:3, 3] - self._origin_m
+        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
         self._cloud(stamp_ns, seen_m, "/scan", seen_m[:, 2])
-        self._fixes.append((*where, VERDICTS.index(fix.verdict)))
+        self._fixes.append((*position_m, VERDICTS.index(fix.verdict)))
         fixes = np.array(self._fixes)
         self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
         if fix.verdict == "accepted":

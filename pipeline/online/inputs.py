@@ -1,5 +1,7 @@
-"""Scans to localise: files, folders of them, logs, ROS bags, standard input; each read only when it
-is asked for."""
+"""Scans to localise, from files, folders, logs, ROS bags and standard input.
+
+Each is read only when its points are asked for.
+"""
 
 import sys
 from collections import Counter
@@ -36,7 +38,7 @@ ODOMETRY_GAP_S = 1.0
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan that can be read."""
+    """A scan to localise, whose points are read only when asked for."""
 
     name: str
     stamp_ns: int | None
@@ -71,10 +73,12 @@ def scans(
     tf:PARENT>CHILD. What a log or a bag leaves out is counted in `skipped`, by reason. Raises
     LogError where there is no scan, ConfigError for a topic that a bag has not.
     """
-    usual = raised(lift_m) if body_T_lidar is None else body_T_lidar
+    file_body_T_lidar = raised(lift_m) if body_T_lidar is None else body_T_lidar
     if source == "-":
         data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
-        yield _unposed("-", None, lambda: decoded(data, Path("standard input.bin")), usual)
+        yield _unposed(
+            "-", None, lambda: decoded(data, Path("standard input.bin")), file_body_T_lidar
+        )
         return
     path = Path(source).expanduser()
     skipped = Counter() if skipped is None else skipped
@@ -99,12 +103,11 @@ def scans(
     else:
         files = [path] if path.is_file() else _files(path)
         for file in files:
-            yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file), usual)
+            yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file), file_body_T_lidar)
 
 
 def is_log(source: str, reader: Mapping[str, Any]) -> bool:
-    """Whether the site's own reader opens a path: then it raises the points itself, whatever
-    `lift_m`."""
+    """Whether the site's own reader opens a path; it then raises the points, whatever `lift_m`."""
     return source != "-" and _log(Path(source).expanduser().resolve(), reader) is not None
 
 
@@ -131,8 +134,10 @@ def _unposed(
 
 
 def placement(key: str, text: str) -> Poses:
-    """The pose (4, 4) of a lidar in the body from x,y,z,roll,pitch,yaw in metres and degrees;
-    raises ConfigError naming `key`."""
+    """Parse the pose (4, 4) of a lidar in the body: x,y,z,roll,pitch,yaw in metres and degrees.
+
+    Raises ConfigError naming `key`.
+    """
     try:
         return given_extrinsic(key, [float(word) for word in text.split(",")])
     except (ValueError, ConfigError):
@@ -142,7 +147,7 @@ def placement(key: str, text: str) -> Poses:
 
 
 def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
-    """Points (n, 3) of a lidar in the frame of the body (4, 4)."""
+    """Transform points (n, 3) of a lidar into the frame of the body, by a pose (4, 4)."""
     return np.asarray(
         np.asarray(points_m, np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
     )
@@ -157,35 +162,36 @@ def _of_file(file: Path) -> Callable[[], NDArray[np.float64]]:
 
 
 def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
-    """The log at a path, if the reader that the site was learned with can open it."""
+    """The log at a path, or None if the reader that the site was learned with cannot open it."""
     for root in (path.parent, *path.parents[1:2]):
         with suppress(YearlocError, OSError):
             opener = build(reader, READERS)
             if opener.sequences(root).get(path.name) == []:
-                found: Log = opener.open(root, path.name)
-                return found
+                log: Log = opener.open(root, path.name)
+                return log
     return None
 
 
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of the folder in it that is known to hold some; in the order
-    of their numbers."""
+    """The scan files of a folder, or of a subfolder in SCANS, in the order of their numbers."""
     for place in (path, *(path / name for name in SCANS)):
-        found = [
+        files = [
             file
             for file in place.glob("*")
             if file.suffix in folder.SCANS and file.name != "velodyne_hits.bin"
         ]
-        if found:
-            return sorted(found, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
+        if files:
+            return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
     raise LogError(
         f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCANS)}, and no bag"
     )
 
 
 def _stamp_ns(stem: str) -> int | None:
-    """The time that a file is named by: seconds with a point, or whole micro- or nanoseconds; None
-    of a number of a row."""
+    """The stamp in a file's name: seconds with a point, or whole micro- or nanoseconds.
+
+    None for the number of a row.
+    """
     whole = stem.isascii() and stem.isdecimal()
     unit = "s" if not whole else "ns" if len(stem) >= 18 else "us" if len(stem) >= 15 else ""
     return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
@@ -201,21 +207,23 @@ def _messages(
     body_T_lidar: Poses | None,
 ) -> Iterator[Scan]:
     """The clouds of bags, with the odometry interpolated at their stamps."""
-    held = Counter(
+    cloud_counts = Counter(
         {
-            name: one.count
+            name: bag_topic.count
             for file in files
-            for name, one in file.topics.items()
-            if one.kind == CLOUD
+            for name, bag_topic in file.topics.items()
+            if bag_topic.kind == CLOUD
         }
     )
-    if topic is None and not held:
+    if topic is None and not cloud_counts:
         raise LogError(
             f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds"
         )
-    if topic is not None and topic not in held:
-        raise ConfigError(f"--topic {topic}: {path} has the clouds {', '.join(held) or 'none'}")
-    clouds = Clouds.read(files, topic or held.most_common(1)[0][0], skipped)
+    if topic is not None and topic not in cloud_counts:
+        raise ConfigError(
+            f"--topic {topic}: {path} has the clouds {', '.join(cloud_counts) or 'none'}"
+        )
+    clouds = Clouds.read(files, topic or cloud_counts.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)
     body_T_lidar = (
         raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
@@ -239,37 +247,45 @@ def _messages(
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
-    """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms; where they tell
-    nothing, it is not turned."""
-    known = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
-    return next((found for found in known if found is not None), raised(0.0))
+    """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms.
+
+    The identity where they do not give it.
+    """
+    poses = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
+    return next((pose for pose in poses if pose is not None), raised(0.0))
 
 
 def _odometry(
     path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps
 ) -> Poses:
-    """Poses (n, 4, 4) of the vehicle at these stamps; NaN without odometry, and where it tells
-    none."""
+    """Poses (n, 4, 4) of the vehicle at these stamps; NaN where there is no odometry."""
     if name is None:
         return np.tile(NO_POSE, (len(stamps_ns), 1, 1))
-    held = sorted(
-        {topic for file in files for topic, one in file.topics.items() if one.kind in KINDS}
+    pose_topics = sorted(
+        {
+            topic
+            for file in files
+            for topic, bag_topic in file.topics.items()
+            if bag_topic.kind in KINDS
+        }
     )
-    if name not in held and not name.startswith("tf:"):
+    if name not in pose_topics and not name.startswith("tf:"):
         raise ConfigError(
-            f"--odometry {name}: {path} has the poses {', '.join(held) or 'none'}; or "
+            f"--odometry {name}: {path} has the poses {', '.join(pose_topics) or 'none'}; or "
             "tf:PARENT>CHILD"
         )
-    found = track(files, name, ODOMETRY_GAP_S)
-    trajectory, _ = vehicle.parted(name, found.trajectory)
-    anew_ns = found.trajectory.stamps_ns[vehicle.jumps(found.trajectory)]
+    odometry_track = track(files, name, ODOMETRY_GAP_S)
+    trajectory, _ = vehicle.parted(name, odometry_track.trajectory)
+    restarts_ns = odometry_track.trajectory.stamps_ns[vehicle.jumps(odometry_track.trajectory)]
     return np.asarray(
-        vehicle.along(trajectory, stamps_ns, anew_ns) @ child_T_body(tree, found.child)
+        vehicle.along(trajectory, stamps_ns, restarts_ns) @ child_T_body(tree, odometry_track.child)
     )
 
 
 def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
-    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms; else it
-    is the same."""
+    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms.
+
+    The identity where they do not give it.
+    """
     bodies = (tree.fixed(child, body) for body in BODIES if child)
-    return next((known for known in bodies if known is not None), np.eye(4))
+    return next((pose for pose in bodies if pose is not None), np.eye(4))

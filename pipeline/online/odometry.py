@@ -1,5 +1,4 @@
-"""Odometry: the step from scan to scan, of scans that lie on disk and of poses that come while a
-robot drives."""
+"""Odometry: the step from scan to scan, from a log on disk or from poses received while driving."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -17,20 +16,22 @@ KEPT = 5000
 """Poses."""
 
 
-def step(before: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
-    """The pose (4, 4) of a scan in the frame of the one before, by odometry; None where it tells
-    none.
+def step(previous: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
+    """The pose (4, 4) of a scan in the frame of the previous one, by odometry; None if unknown.
 
-    Each recording has an odometry of its own, but for those that go on where the other ended.
+    Each recording has its own odometry, except where it continues the recording before it.
     """
-    if before is None:
+    if previous is None:
         return None
-    if before.recording != scan.recording:
-        stamped = before.stamp_ns is not None and scan.stamp_ns is not None
-        if not stamped or abs((scan.stamp_ns or 0) - (before.stamp_ns or 0)) > ODOMETRY_GAP_S * 1e9:
+    if previous.recording != scan.recording:
+        stamped = previous.stamp_ns is not None and scan.stamp_ns is not None
+        if (
+            not stamped
+            or abs((scan.stamp_ns or 0) - (previous.stamp_ns or 0)) > ODOMETRY_GAP_S * 1e9
+        ):
             return None
-    before_T_scan = np.linalg.inv(before.odom_T_scan) @ scan.odom_T_scan
-    return np.asarray(before_T_scan) if np.isfinite(before_T_scan).all() else None
+    previous_T_scan = np.linalg.inv(previous.odom_T_scan) @ scan.odom_T_scan
+    return np.asarray(previous_T_scan) if np.isfinite(previous_T_scan).all() else None
 
 
 @dataclass
@@ -45,11 +46,11 @@ class Newest:
 
     @property
     def stamp_ns(self) -> int:
-        """Of the newest; −1 of none."""
+        """The stamp of the newest pose; −1 before any came."""
         return self._poses[-1][0] if self._poses else -1
 
     def add(self, stamp_ns: int, odom_T_robot: NDArray[np.float64]) -> None:
-        """One more pose (4, 4); one that is not newer, or not finite, is passed over."""
+        """Add a pose (4, 4); one that is not newer than the last, or not finite, is passed over."""
         if stamp_ns > self.stamp_ns and np.isfinite(odom_T_robot).all():
             self._poses.append((stamp_ns, odom_T_robot))
             self.count += 1

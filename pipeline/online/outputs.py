@@ -1,5 +1,4 @@
-"""Fixes as lines for people, JSON, CSV, TUM trajectories, and poses in a bag that Foxglove and
-Lichtblick open."""
+"""Writes fixes as text, JSON, CSV, TUM trajectories, and as poses in an MCAP bag."""
 
 import csv
 import json
@@ -40,21 +39,23 @@ Write = Callable[[Scan, Fix], None]
 
 
 def record(scan: Scan, fix: Fix) -> dict[str, Any]:
-    """A fix as JSON has it: COLUMNS, then covariance of position and turn in the world, and the
-    runners-up; null for unknown."""
+    """A fix as a JSON object: COLUMNS, covariance in the world, runners-up; null for unknown."""
     row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
     row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
-    known = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
-    others = [
+    has_covariance = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
+    runners_up = [
         {
-            "place": one.place,
-            "overlap": round(one.overlap, 4),
-            "chance": round(one.chance, 6),
-            **_pose(one.world_T_sensor),
+            "place": runner_up.place,
+            "overlap": round(runner_up.overlap, 4),
+            "chance": round(runner_up.chance, 6),
+            **_pose(runner_up.world_T_sensor),
         }
-        for one in fix.runners_up
+        for runner_up in fix.runners_up
     ]
-    return row | {"covariance": in_world(fix).tolist() if known else None, "runners_up": others}
+    return row | {
+        "covariance": in_world(fix).tolist() if has_covariance else None,
+        "runners_up": runners_up,
+    }
 
 
 def _row(scan: Scan, fix: Fix) -> list[Any]:
@@ -82,22 +83,21 @@ def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
 
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
-    """The covariance (6, 6) of x, y, z, then of turns about them, along the world's axes, as ROS
-    has it."""
+    """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
     axes = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
     order = [3, 4, 5, 0, 1, 2]
     return np.asarray((axes @ fix.covariance @ axes.T)[np.ix_(order, order)])
 
 
 def person(scan: Scan, fix: Fix) -> str:
-    """A line to read."""
+    """A fix as a line for people to read."""
     if fix.verdict == "no pose":
         return f"{scan.name:<24} no pose   too few points, or nothing fits   {fix.ms:6.1f} ms"
     x, y = fix.world_T_sensor[:2, 3]
     turn = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
-    where = f"x {x:9.2f} m  y {y:9.2f} m  heading {turn:6.1f}°  place {fix.place:>4}"
+    position = f"x {x:9.2f} m  y {y:9.2f} m  heading {turn:6.1f}°  place {fix.place:>4}"
     return (
-        f"{scan.name:<24} {fix.verdict:<9} {where}  overlap {fix.overlap:.2f}  novelty "
+        f"{scan.name:<24} {fix.verdict:<9} {position}  overlap {fix.overlap:.2f}  novelty "
         f"{fix.novelty:.3f}  {fix.ms:6.1f} ms"
     )
 
@@ -120,11 +120,8 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
 
         def write(scan: Scan, fix: Fix) -> None:
             nonlocal inner
-            if (
-                inner is None
-                # not before there is something to write: a file of before outlives a call that is
-                # refused
-            ):
+            # opened only when there is a fix to write: a refused call leaves an older file alone
+            if inner is None:
                 opened = path and stack.enter_context(path.open("w", newline="", encoding="utf-8"))
                 inner = _text(kind, opened or sys.stdout)
             inner(scan, fix)
@@ -159,7 +156,7 @@ def _text(kind: str, stream: TextIO) -> Write:
 
 @contextmanager
 def _bag(path: Path) -> Iterator[Write]:
-    """PoseWithCovarianceStamped on /fix in the frame map."""
+    """Writes accepted fixes as PoseWithCovarianceStamped on /fix in the frame `map`."""
     if path.suffix != ".mcap":
         raise ConfigError(f"-o {path}: expected FILE.mcap")
     with TemporaryDirectory() as scratch:
@@ -177,6 +174,6 @@ def _bag(path: Path) -> Iterator[Write]:
                     )
 
             yield write
-        (found,) = folder.glob("*.mcap")
+        (recording_file,) = folder.glob("*.mcap")
         with replace(path) as whole:
-            shutil.move(found, whole)
+            shutil.move(recording_file, whole)

@@ -1,5 +1,7 @@
-"""Packs a trained model, its map and a verdict learned on held-out blocks of the training day into
-a site file."""
+"""Packs a trained model, its map and its verdict into a site file.
+
+The verdict is learned on held-out blocks of the training day.
+"""
 
 import platform
 from collections.abc import Mapping
@@ -62,9 +64,9 @@ class Packing:
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
             )
         view = read_yaml(self.conf / "view" / f"{method['view']}.yaml")
-        trained = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
-        recipe = {key: plain(value) for key, value in store.read_recipe(trained).items()}
-        learned = store.read_model(trained)
+        model_path = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
+        recipe = {key: plain(value) for key, value in store.read_recipe(model_path).items()}
+        trained_model = store.read_model(model_path)
         settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
@@ -74,14 +76,14 @@ class Packing:
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
-                own = {
+                thinning = {
                     key: value
                     for key, value in read_yaml(self.conf / "map.yaml").items()
                     if key.endswith("_m")
                 }
-                write_map(map_path, scans, submaps, **own)
-            mapped = store.read(map_path, schemas.MAPS)
-            localizer = build(recipe, site.ROOTS).localizer(learned)
+                write_map(map_path, scans, submaps, **thinning)
+            site_map = store.read(map_path, schemas.MAPS)
+            localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
             drive = Drive(Path(scans.path), Path(submaps.path))
             learned_day = TrainingDay(
@@ -89,40 +91,46 @@ class Packing:
             )
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
-            arrays = {key: mapped.load(key) for key in schemas.MAPS.columns}
+            arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-        described = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
-        reader = described["reader"]
+        dataset_settings = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
+        reader = dataset_settings["reader"]
         about = {
             "name": name,
-            "simulated": bool(described["simulated"]),
+            "simulated": bool(dataset_settings["simulated"]),
             "method": recipe,
             "view": view,
             "fixer": settings["fixer"],
             "k": k,
             "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
-            "map": {key: mapped.attrs[key] for key in ("grain_m", "range_m", "single")},
+            "map": {key: site_map.attrs[key] for key in ("grain_m", "range_m", "single")},
             "verdict": asdict(verdict.judge)
             | {"promises": PROMISES, "promised": limits}
             | {"held_out": evidence.blocks, "unseen_share": settings["unseen_share"]},
             "reader": reader,
             "sensor": self._sensor(scans, submaps, reader),
-            "provenance": self._provenance(dataset, grid, train, trained),
+            "provenance": self._provenance(dataset, grid, train, model_path),
         }
         about["growth"] = {
-            "voxel_m": mapped.attrs["voxel_m"],
+            "voxel_m": site_map.attrs["voxel_m"],
             "days": [day(train, len(views.stamps_ns))],
         }
-        known = learned_from(views, learned)
-        model = {key: array for key, array in learned.items() if not key.startswith(NOT_ASKED)}
+        growth_views = learned_from(views, trained_model)
+        model = {
+            key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
+        }
         site_file.write(
             out,
-            site_file.Parts(about, model, {**arrays, "cells": labels.load("cells")}, None, known),
+            site_file.Parts(
+                about, model, {**arrays, "cells": labels.load("cells")}, None, growth_views
+            ),
         )
-        kept = sum(reject_from > 0 for reject_from in limits["fix"])
-        promised = f"promises {', '.join(map(str, PROMISES[:kept])) or 'nothing'}" + (
-            "" if kept == len(PROMISES) else f", not {', '.join(map(str, PROMISES[kept:]))}"
+        kept_count = sum(reject_from > 0 for reject_from in limits["fix"])
+        promised = f"promises {', '.join(map(str, PROMISES[:kept_count])) or 'nothing'}" + (
+            ""
+            if kept_count == len(PROMISES)
+            else f", not {', '.join(map(str, PROMISES[kept_count:]))}"
         )
         places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
@@ -131,34 +139,36 @@ class Packing:
         )
 
     def _named(self, name: str) -> tuple[str, str, str, Mapping[str, Any]]:
-        """Study, grid, model and the study's entry of its method; raises ConfigError where there is
-        no such."""
+        """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
+
+        Raises ConfigError where there is no such model.
+        """
         words = name.split("/")
         if len(words) != 3 or words[0] not in self.studies:
             raise ConfigError(
                 f"{name}: expected STUDY/GRID/METHOD, a study being one of "
                 f"{', '.join(self.studies)}"
             )
-        dataset, grid, wanted = words
+        dataset, grid, model_name = words
         study = self.studies[dataset]
         if grid not in study["grids"]:
             raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study['grids'])}")
         models = {model.name: method for method in study["methods"] for model in models_of(method)}
-        if wanted not in models:
-            if wanted.removesuffix("-pose") in models:
+        if model_name not in models:
+            if model_name.removesuffix("-pose") in models:
                 raise ConfigError(
-                    f"{name}: pack {dataset}/{grid}/{wanted.removesuffix('-pose')}; every site "
+                    f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
                     "makes poses"
                 )
             packed = [
                 model for model, method in models.items() if method.get("stage") != "birdviews"
             ]
             raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
-        if models[wanted].get("stage") == "birdviews":
+        if models[model_name].get("stage") == "birdviews":
             raise ConfigError(
                 f"{name}: matches sequences of bird-views; a site localises single scans"
             )
-        return dataset, grid, wanted, models[wanted]
+        return dataset, grid, model_name, models[model_name]
 
     def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
         return store.read(self.artifacts.joinpath(kind, *names), schema)
@@ -173,7 +183,7 @@ class Packing:
             "scans": self.artifacts / "scans" / dataset,
         }
         digests = {
-            what: lock.of(path.relative_to(root).as_posix())[0] for what, path in parts.items()
+            part: lock.of(path.relative_to(root).as_posix())[0] for part, path in parts.items()
         }
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
@@ -184,25 +194,30 @@ class Packing:
     ) -> dict[str, Any]:
         """What nine training scans look like, and how high the reader raises them."""
         rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
-        found = typical(
+        typical_scan = typical(
             next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows
         )
-        return {"lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))), **found}
+        return {
+            "lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))),
+            **typical_scan,
+        }
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
-    """What a site keeps in order to grow: its views, the day and the chance of each, and the
-    held-out answers of its model."""
+    """The arrays that a site keeps in order to grow.
+
+    These are its views, the day and the chance of each, and the held-out answers of its model.
+    """
     n = len(views.stamps_ns)
-    kept = {
+    arrays = {
         "images": np.asarray(views.images[:]),
         "stamps_ns": views.stamps_ns,
         "world_T_anchor": views.world_T_anchor,
     }
-    kept |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
-    return kept | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
+    arrays |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
+    return arrays | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
 
 
-def day(name: str, views: int, **more: int) -> dict[str, Any]:
-    """What a site says of a day that it learned."""
-    return {"day": name, "views": views, **more}
+def day(name: str, views: int, **counts: int) -> dict[str, Any]:
+    """What a site file records of a day that it learned."""
+    return {"day": name, "views": views, **counts}

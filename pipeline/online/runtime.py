@@ -1,5 +1,4 @@
-"""Answers of an exported network through ONNX Runtime: what SCI and its ring answer, without
-torch."""
+"""Localises with an exported network of SCI or its ring through ONNX Runtime, without torch."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,8 +17,10 @@ CLASSIFIED = ("scores", "features", "heading_deg")
 
 
 def session(data: bytes, threads: int = 1) -> Any:
-    """ONNX Runtime's session of a file's bytes, on the processor; raises NotInstalledError where it
-    is not installed."""
+    """Open ONNX Runtime's session of a file's bytes, on the processor.
+
+    Raises NotInstalledError where it is not installed.
+    """
     try:
         import onnxruntime
     except ImportError:
@@ -31,14 +32,14 @@ def session(data: bytes, threads: int = 1) -> Any:
 
 
 def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> Localizer:
-    """The k places of highest softmax; the novelty is one minus the highest.
+    """A localizer that answers the k places of highest softmax; novelty is one minus the highest.
 
     A network with headings is the ring's, whose first answer lies at the training view most like
     the query (METHODS 8).
     """
     run = session(data, threads)
     place_xy_m = model["place_xy_m"]
-    learned = Outlines.of(model) if Outlines.there(model) else None
+    training_outlines = Outlines.of(model) if Outlines.there(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
         answers = [
@@ -48,9 +49,9 @@ def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> L
         scores, features, heading_deg = (
             np.concatenate(parts) for parts in zip(*answers, strict=True)
         )
-        if learned:
+        if training_outlines:
             scores, heading_deg = reranked(
-                scores.astype(np.float64), heading_deg, outlines(views.images), learned
+                scores.astype(np.float64), heading_deg, outlines(views.images), training_outlines
             )
         chances = softmax(scores.astype(np.float64), axis=1)
         places = np.argsort(-chances, axis=1, kind="stable")[:, :k]

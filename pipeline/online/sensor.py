@@ -1,4 +1,4 @@
-"""Whether scans are of a sensor like the one that a site was learned with."""
+"""Checks whether scans come from a sensor like the one that a site was learned with."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -28,18 +28,24 @@ NAMES = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
 
 
 def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
-    """What scans (n, 3) look like: medians, None where most do not tell, and the kinds of warning
-    that one or more give."""
-    found = [diagnose(cloud) for cloud in clouds]
+    """What scans (n, 3) of a sensor look like: medians, and all kinds of warning they give.
+
+    A median is None where most scans have no value.
+    """
+    diagnoses = [diagnose(cloud) for cloud in clouds]
 
     def median(values: list[float | None]) -> float | None:
-        known = [value for value in values if value is not None and np.isfinite(value)]
-        return float(np.median(known)) if len(known) * 2 > len(values) else None
+        finite_values = [value for value in values if value is not None and np.isfinite(value)]
+        return float(np.median(finite_values)) if len(finite_values) * 2 > len(values) else None
 
-    medians = {name: median([getattr(one, name) for one in found]) for name in NAMES}
+    medians = {
+        name: median([getattr(diagnosis, name) for diagnosis in diagnoses]) for name in NAMES
+    }
     return {
         **medians,
-        "warnings": sorted({_kind(warning) for one in found for warning in one.warnings}),
+        "warnings": sorted(
+            {_kind(warning) for diagnosis in diagnoses for warning in diagnosis.warnings}
+        ),
     }
 
 
@@ -49,38 +55,37 @@ def unlike(
     body_T_lidar: Poses | None,
     ways: tuple[str, str] = (RAISE, TURN),
 ) -> list[str]:
-    """Warnings on a scan (n, 3) whose sensor is not like the one of `trained`, which `typical`
-    gave.
+    """Warnings where the sensor of a scan (n, 3) is unlike `trained`, which `typical` gave.
 
-    The points were placed by `body_T_lidar` (4, 4) already; None of a log, which its reader places.
+    The points were already placed by `body_T_lidar` (4, 4); None of a log, which its reader places.
     `ways` are how to raise or to place them otherwise.
     """
-    found = diagnose(points_m)
-    known = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
-    down = DOWN not in known and any(_kind(line) == DOWN for line in found.warnings)
+    diagnosis = diagnose(points_m)
+    expected_kinds = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
+    down = DOWN not in expected_kinds and any(_kind(line) == DOWN for line in diagnosis.warnings)
     if leaning := lean(points_m, down):  # and so heights say nothing
-        how = "upside down" if leaning.upside_down else ""
+        turned_over = "upside down" if leaning.upside_down else ""
         tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
-        right = (
+        remedy = (
             ""
             if body_T_lidar is None
             else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
         )
         return [
-            " and ".join(filter(None, (how, tilted)))
-            + (f": it would stand upright with {right}" if right else "")
+            " and ".join(filter(None, (turned_over, tilted)))
+            + (f": it would stand upright with {remedy}" if remedy else "")
         ]
-    right = OF_LOGS.format(-found.ground_m)
-    if body_T_lidar is not None and np.isfinite(found.ground_m):
-        right = _raised(body_T_lidar, found.ground_m, ways)
+    remedy = OF_LOGS.format(-diagnosis.ground_m)
+    if body_T_lidar is not None and np.isfinite(diagnosis.ground_m):
+        remedy = _raised(body_T_lidar, diagnosis.ground_m, ways)
     return [
-        *_compared(found, trained, right),
-        *(line for line in found.warnings if _kind(line) not in known),
+        *_differences(diagnosis, trained, remedy),
+        *(line for line in diagnosis.warnings if _kind(line) not in expected_kinds),
     ]
 
 
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
-    """How to place the points so that their ground is at 0."""
+    """How to place the points so that their ground is at z = 0."""
     placed = raised(-ground_m) @ body_T_lidar
     return (
         ways[0].format(placed[2, 3])
@@ -90,7 +95,7 @@ def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
 
 
 def _numbers(pose: Poses) -> str:
-    """x,y,z,roll,pitch,yaw of a pose (4, 4), in metres and degrees."""
+    """A pose (4, 4) as x,y,z,roll,pitch,yaw, in metres and degrees."""
     turn_deg = np.rad2deg(rpy(pose[None])[0])
     return ",".join(
         [
@@ -100,36 +105,36 @@ def _numbers(pose: Poses) -> str:
     )
 
 
-def _compared(found: Diagnosis, trained: Mapping[str, Any], right: str) -> Iterable[str]:
+def _differences(diagnosis: Diagnosis, trained: Mapping[str, Any], remedy: str) -> Iterable[str]:
     beams = trained["beams"]
     height_m = trained["sensor_m"]
     azimuth_deg = trained["azimuth_deg"]
-    if beams and found.beams and not 1 / BEAMS < found.beams / beams < BEAMS:
+    if beams and diagnosis.beams and not 1 / BEAMS < diagnosis.beams / beams < BEAMS:
         yield (
-            f"{found.beams} beams, where the site was learned with {beams:.0f}: fewer fixes will "
-            "be accepted"
+            f"{diagnosis.beams} beams, where the site was learned with {beams:.0f}: fewer fixes "
+            "will be accepted"
         )
     if (
         height_m is not None
-        and abs(found.sensor_m - height_m) > HEIGHT_M
-        and abs(found.ground_m) <= RAISED_M
+        and abs(diagnosis.sensor_m - height_m) > HEIGHT_M
+        and abs(diagnosis.ground_m) <= RAISED_M
     ):
         yield (
-            f"the sensor is {found.sensor_m:.2f} m over the ground, where the site was learned "
+            f"the sensor is {diagnosis.sensor_m:.2f} m over the ground, where the site was learned "
             f"with {height_m:.2f} m"
         )
-    if azimuth_deg is not None and azimuth_deg - found.azimuth_deg > ROUND_DEG:
+    if azimuth_deg is not None and azimuth_deg - diagnosis.azimuth_deg > ROUND_DEG:
         yield (
-            f"{found.azimuth_deg:.0f}° of 360° covered, where the site was learned with "
+            f"{diagnosis.azimuth_deg:.0f}° of 360° covered, where the site was learned with "
             f"{azimuth_deg:.0f}°"
         )
-    if abs(found.ground_m) > RAISED_M:
+    if abs(diagnosis.ground_m) > RAISED_M:
         yield (
-            f"the ground lies at z = {found.ground_m:.2f} m, not "
-            f"0{f': it would with {right}' if right else ''}"
+            f"the ground lies at z = {diagnosis.ground_m:.2f} m, not "
+            f"0{f': it would with {remedy}' if remedy else ''}"
         )
 
 
 def _kind(warning: str) -> str:
-    """`fewer than 1,000 points: 12; …` is one about `fewer than`."""
+    """The kind of a warning: `fewer than 1,000 points: 12; …` is one about `fewer than`."""
     return "beams" if warning.partition(":")[0].endswith("beams") else " ".join(warning.split()[:2])

@@ -43,17 +43,17 @@ TOKEN = "YEARLOC_TOKEN"
 
 
 class RequestError(Exception):
-    """A request that gets no fix: status and why, in a line."""
+    """A request that gets no fix: HTTP status, and why in a line."""
 
-    def __init__(self, status: int, why: str, again_s: int | None = None) -> None:
-        """`again_s` is when to ask again."""
-        super().__init__(why)
+    def __init__(self, status: int, reason: str, retry_after_s: int | None = None) -> None:
+        """`retry_after_s` is when the client may try again."""
+        super().__init__(reason)
         self.status = status
-        self.headers = None if again_s is None else {"Retry-After": str(again_s)}
+        self.headers = None if retry_after_s is None else {"Retry-After": str(retry_after_s)}
 
 
 def check_reach(host: str, token: str) -> None:
-    """Raise ConfigError for an address beyond this machine without a token."""
+    """Raise ConfigError for an address that other machines can reach, if there is no token."""
     try:
         local = host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -65,7 +65,7 @@ def check_reach(host: str, token: str) -> None:
 
 
 def serving(path: Path, token: str = "") -> FastAPI:
-    """The application; a request needs `token` as its bearer, unless it is empty.
+    """The HTTP application of a site; a request must bear `token`, unless it is empty.
 
     Raises ArtifactError where there is no site.
     """
@@ -77,14 +77,14 @@ def serving(path: Path, token: str = "") -> FastAPI:
     refusals = Counter(
         "yearloc_refused", "Requests without a fix by status", ["status"], registry=registry
     )
-    took = Histogram(
+    durations = Histogram(
         "yearloc_fix_seconds",
         "From points to fix",
         registry=registry,
         buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5),
     )
-    unlike: list[str] | None = None
-    usual_ms = 1e3
+    sensor_warnings: list[str] | None = None
+    last_ms = 1e3
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     waiting = asyncio.Semaphore(WAITING)
 
@@ -104,16 +104,20 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.post("/localize")
     async def localize(request: Request) -> Response:
         _authorise(request, token)
-        if unknown := sorted({*request.query_params} - {"promise", "lift_m", "body_T_lidar"}):
+        if unknown_options := sorted(
+            {*request.query_params} - {"promise", "lift_m", "body_T_lidar"}
+        ):
             raise RequestError(
-                400, f"?{unknown[0]:.30}: no such option; expected promise, lift_m or body_T_lidar"
+                400,
+                f"?{unknown_options[0]:.30}: no such option; expected promise, lift_m or "
+                "body_T_lidar",
             )
         promise = _promise(request, site)
         body_T_lidar = _placement(request, site)
-        nonlocal unlike, usual_ms
+        nonlocal sensor_warnings, last_ms
         if waiting.locked():
             raise RequestError(
-                503, f"{WAITING} scans wait already; ask again", ceil(WAITING * usual_ms / 1e3)
+                503, f"{WAITING} scans wait already; ask again", ceil(WAITING * last_ms / 1e3)
             )
         async with waiting:
             stamp_ns, points_m = _points(
@@ -121,14 +125,16 @@ def serving(path: Path, token: str = "") -> FastAPI:
             )
             points_m = placed(points_m, body_T_lidar)
             try:
-                fix = await _while_there(request, lane.submit(site.localize, points_m, promise))
+                fix = await _while_connected(request, lane.submit(site.localize, points_m, promise))
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
-        usual_ms = fix.ms
-        if unlike is None and fix.verdict != "no pose":  # the first scan tells of the sensor
-            unlike = sensor.unlike(points_m, site.about["sensor"], body_T_lidar, WAYS)
+        last_ms = fix.ms
+        if (
+            sensor_warnings is None and fix.verdict != "no pose"
+        ):  # the first scan tells of the sensor
+            sensor_warnings = sensor.unlike(points_m, site.about["sensor"], body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
-        took.observe(fix.ms / 1e3)
+        durations.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
         return JSONResponse(record(scan, fix))
 
@@ -138,17 +144,17 @@ def serving(path: Path, token: str = "") -> FastAPI:
             "site": site.name,
             "promises": [*site.promises],
             "waiting": WAITING - waiting._value,
-            "unlike": unlike,
+            "unlike": sensor_warnings,
         }
 
     @app.get("/metrics")
     async def metrics(request: Request) -> Response:
         _authorise(request, token)
-        everyone = CollectorRegistry()
+        all_workers = CollectorRegistry()
         if shared:
-            MultiProcessCollector(everyone)  # type: ignore[no-untyped-call]
+            MultiProcessCollector(all_workers)  # type: ignore[no-untyped-call]
         return PlainTextResponse(
-            generate_latest(everyone if shared else registry),
+            generate_latest(all_workers if shared else registry),
             media_type="text/plain; version=0.0.4",
         )
 
@@ -156,13 +162,16 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
 
 def from_environment() -> FastAPI:
-    """What each of several workers runs."""
+    """The application as each of several workers builds it, from SITE and TOKEN.
+
+    Both are names of environment variables.
+    """
     return serving(Path(os.environ[SITE]), os.environ.get(TOKEN, ""))
 
 
 def _authorise(request: Request, token: str) -> None:
-    given = request.headers.get("authorization", "").encode("utf-8", "replace")
-    if token and not hmac.compare_digest(given, f"Bearer {token}".encode()):
+    authorization = request.headers.get("authorization", "").encode("utf-8", "replace")
+    if token and not hmac.compare_digest(authorization, f"Bearer {token}".encode()):
         raise RequestError(401, "expected the header Authorization: Bearer TOKEN")
 
 
@@ -190,10 +199,10 @@ def _placement(request: Request, site: Site) -> Poses:
         raise RequestError(400, str(error)) from None
 
 
-def _number(request: Request, name: str, usual: float) -> float:
+def _number(request: Request, name: str, default: float) -> float:
     text = request.query_params.get(name)
     try:
-        number = usual if text is None else float(text)
+        number = default if text is None else float(text)
     except ValueError:
         number = float("nan")
     if not abs(number) < 1e3:
@@ -202,7 +211,7 @@ def _number(request: Request, name: str, usual: float) -> float:
 
 
 async def _body(request: Request) -> bytes:
-    """The body, no longer and no slower than allowed."""
+    """Read the body; raises RequestError for one that is too long or too slow."""
 
     async def read() -> bytes:
         parts = bytearray()
@@ -220,24 +229,29 @@ async def _body(request: Request) -> bytes:
         raise RequestError(GONE, LEFT) from None
 
 
-async def _while_there(request: Request, asked: "Future[Fix]") -> Fix:
-    """The fix, while its client waits for it and no longer than allowed; one that nobody waits for
-    leaves the queue."""
-    gone = asyncio.ensure_future(request.receive())
-    answer = asyncio.wrap_future(asked)
+async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
+    """Wait for the fix while its client is connected, no longer than ANSWER_S.
+
+    A fix that nobody waits for any more leaves the queue.
+    """
+    disconnect = asyncio.ensure_future(request.receive())
+    answer = asyncio.wrap_future(future)
     try:
-        await asyncio.wait((gone, answer), timeout=ANSWER_S, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(
+            (disconnect, answer), timeout=ANSWER_S, return_when=asyncio.FIRST_COMPLETED
+        )
         if answer.done():
             return answer.result()
-        why = LEFT if gone.done() else f"no fix within {ANSWER_S:g} s"
-        raise RequestError(GONE if gone.done() else 504, why)
+        if disconnect.done():
+            raise RequestError(GONE, LEFT)
+        raise RequestError(504, f"no fix within {ANSWER_S:g} s")
     finally:
-        gone.cancel()
+        disconnect.cancel()
         answer.cancel()
 
 
 def _points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
-    """Stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
+    """Decode the stamp and points (n, 3) of a body; raises RequestError for one that is no scan."""
     kind = kind.partition(";")[0].strip()
     if kind not in (CDR, FLOATS, FORM, ""):
         raise RequestError(

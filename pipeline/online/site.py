@@ -1,5 +1,4 @@
-"""A site: all that it takes to localise in a place, opened from one file without DVC, Hydra or
-MLflow."""
+"""A site: all that localising in a place needs, in one file, without DVC, Hydra or MLflow."""
 
 import time
 from collections.abc import Callable
@@ -28,27 +27,27 @@ ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 RUNNERS_UP = 3
 FARTHEST_M = 1e3  # no lidar sees farther
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
-"""What is said of a fix, with the promise that was asked for.
+"""The verdict on a fix, with the promise that was asked for.
 
 Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is
 within 15 m of the pose is. Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is
 believed. No pose: too few points, or nothing fits.
 """
 NO_LIMITS = (0.0,) * len(BELIEFS)
-"""No doubt is below them."""
+"""Limits that accept nothing: no doubt is below them."""
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
-"""Of each of BELIEFS."""
+"""The verdict for each of BELIEFS."""
 
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """A pose that contradicts the best one."""
+    """Another pose that the scan may have, which contradicts the best one."""
 
     place: int
     world_T_sensor: NDArray[np.float64]
     overlap: float
     chance: float
-    """That it is right."""
+    """Chance that it is right."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,10 @@ class Fix:
 
 
 class Site:
-    """A place, ready to localise scans in."""
+    """A place that scans can be localised in: method, map and verdict of one site file."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
-        """Of the content of a site file."""
+        """Build a site from the content of its file."""
         about, model, arrays, network, _ = parts
         self.about = about
         if network is None:
@@ -101,8 +100,8 @@ class Site:
         verdict = about["verdict"]
         self.judged = Judge(
             *(
-                Chances(tuple(verdict[of]["weights"]), float(verdict[of]["offset"]))
-                for of in ("pose", "place")
+                Chances(tuple(verdict[belief]["weights"]), float(verdict[belief]["offset"]))
+                for belief in ("pose", "place")
             )
         )
         self.fixer = replace(self.fixer, chances=self.judged.pose)
@@ -140,67 +139,82 @@ class Site:
             IndexError,
             YearlocError,
         ) as error:
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArtifactError(
-                f"{path}: its parts do not fit together ({why}); pack the site anew"
+                f"{path}: its parts do not fit together ({reason}); pack the site anew"
             ) from None
 
     @property
     def name(self) -> str:
-        """What was packed: study/grid/model."""
+        """What was packed: STUDY/GRID/MODEL."""
         return str(self.about["name"])
 
     def check(self, promise: float | None) -> None:
         """Raise InputError for a promise that the site cannot make."""
         if promise is not None and promise not in self.promises:
-            kept = " and ".join(map(str, self.promises))
-            can = (
-                f"it can {kept}: say --promise {min(self.promises)}, or promise= of that"
-                if kept
+            promises = " and ".join(map(str, self.promises))
+            possible = (
+                f"it can {promises}: say --promise {min(self.promises)}, or promise= of that"
+                if promises
                 else "nor any other; ask for none"
             )
-            raise InputError(f"promise={promise:g}: this site cannot promise that, {can}")
+            raise InputError(f"promise={promise:g}: this site cannot promise that, {possible}")
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
-        """The fix of a scan's points (n, 3): x forward, y left, z up, in metres, ground at z = 0;
-        those not finite are dropped.
+        """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        It is accepted with a promised precision, one of `promises`; None accepts nothing. Raises
-        InputError for points of another shape, or a promise that the site cannot make.
+        Points that are not finite are dropped. The fix is accepted with a promised precision, one
+        of `promises`; None accepts nothing. Raises InputError for points of another shape, or a
+        promise that the site cannot make.
         """
         start = time.perf_counter()
         self.check(promise)
         points_m = finite(points_m)
         ranking = self.rank(points_m)
-        found = self.register(points_m, Answers.of(ranking))
-        return replace(self.judge(found, promise), ms=1e3 * (time.perf_counter() - start))
+        registered = self.register(points_m, Answers.of(ranking))
+        return replace(self.judge(registered, promise), ms=1e3 * (time.perf_counter() - start))
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
-        """What the method alone answers, in one row."""
+        """The method's own ranking of places for one scan (n, 3), in one row."""
         return self.localizer(
             Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k
         )
 
     def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
-        """The hypotheses of a scan's finite points (n, 3) from a ranking's answers, then from the
-        whole map."""
+        """Register a scan's finite points (n, 3) at a ranking's answers, then all over the map."""
         return self.fixer.fix(points_m, self.targets, answers)
 
-    def judge(self, found: Registered, promise: float | None) -> Fix:
-        """What to believe of a fix."""
-        if not found.hypotheses:
+    def judge(self, registered: Registered, promise: float | None) -> Fix:
+        """The fix of a scan's hypotheses, with the verdict that a promise allows."""
+        if not registered.hypotheses:
             nowhere = np.full((4, 4), np.nan)
             return Fix(
-                "no pose", -1, nowhere, found.alignment.covariance, 0.0, 1.0, 1.0, None, (), 0.0
+                "no pose",
+                -1,
+                nowhere,
+                registered.alignment.covariance,
+                0.0,
+                1.0,
+                1.0,
+                None,
+                (),
+                0.0,
             )
-        best = found.hypotheses[0]
-        doubts = self.judged.doubts(found).astype(np.float32).astype(np.float64)
+        best = registered.hypotheses[0]
+        doubts = self.judged.doubts(registered).astype(np.float32).astype(np.float64)
         limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
         believed = [
             word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
         ]
-        kept = [one for one, (reject_from, *_) in self.promises.items() if doubts[0] < reject_from]
-        others = [(found.hypotheses[i], found.chances[i]) for i in found.elsewhere[:RUNNERS_UP]]
+        kept_promises = [
+            precision
+            for precision, (reject_from, *_) in self.promises.items()
+            if doubts[0] < reject_from
+        ]
+        runner_up_pairs = [
+            (registered.hypotheses[i], registered.chances[i])
+            for i in registered.elsewhere[:RUNNERS_UP]
+        ]
         return Fix(
             believed[0] if believed else "rejected",
             self._place(best),
@@ -209,10 +223,15 @@ class Site:
             best.alignment.overlap,
             float(doubts[0]),
             float(doubts[1]),
-            max(kept, default=None),
+            max(kept_promises, default=None),
             tuple(
-                RunnerUp(self._place(one), one.world_T_query, one.alignment.overlap, chance)
-                for one, chance in others
+                RunnerUp(
+                    self._place(hypothesis),
+                    hypothesis.world_T_query,
+                    hypothesis.alignment.overlap,
+                    chance,
+                )
+                for hypothesis, chance in runner_up_pairs
             ),
             0.0,
         )
@@ -222,7 +241,10 @@ class Site:
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The finite ones of points (n, 3); raises InputError for anything else."""
+    """The points (n, 3) that are finite.
+
+    Raises InputError for anything of another shape or type.
+    """
     points_m = np.asarray(points_m)
     if points_m.ndim != 2 or points_m.shape[1] != 3 or points_m.dtype.kind not in "fiu":
         raise InputError(

@@ -1,7 +1,7 @@
-"""The file of a site: a zip of site.json, model.safetensors, map.safetensors, and either
-views.safetensors, by which it can grow, or, where it was exported, network.onnx.
+"""The site file: a zip of site.json, model.safetensors and map.safetensors.
 
-Nothing in it is run when it is read, and nothing is unpacked to disk.
+It also holds views.safetensors, by which the site can grow, or network.onnx, where it was exported.
+Reading it runs nothing and unpacks nothing to disk.
 """
 
 import json
@@ -47,28 +47,29 @@ class Parts(NamedTuple):
     """The content of a site file."""
 
     about: dict[str, Any]
-    """What it says of itself (KEYS)."""
+    """The content of site.json (KEYS)."""
     model: Arrays
-    """What the method learned."""
+    """The arrays that the method learned."""
     arrays: Arrays
     """The map, and the cells of the places."""
     network: bytes | None
     """Exported to ONNX, in place of weights in `model`."""
     views: Arrays = MappingProxyType({})
-    """What the model learned from, and its answers to held-out views; read only where they are
-    asked for."""
+    """The views that the model learned from, and its answers to held-out ones; read only where
+    they are asked for."""
 
 
 def write(path: Path, parts: Parts) -> None:
-    """Write a site file, whole or not at all; with a network that was exported, `model` has no
-    weights."""
-    held = {MODEL: parts.model, MAP: parts.arrays} | ({VIEWS: parts.views} if parts.views else {})
+    """Write a site file, whole or not at all; with an exported network, `model` has no weights."""
+    arrays_by_file = {MODEL: parts.model, MAP: parts.arrays} | (
+        {VIEWS: parts.views} if parts.views else {}
+    )
     content = {
         ABOUT: json.dumps({"version": VERSION, **parts.about}, indent=1, allow_nan=False).encode()
     }
     content |= {
-        name: save({key: np.require(one, requirements="C") for key, one in part.items()})
-        for name, part in held.items()
+        name: save({key: np.require(array, requirements="C") for key, array in part.items()})
+        for name, part in arrays_by_file.items()
     }
     content |= {} if parts.network is None else {NETWORK: parts.network}
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
@@ -77,7 +78,7 @@ def write(path: Path, parts: Parts) -> None:
 
 
 def read(path: Path, views: bool = False) -> Parts:
-    """The content of a site file; raises ArtifactError as `Site.open` does."""
+    """Read a site file, its views only if asked for; raises ArtifactError as `Site.open` does."""
     if path.suffix == ".onnx":
         raise ArtifactError(
             f"{path}: a network alone; `yearloc export SITE -o FILE.site` writes a site that "
@@ -86,16 +87,15 @@ def read(path: Path, views: bool = False) -> Parts:
     try:
         with zipfile.ZipFile(path) as file:
             entries = {entry.filename: entry.file_size for entry in file.infolist()}
-            if set(entries) - {NETWORK, VIEWS} != {ABOUT, MODEL, MAP} or len(
-                file.infolist()
-            ) != len(entries):
-                odd = next(
+            has_parts = set(entries) - {NETWORK, VIEWS} == {ABOUT, MODEL, MAP}
+            if not has_parts or len(file.infolist()) != len(entries):
+                unexpected = next(
                     (name for name in entries if name not in (ABOUT, MODEL, MAP, NETWORK, VIEWS)),
                     "",
                 )
-                held = f"holds {odd[:60]!r}" if odd else "lacks a part"
+                problem = f"holds {unexpected[:60]!r}" if unexpected else "lacks a part"
                 raise ArtifactError(
-                    f"{path}: no site, it {held}; expected {ABOUT}, {MODEL} and {MAP}"
+                    f"{path}: no site, it {problem}; expected {ABOUT}, {MODEL} and {MAP}"
                 )
             if sum(entries.values()) > LARGEST_BYTES:
                 raise ArtifactError(
@@ -105,7 +105,7 @@ def read(path: Path, views: bool = False) -> Parts:
         about = json.loads(content[ABOUT])
         model = load(content[MODEL])
         arrays = load(content[MAP])
-        learned = load(content[VIEWS]) if VIEWS in content else {}
+        view_arrays = load(content[VIEWS]) if VIEWS in content else {}
     except FileNotFoundError:
         raise ArtifactError(
             f"{path}: no such site; `yearloc pack STUDY/GRID/METHOD -o {path.name}` writes one"
@@ -114,9 +114,8 @@ def read(path: Path, views: bool = False) -> Parts:
         raise ArtifactError(f"{path}: a folder, expected a site file") from None
     except YearlocError:
         raise
-    except (
-        Exception
-    ) as error:  # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
+    # zipfile, zlib, json and safetensors raise whatever they like at a damaged file
+    except Exception as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise ArtifactError(f"{path}: no whole site ({reason}); copy or pack it anew") from None
     if not isinstance(about, dict) or about.get("version") != VERSION:
@@ -127,4 +126,4 @@ def read(path: Path, views: bool = False) -> Parts:
         )
     if lacking := [key for key in KEYS if key not in about]:
         raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
-    return Parts(about, model, arrays, content.get(NETWORK), learned)
+    return Parts(about, model, arrays, content.get(NETWORK), view_arrays)

@@ -1,5 +1,7 @@
-"""Localising along a path: global fixes until one is believed, then registration from the predicted
-pose, and back when lost."""
+"""Localises along a path.
+
+Global fixes until one is believed, then registration from the predicted pose, until lost.
+"""
 
 from dataclasses import replace
 from time import perf_counter
@@ -27,8 +29,8 @@ FASTEST_DEG = 180.0
 STANDING_M = 0.5
 """Odometry may move so far in no time: stamps are not exact."""
 GAINS = np.array([2.0, 15.0])
-"""What a robot does otherwise than before, in metres and degrees a second squared: standard
-deviations, until it has shown it."""
+"""Standard deviations of a robot's acceleration, in metres and degrees a second squared, until
+fixes have shown it."""
 UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
 """Standard deviations a second of a robot of unknown speed."""
 LIKELY = 0.9
@@ -36,79 +38,80 @@ LIKELY = 0.9
 
 
 class Motion:
-    """How a robot without odometry moves on: as between its last two fixes, for a time that is
-    known and short."""
+    """Predicts how a robot without odometry moves on: as between its last two fixes."""
 
     def __init__(self) -> None:
         self._last: tuple[NDArray[np.float64], float] | None = None
         self._moved_m = np.zeros(3)
         self._turned_rad = np.zeros(3)  # in a second, or from scan to scan
-        self._usual_s = 0.0
-        self._since_s = 0.0
+        self._fix_interval_s = 0.0
+        self._since_fix_s = 0.0
         self._squares = GAINS**2
         self._fixes = 1
 
     def onwards(self, took_s: float) -> NDArray[np.float64]:
-        """The step (4, 4) in so many seconds.
+        """The predicted step (4, 4) in `took_s` seconds.
 
         Where the clock jumped back or far ahead, it is the step of the time between the last two
         fixes that told a speed.
         """
-        seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
+        seconds = took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
         step = np.eye(4)
         step[:3, 3] = seconds * self._moved_m
         step[:3, :3] = Rotation.from_rotvec(seconds * self._turned_rad).as_matrix()
         return step
 
     def doubt(self, took_s: float) -> tuple[float, float]:
-        """The standard deviations of the next step, in so many seconds, in metres and degrees.
+        """The standard deviations of the next step, in `took_s` seconds, in metres and degrees.
 
         The seconds are counted: each since the last fix adds more to what a robot may do otherwise.
         """
-        seconds = took_s if 0 <= took_s <= LONGEST else self._usual_s
-        if not self._usual_s:
+        seconds = took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
+        if not self._fix_interval_s:
             away_m, turn_deg = UNKNOWN * max(seconds, SHORTEST)
             return float(away_m), float(turn_deg)
         stood = np.zeros(2)
         if seconds < SHORTEST:  # the same scan again, or a clock that stands still
-            stood = self._usual_s * np.array(
+            stood = self._fix_interval_s * np.array(
                 [np.linalg.norm(self._moved_m), np.rad2deg(np.linalg.norm(self._turned_rad))]
             )
-            seconds = self._usual_s
-        before_s = self._since_s
-        self._since_s = before_s + seconds
+            seconds = self._fix_interval_s
+        before_s = self._since_fix_s
+        self._since_fix_s = before_s + seconds
         away_m, turn_deg = stood + np.sqrt(self._squares / self._fixes) / 2 * (
-            self._since_s**2 - before_s**2
+            self._since_fix_s**2 - before_s**2
         )
         return float(away_m), float(turn_deg)
 
     def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """A pose was believed at that time."""
-        last = self._last
+        """Take note of a pose that is believed at a time."""
+        last_fix = self._last
         self._last = (world_T_robot, time_s)
-        self._since_s = 0.0
-        if last is None or not SHORTEST <= time_s - last[1] <= LONGEST:
+        self._since_fix_s = 0.0
+        if last_fix is None or not SHORTEST <= time_s - last_fix[1] <= LONGEST:
             return
-        seconds = time_s - last[1]
-        step = np.linalg.inv(last[0]) @ world_T_robot
+        seconds = time_s - last_fix[1]
+        step = np.linalg.inv(last_fix[0]) @ world_T_robot
         moved_m = step[:3, 3] / seconds
         turned_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
         if np.linalg.norm(moved_m) > FASTEST_M or np.linalg.norm(turned_rad) > np.deg2rad(
             FASTEST_DEG
         ):
             return
-        if self._usual_s:
+        if self._fix_interval_s:
             off_m, off_deg = apart(self.onwards(seconds)[None], step[None])
             self._squares = self._squares + (2 * np.array([off_m[0], off_deg[0]]) / seconds**2) ** 2
             self._fixes += 1
         self._moved_m = moved_m
         self._turned_rad = turned_rad
-        self._usual_s = seconds
+        self._fix_interval_s = seconds
 
 
 class Tracker:
-    """Follows a robot through a site; each fix is accepted by all that was seen so far, with the
-    site's own thresholds."""
+    """Follows a robot through a site: each fix is judged by all scans so far.
+
+    The thresholds are the site's own.
+    """
 
     def __init__(self, site: Site, promise: float | None = 0.99) -> None:
         """Raises InputError for a promise that the site cannot make; None accepts nothing."""
@@ -129,13 +132,12 @@ class Tracker:
         step: NDArray[np.float64] | None = None,
         stamp_ns: int | None = None,
     ) -> Fix:
-        """The fix of the next scan (n, 3); `step` (4, 4) is its pose in the last scan's frame by
-        odometry.
+        """The fix of the next scan (n, 3); `step` (4, 4) is the odometry since the last scan.
 
-        Without odometry, or where that was set back, which is a step that no robot makes in the
-        time, the robot is taken to move on as between its last two fixes, for as long as the stamps
-        say, if they do. After more than LONGEST seconds it may be anywhere, and is sought
-        everywhere.
+        The step is the scan's pose in the last scan's frame. Without odometry, or after a step that
+        no robot makes in the time, the robot is assumed to move on as between its last two fixes,
+        for the time between the stamps. After more than LONGEST seconds it may be anywhere, and is
+        searched for everywhere.
         """
         start = perf_counter()
         points_m = finite(points_m)
@@ -148,18 +150,17 @@ class Tracker:
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
         guessed = step is None or not np.isfinite(step).all() or not _is_driven(step, took_s)
         if guessed and took_s is not None and took_s > LONGEST:
+            # what was believed of a robot says nothing of where it went
             self._pose = None
-            self.belief = Belief(
-                self.belief.unseen_share
-            )  # what was believed of a robot says nothing of where it went
+            self.belief = Belief(self.belief.unseen_share)
         if step is None or guessed:
             step = self._onwards(took_s)
             self.belief.move(step, self._motion.doubt(_passed_s(took_s)))
         else:
             self.belief.move(step)
         guess = None if self._pose is None else self._pose @ step
-        found, tracked = self._find(points_m, guess)
-        fix = self._judge(found, tracked)
+        registered, tracked = self._find(points_m, guess)
+        fix = self._judge(registered, tracked)
         if fix.verdict != "no pose" and 1 - fix.novelty >= LIKELY:
             self._motion.fixed(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
@@ -173,39 +174,38 @@ class Tracker:
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _onwards(self, took_s: float | None) -> NDArray[np.float64]:
-        """The step (4, 4) since the last scan."""
+        """The predicted step (4, 4) since the last scan."""
         return self._motion.onwards(_passed_s(took_s))
 
     def _find(
         self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None
     ) -> tuple[Registered, bool]:
-        """Hypotheses, and whether they were found from the predicted pose alone."""
+        """The hypotheses of a scan, and whether they come from the predicted pose alone."""
         if guess is not None:
-            found = self.site.fixer.track(points_m, self.site.targets, guess)
-            if found.hypotheses or self._misses + 1 < PATIENCE:
-                return found, True
-        return self._everywhere(points_m), False
+            registered = self.site.fixer.track(points_m, self.site.targets, guess)
+            if registered.hypotheses or self._misses + 1 < PATIENCE:
+                return registered, True
+        return self._search_everywhere(points_m), False
 
-    def _everywhere(self, points_m: NDArray[np.float64]) -> Registered:
+    def _search_everywhere(self, points_m: NDArray[np.float64]) -> Registered:
         return self.site.register(points_m, Answers.of(self.site.rank(points_m)))
 
-    def _judge(self, found: Registered, tracked: bool) -> Fix:
-        """Whether to believe the best hypothesis, given all before."""
-        fix = self.site.judge(found, self._promise)
+    def _judge(self, registered: Registered, tracked: bool) -> Fix:
+        """The fix of the best hypothesis, believed or not given all scans before."""
+        fix = self.site.judge(registered, self._promise)
         if fix.verdict == "no pose":
             return fix
         chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
         believed = self.belief.see(fix.world_T_sensor, chance, tracked)
-        kept = [promise for promise in self.site.promises if believed >= promise]
-        verdict: Word = "accepted" if self._promise in kept else "rejected"
+        kept_promises = [promise for promise in self.site.promises if believed >= promise]
+        verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
         if verdict == "rejected" and not tracked and fix.verdict in ("near", "ambiguous"):
-            verdict = (
-                fix.verdict
-            )  # of a tracked pose no rival was looked for, so its scan alone tells less
+            # of a tracked pose no rival was looked for, so its scan alone tells less
+            verdict = fix.verdict
         axes = fix.world_T_sensor[:3, :3]
         covariance = fix.covariance.copy()
         covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes
-        promised = max(kept, default=None)
+        promised = max(kept_promises, default=None)
         return replace(
             fix,
             verdict=verdict,
@@ -216,7 +216,7 @@ class Tracker:
 
 
 def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
-    """Whether a robot can make a step in the time, if that is known."""
+    """Whether a robot can make a step in the time, True if the time is unknown."""
     return (
         took_s is None
         or float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
@@ -224,5 +224,5 @@ def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
 
 
 def _passed_s(took_s: float | None) -> float:
-    """The time since the last scan; where there are no stamps it counts as a second."""
+    """The time since the last scan in seconds; 1 where there are no stamps."""
     return 1.0 if took_s is None else took_s

@@ -1,5 +1,7 @@
-"""Eyes on a site: the map, each scan where it was placed, the likeliest places, novelty and
-verdict, as a recording for rerun."""
+"""Records a localised drive for rerun's viewer.
+
+It shows the map, each scan where it was placed, the likeliest places, novelty and verdict.
+"""
 
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -32,8 +34,10 @@ WALL_M = 0.3
 
 
 class Recording:
-    """Writes what a person looks at into FILE.rrd, whole or not at all, or shows it in rerun's
-    viewer where no file is given."""
+    """Writes a recording for rerun to FILE.rrd, whole or not at all.
+
+    Without a file it opens rerun's viewer.
+    """
 
     def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
         """Raises ConfigError where rerun is not installed."""
@@ -87,7 +91,7 @@ class Recording:
         self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
-        """One more scan, at its stamp or its number on the timeline."""
+        """Add a scan and its fix, at its stamp or its number on the timeline."""
         rerun = self._rerun
         stream = self._stream
         stream.set_time("scan", sequence=number)
@@ -96,8 +100,8 @@ class Recording:
         colour = COLOURS[fix.verdict]
         placed = np.isfinite(fix.world_T_sensor).all()
         if placed:
-            where = fix.world_T_sensor[:3, 3] - self._origin_m
-            seen_m = points_m @ fix.world_T_sensor[:3, :3].T + where
+            position_m = fix.world_T_sensor[:3, 3] - self._origin_m
+            seen_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
             stream.log(
                 "world/scan",
                 rerun.Points3D(seen_m[points_m[:, 2] > WALL_M], colors=SNAPPED, radii=0.2),
@@ -105,9 +109,9 @@ class Recording:
             heading = fix.world_T_sensor[:3, 0] * 6
             stream.log(
                 "world/robot",
-                rerun.Arrows3D(vectors=[heading], origins=[where], colors=colour, radii=0.5),
+                rerun.Arrows3D(vectors=[heading], origins=[position_m], colors=colour, radii=0.5),
             )
-            self._paths.setdefault(fix.verdict, []).append(where)
+            self._paths.setdefault(fix.verdict, []).append(position_m)
             stream.log(
                 f"world/{fix.verdict}",
                 rerun.Points3D(self._paths[fix.verdict], colors=colour, radii=0.8),
@@ -156,8 +160,10 @@ class Recording:
 
 
 def origin(site: Site) -> NDArray[np.float64]:
-    """x, y and 0 in whole metres (3,), amid the site: of viewers' float32 a world as far out as
-    UTM's would take decimetres."""
+    """The middle of the site, x and y in whole metres and 0 (3,), to subtract before drawing.
+
+    Viewers use float32, in which coordinates as large as UTM's are off by decimetres.
+    """
     middle_m = np.rint(site.targets.world_T_anchor[:, :2, 3].mean(axis=0))
     return np.append(middle_m, 0.0)
 

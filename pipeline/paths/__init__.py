@@ -1,1 +1,1 @@
-"""What the poses of single queries and the odometry of a drive tell together (METHODS 9.9)."""
+"""Joins the poses of single queries with the odometry of their drive (METHODS 9.9)."""

@@ -1,5 +1,7 @@
-"""What is believed of a robot along its path: poses with chances, and "anywhere else", unseen
-places included (METHODS 10.2)."""
+"""The belief in where a robot is along its path (METHODS 10.2).
+
+It consists of poses with chances, and of "anywhere else", unseen places included.
+"""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +16,7 @@ DRIFT = 0.05
 TURN_DEG_PER_M = 0.1
 """Standard deviations of the odometry: of a step as a share of it, and of the heading."""
 JUMPS = 0.001
-"""Chance a scan to be carried anywhere."""
+"""Chance at each scan that the robot was carried anywhere."""
 REPEATS = 0.3
 """How often a wrong pose lies where one was believed, repeating it or having slipped from it:
 assumed, not learned."""
@@ -24,10 +26,10 @@ DEVIATIONS = 3.0
 
 @dataclass
 class Belief:
-    """Forward Bayes over poses that fixes have named; nothing is known at first."""
+    """A forward Bayes filter over the poses that fixes have named; it begins empty."""
 
     unseen_share: float = 0.2
-    """Of queries to expect where the map is not, as the verdict was learned with (METHODS 9.5)."""
+    """Share of queries to expect outside the map, as the verdict was learned with (METHODS 9.5)."""
     poses: Poses = field(default_factory=lambda: np.zeros((0, 4, 4)))
     """(hypothesis, 4, 4) in the world, each carried on by odometry since its last fix."""
     chances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -36,10 +38,10 @@ class Belief:
     drift_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) how far it may have drifted since that fix: a standard deviation."""
     drift_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) and turned."""
+    """(hypothesis,) how far its heading may have drifted since that fix: a standard deviation."""
 
     def move(self, step: Poses, doubt: tuple[float, float] | None = None) -> None:
-        """After the robot moved by `step` (4, 4), its new pose in the old one's frame, by odometry.
+        """Move all hypotheses by `step` (4, 4): the new pose in the old one's frame, by odometry.
 
         A step that was guessed has standard deviations of its own: `doubt` in metres and degrees.
         """
@@ -51,8 +53,7 @@ class Belief:
         self.drift_deg = self.drift_deg + doubt_deg
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
-        """A pose was measured that is right with this chance; returns the chance that it is right
-        now, given all before.
+        """Add a measured pose that is right with `chance`; returns its chance given all before.
 
         Of a robot that may be anywhere the chance stays what it was. A hypothesis that may have
         drifted to the pose is for it, but wrong poses repeat themselves, as the next scan shows the
@@ -68,21 +69,20 @@ class Belief:
         )
         agrees = near & (away_m < RIGHT_M)
         repeated = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
-        right = chance * (elsewhere + float(self.chances[near].sum()) / repeated)
-        others = (1 - chance) * self.chances
-        others[near] *= REPEATS / repeated
-        others[agrees] *= 1 - still_right(self.drift_m[agrees])
-        whole = right + (1 - chance) * elsewhere + float(others.sum())
-        kept = ~agrees & (others > FORGOTTEN * whole)
+        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeated)
+        other_weights = (1 - chance) * self.chances
+        other_weights[near] *= REPEATS / repeated
+        other_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
+        total_weight = right_weight + (1 - chance) * elsewhere + float(other_weights.sum())
+        kept = ~agrees & (other_weights > FORGOTTEN * total_weight)
         self.poses = np.concatenate([self.poses[kept], world_T_robot[None]])
         self.drift_m = np.append(self.drift_m[kept], 0.0)
         self.drift_deg = np.append(self.drift_deg[kept], 0.0)
-        self.chances = np.append(others[kept], right) / whole
-        return right / whole
+        self.chances = np.append(other_weights[kept], right_weight) / total_weight
+        return right_weight / total_weight
 
     def slipped_m2(self) -> NDArray[np.float64]:
-        """What the position seen last may be off for having slipped: its covariance (3, 3) in the
-        world, in square metres.
+        """The covariance (3, 3) of the last pose's possible slip in the world, in square metres.
 
         Each hypothesis that it may have slipped from counts with its chance, its distance and its
         drift.
@@ -94,8 +94,10 @@ class Belief:
         return np.asarray(apart_m2 + float((chances * self.drift_m[:-1] ** 2).sum()) * np.eye(3))
 
     def best(self) -> tuple[Poses, float] | None:
-        """The pose that is likeliest within RIGHT_M of the robot's, drift heeded, and the chance
-        that it is; None at first."""
+        """The pose most likely within RIGHT_M of the robot's, with its chance; None at first.
+
+        The chance takes account of drift.
+        """
         if not len(self.chances):
             return None
         chances = self.chances * still_right(self.drift_m)
@@ -104,6 +106,8 @@ class Belief:
 
 
 def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The chance that a pose of this standard deviation, the way that it drifts most, is still
-    within RIGHT_M."""
+    """The chance that a pose which has drifted is still within RIGHT_M.
+
+    `drift_m` is its standard deviation in the direction of most drift.
+    """
     return np.asarray(erf(RIGHT_M / (np.sqrt(2) * np.maximum(drift_m, 1e-9))))

@@ -1,5 +1,4 @@
-"""A filter over a drive: each query is answered from all fixes up to it, as a robot must (METHODS
-9.9)."""
+"""Filter: each query is answered from all fixes up to it, as a robot must (METHODS 9.9)."""
 
 from dataclasses import dataclass
 
@@ -13,12 +12,13 @@ LEAST_CHANCE = 1e-6
 
 @dataclass(frozen=True)
 class Filter:
-    """The likeliest pose of a belief (METHODS 10.2), from the query's own fix or carried on from an
-    earlier one."""
+    """Takes the likeliest pose of a belief (METHODS 10.2): the query's own fix or an earlier one.
+
+    An earlier fix is carried on by odometry.
+    """
 
     def along(self, track: Track) -> Estimates:
-        """Estimates that know nothing of what comes later; where odometry is interrupted all begins
-        anew."""
+        """Estimate each query from what came before it; where odometry breaks off, begin anew."""
         poses = np.full_like(track.world_T_query, np.nan)
         chances = np.zeros(len(track.chance))
         belief = Belief()

@@ -1,5 +1,4 @@
-"""Odometry alone from the first fix that is believed on: what a filter and a graph have to
-better."""
+"""Odometry alone from the first believed fix on: the baseline of filter and graph."""
 
 from dataclasses import dataclass
 
@@ -11,11 +10,13 @@ from pipeline.paths.tracks import Estimates, Track
 
 @dataclass(frozen=True)
 class Odometry:
-    """Dead reckoning."""
+    """Dead reckoning from an accepted fix."""
 
     def along(self, track: Track) -> Estimates:
-        """Nothing before the first fix that keeps a promise of .99; where odometry is interrupted,
-        the next one."""
+        """Carry on the first fix that keeps a promise of .99; before it there is no estimate.
+
+        Where odometry breaks off, the next such fix is carried on.
+        """
         poses = np.full_like(track.world_T_query, np.nan)
         chances = np.zeros(len(track.chance))
         chance = 0.0

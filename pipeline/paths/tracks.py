@@ -1,5 +1,4 @@
-"""Tracks: the fixes of a drive in their order, and what they tell of each query together with the
-odometry (METHODS 9.9)."""
+"""Tracks: the fixes of a drive in their order, to be joined with its odometry (METHODS 9.9)."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -36,14 +35,16 @@ class Track:
 
     @cached_property
     def steps(self) -> Poses:
-        """(q − 1, 4, 4) each query in the frame of the one before; NaN where the odometry is
-        interrupted."""
+        """The pose (q − 1, 4, 4) of each query in the frame of the one before.
+
+        NaN where the odometry is interrupted.
+        """
         return np.asarray(np.linalg.inv(self.odom_T_query[:-1]) @ self.odom_T_query[1:])
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """What a drive tells of its queries."""
+    """The poses of a drive's queries by all that the drive shows, and their chances."""
 
     world_T_query: Poses
     """(q, 4, 4); NaN where nothing is known."""
@@ -61,8 +62,7 @@ class Path(Protocol):
 def joined(
     fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The columns and attributes of a fixes artifact with the estimates along the path in place of
-    the fixes.
+    """The columns and attributes of a fixes artifact, with estimates in place of the fixes.
 
     Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for
     no held-out blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of
@@ -83,26 +83,29 @@ def joined(
             f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps"
         )
     for case in range(cases):
-        own = slice(case * n, (case + 1) * n)
+        case_rows = slice(case * n, (case + 1) * n)
         odom_T_query = odom_T_anchor @ turns(
-            np.deg2rad(columns["turned_deg"][own].astype(np.float64))
+            np.deg2rad(columns["turned_deg"][case_rows].astype(np.float64))
         )
-        novelty = columns["novelty"][own].astype(np.float64)
-        world_T_query = columns["world_T_query"][own]
+        novelty = columns["novelty"][case_rows].astype(np.float64)
+        world_T_query = columns["world_T_query"][case_rows]
         accepted = novelty[:, 0] < attrs["promised"][1]
-        found = path.along(
+        estimates = path.along(
             Track(
-                odom_T_query, world_T_query, 1 - novelty[:, 0], accepted, columns["covariance"][own]
+                odom_T_query,
+                world_T_query,
+                1 - novelty[:, 0],
+                accepted,
+                columns["covariance"][case_rows],
             )
         )
-        columns["world_T_query"][own] = found.world_T_query
-        columns["confidence"][own] = found.chance
-        columns["novelty"][own, 0] = 1 - found.chance
-        columns["covariance"][own] = (
-            np.nan
-        )  # that of each query's own fix, which is not what answers now
-        for row in np.flatnonzero(np.isfinite(found.world_T_query).all((1, 2))).tolist():
-            pose = found.world_T_query[None, row]
+        columns["world_T_query"][case_rows] = estimates.world_T_query
+        columns["confidence"][case_rows] = estimates.chance
+        columns["novelty"][case_rows, 0] = 1 - estimates.chance
+        # the covariance is that of each query's own fix, which the estimate replaces
+        columns["covariance"][case_rows] = np.nan
+        for row in np.flatnonzero(np.isfinite(estimates.world_T_query).all((1, 2))).tolist():
+            pose = estimates.world_T_query[None, row]
             xy_m = pose[:, :2, 3]
             first = {
                 "places": places.at(xy_m),
@@ -112,13 +115,12 @@ def joined(
             }
             lead(columns, case * n + row, first)
     thresholds = [1 - attrs["wanted_precision"], *attrs["thresholds"][1:]]
-    kept = {name: attrs[name] for name in schemas.FIXES.attrs}
+    fix_attrs = {name: attrs[name] for name in schemas.FIXES.attrs}
     promised = {"promised": [1 - promise for promise in attrs["promises"]]}
-    nothing = [ACCEPT_NOTHING] * len(
-        attrs["promises"]
-    )  # place and several were judged of another pose
-    return columns, kept | promised | {
+    # place and several were judged of another pose
+    accept_nothing = [ACCEPT_NOTHING] * len(attrs["promises"])
+    return columns, fix_attrs | promised | {
         "thresholds": thresholds,
-        "promised_place": nothing,
-        "promised_several": nothing,
+        "promised_place": accept_nothing,
+        "promised_several": accept_nothing,
     }

@@ -1,8 +1,8 @@
-"""Ageing: a held-out scan as a later day would see it, so that a verdict learns from more than its
-own day (METHODS 9.5).
+"""Ageing: a held-out scan as a later day would see it (METHODS 9.5).
 
-New walls and what they hide, a wedge in which nothing is left, cars and crowns that came, things
-that went, leaves and snow: the strengths are fixed beforehand, never by a result.
+A verdict so learns from more than the scan's own day. New walls and what they hide, a wedge in
+which nothing is left, cars and crowns that came, things that went, leaves and snow: the strengths
+are fixed beforehand, never by a result.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from pipeline.posing.registration import Points
 from pipeline.running.settings import NotNegative, Share, check
 
 AWAY_M = (5.0, 30.0)
-"""From the sensor to what came or went."""
+"""Distance from the sensor to what came or went."""
 WENT_M = (2.0, 5.0)
 """Radius of what went."""
 CAR_M = np.array([4.5, 1.8, 1.5])
@@ -31,7 +31,7 @@ CROWN_POINTS = 200
 
 @dataclass(frozen=True)
 class Ageing:
-    """How much changes, at most; each query draws its own."""
+    """How much changes at most; each query draws its own changes."""
 
     walls: int = 1
     """New walls, with what they hide: 0 to this many, each as likely."""
@@ -46,7 +46,7 @@ class Ageing:
     above: Share = 0.3
     """Share of the points above `above_m` that are gone, up to this: leaves fall."""
     below: Share = 0.1
-    """The same of the others: snow, cars, people."""
+    """Share of the points below `above_m` that are gone, up to this: snow, cars, people."""
     above_m: NotNegative = 2.0
     construction: Construction = field(default_factory=lambda: Construction(spacing_m=0.4))
 
@@ -59,8 +59,10 @@ class Ageing:
                 )
 
     def aged(self, points_m: Points, rng: np.random.Generator) -> Points:
-        """What is left of points (n, 3), z up from the ground around the sensor, and what has been
-        built."""
+        """The points (n, 3) of a scan after a year: with what has been built, without what is gone.
+
+        z is up from the ground around the sensor.
+        """
         walls = self.construction.random_walls(int(rng.integers(0, self.walls + 1)), rng)
         for wall in walls:
             points_m = np.concatenate([points_m, wall.points(self.construction.spacing_m)])
@@ -68,9 +70,9 @@ class Ageing:
             points_m = points_m[~wall.hides(points_m, self.construction.sensor_height_m)]
         for middle_m in _places(rng, int(rng.integers(0, self.went + 1))):
             points_m = points_m[np.hypot(*(points_m[:, :2] - middle_m).T) >= rng.uniform(*WENT_M)]
-        for most, thing in ((self.cars, _car), (self.crowns, _crown)):
-            for middle_m in _places(rng, int(rng.integers(0, most + 1))):
-                points_m = np.concatenate([points_m, thing(rng) + np.append(middle_m, 0.0)])
+        for largest_count, make_points in ((self.cars, _car), (self.crowns, _crown)):
+            for middle_m in _places(rng, int(rng.integers(0, largest_count + 1))):
+                points_m = np.concatenate([points_m, make_points(rng) + np.append(middle_m, 0.0)])
         width_rad = np.deg2rad(rng.uniform(0, self.wedge_deg)) * rng.integers(0, 2)
         first_rad = rng.uniform(0, 2 * np.pi)
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)
@@ -78,7 +80,7 @@ class Ageing:
         return points_m[rng.random(len(points_m)) >= self._gone(points_m, rng)]
 
     def _gone(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The share (n,) of points such as each that is gone."""
+        """The chance (n,) of each point to be gone."""
         above = rng.uniform(0, self.above)
         below = rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)
@@ -95,10 +97,9 @@ def _car(rng: np.random.Generator) -> Points:
     """Points (n, 3) of the five faces of a parked car, at any heading."""
     points_m = rng.uniform(-0.5, 0.5, (CAR_POINTS, 3)) * CAR_M
     face = rng.integers(0, 5, CAR_POINTS)
-    each = np.arange(CAR_POINTS)
-    points_m[each, face // 2] = (
-        np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]
-    )  # the last is its roof
+    rows = np.arange(CAR_POINTS)
+    # the last face is its roof
+    points_m[rows, face // 2] = np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]
     turn = rng.uniform(0, np.pi)
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return np.column_stack([points_m[:, :2] @ rotation, points_m[:, 2] + CAR_M[2] / 2])

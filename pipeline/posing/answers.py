@@ -1,5 +1,7 @@
-"""Answers with poses: the ranking of a method, led by what was registered, and how new each query
-then looks (METHODS 9.6)."""
+"""Answers with poses: rankings in which registered poses come first (METHODS 9.6).
+
+How new each query looks is then judged by its fix.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -21,7 +23,7 @@ from pipeline.store import Artifact
 OWN_KINDS = BELIEFS
 """Kinds of novelty that a fix adds: one minus the chance of each belief in it."""
 MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
-"""An answer that is none, column by column."""
+"""The values of a missing answer, column by column."""
 UNREGISTERED = 1.0
 """Cost from which the method's own answers follow those that were registered, whose cost is one
 minus their chance."""
@@ -30,11 +32,11 @@ minus their chance."""
 def posed(
     ranking: Ranking, fixes: Sequence[Fix], places: Places, doubts: NDArray[np.float64]
 ) -> Ranking:
-    """The ranking with its fixes first: positions, headings, places (the cell that each lies in; −1
-    where training never went).
+    """The ranking with its fixes first: positions, headings, and places of the registered poses.
 
-    One minus the first of the doubts (q, belief), that in the pose, becomes the confidence. A place
-    is answered once; what is then missing of k is place −1 at an infinite cost.
+    A place is the cell that a pose lies in, −1 where training never went. One minus the first of
+    the doubts (q, belief), that in the pose, becomes the confidence. A place is answered once; what
+    is then missing of k is place −1 at an infinite cost.
     """
     k = ranking.places.shape[1]
     answers = {
@@ -43,8 +45,8 @@ def posed(
     for i, fix in enumerate(fixes):
         if not fix.hypotheses:
             continue
-        own = np.array([one.world_T_query for one in fix.hypotheses])
-        xy_m = own[:, :2, 3]
+        world_T_query = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses])
+        xy_m = world_T_query[:, :2, 3]
         costs = 1 - np.array(fix.chances)
         answers["costs"][i] = UNREGISTERED + np.arange(k) / k
         lead(
@@ -54,7 +56,7 @@ def posed(
                 "places": places.at(xy_m),
                 "costs": costs,
                 "xy_m": xy_m,
-                "heading_deg": np.rad2deg(yaw(own)),
+                "heading_deg": np.rad2deg(yaw(world_T_query)),
             },
         )
     novelty = np.column_stack([doubts, ranking.novelty]).astype(np.float32)
@@ -69,14 +71,16 @@ def posed(
 
 
 def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
-    """Put the answers `first`, likeliest first, before the k of a row; a place is answered once,
-    what is then missing is −1."""
-    every = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
+    """Put the answers `first`, likeliest first, before the k answers of a row, in place.
+
+    A place is answered once, what is then missing is −1.
+    """
+    all_answers = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
     k = answers["places"].shape[1]
-    kept = np.sort(np.unique(every["places"], return_index=True)[1])[:k]
+    kept = np.sort(np.unique(all_answers["places"], return_index=True)[1])[:k]
     for name, missing in MISSING.items():
         answers[name][row] = missing
-        answers[name][row, : len(kept)] = every[name][kept]
+        answers[name][row, : len(kept)] = all_answers[name][kept]
 
 
 @dataclass(frozen=True)
@@ -95,16 +99,18 @@ class Posing:
             )
 
     def write(self, path: Path, rankings: Artifact, fixes: Sequence[Fix]) -> str:
-        """The fixes (q,) of a ranking's queries, in all its cases; returns what was done, in a
-        line."""
-        names = [one.name for one in fields(Ranking) if one.name != "kinds"]
+        """Write the fixes (q,) of a ranking's queries, in all its cases.
+
+        Returns what was done, in a line.
+        """
+        names = [field.name for field in fields(Ranking) if field.name != "kinds"]
         arrays = {name: rankings.load(name) for name in names}
         ranking = Ranking(**arrays, kinds=tuple(rankings.attrs["kinds"]))
         answered = posed(ranking, fixes, self.places, self.verdict.judge.of(fixes))
         limits = {belief: self.verdict.limits(belief) for belief in BELIEFS}
-        wanted = PROMISES.index(self.wanted_precision)
+        promise_number = PROMISES.index(self.wanted_precision)
         thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
-        thresholds |= {belief: limits[belief][wanted] for belief in BELIEFS}
+        thresholds |= {belief: limits[belief][promise_number] for belief in BELIEFS}
         rejection = {
             "kinds": answered.kinds,
             "thresholds": [thresholds[kind] for kind in answered.kinds],
@@ -126,20 +132,20 @@ class Posing:
                 "covariance",
                 np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6),
             )
-        return f"{path.stem}: {self._told(answered, limits, fixes, wanted)}"
+        return f"{path.stem}: {self._summary(answered, limits, fixes, promise_number)}"
 
-    def _told(
+    def _summary(
         self,
         answered: Ranking,
         limits: Mapping[str, Sequence[float]],
         fixes: Sequence[Fix],
-        wanted: int,
+        promise_number: int,
     ) -> str:
-        """How many queries have a pose, and of how many each belief is promised."""
-        found = sum(bool(fix.hypotheses) for fix in fixes)
-        number = next((i for i in range(wanted, -1, -1) if limits["fix"][i] > 0), None)
+        """How many queries have a pose, and for how many each belief is promised, in a line."""
+        pose_count = sum(bool(fix.hypotheses) for fix in fixes)
+        number = next((i for i in range(promise_number, -1, -1) if limits["fix"][i] > 0), None)
         if number is None:
-            return f"{found} poses of {len(fixes)} queries; no promise can be kept"
+            return f"{pose_count} poses of {len(fixes)} queries; no promise can be kept"
         below = answered.novelty[:, : len(BELIEFS)].astype(float) < [
             limits[belief][number] for belief in BELIEFS
         ]
@@ -147,5 +153,6 @@ class Posing:
         pose, place, several = (int((most_telling == i).sum()) for i in range(len(BELIEFS)))
         beliefs = f"{pose} are accepted, {place} more are near, {several} more are one of several"
         return (
-            f"{found} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} {beliefs}"
+            f"{pose_count} poses of {len(fixes)} queries; with a promise of {PROMISES[number]} "
+            f"{beliefs}"
         )

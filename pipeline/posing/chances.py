@@ -1,5 +1,4 @@
-"""Chances: how likely each hypothesis of a query is right, from the signs that speak for it
-(METHODS 9.5).
+"""Chances: how likely each hypothesis of a query is right, by the signs for it (METHODS 9.5).
 
 Of a query's hypotheses at most one is right. So their chances are shares: exp(s) / (1 + Σ exp(s)),
 with a score s for each, linear in its signs, and the 1 for "none of them" (McFadden's conditional
@@ -28,19 +27,21 @@ STIFFNESS = 0.5
 
 @dataclass(frozen=True)
 class Chances:
-    """The chance that each hypothesis of a query is right."""
+    """A model of the chance that each hypothesis of a query is right, linear in its signs."""
 
     weights: tuple[float, ...]
     """(sign,), none below 0."""
     offset: float
 
     def scores(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The score (n,) of each hypothesis of one query, from its signs (n, sign): log-odds
-        against none of them."""
+        """The score (n,) of each hypothesis of one query, from its signs (n, sign).
+
+        A score is the log-odds against none of them being right.
+        """
         return np.asarray(signs @ np.array(self.weights) + self.offset)
 
     def shares(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The chance (n + 1,) of each hypothesis of one query, and that none is right."""
+        """The chance (n + 1,) of each hypothesis of one query, and last, that none is right."""
         scores = np.append(self.scores(signs), 0.0)
         return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 
@@ -60,38 +61,39 @@ def learned(
     weight: NDArray[np.float64],
     start: Chances = USUAL,
 ) -> Chances:
-    """Chances from q queries: the signs (n, sign) of each one's hypotheses, which of these (n,) are
-    right, and its weight (q,).
+    """Learn chances from q queries.
 
-    The likeliest weights, given that they stray little from those of `start`; of no query these.
+    They are given by the signs (n, sign) of each one's hypotheses, which of these (n,) are right,
+    and its weight (q,). The weights are the likeliest, given that they stray little from those of
+    `start`; without any query they are those of `start`.
     """
     from scipy.optimize import minimize  # a robot does not learn
 
     queries = len(signs)
-    most = max(map(len, signs), default=0)
-    if not most:
+    most_hypotheses = max(map(len, signs), default=0)
+    if not most_hypotheses:
         return start
-    scaled = np.zeros((queries, most, len(SIGNS)))
-    there = np.zeros((queries, most), bool)
-    good = np.zeros((queries, most), bool)
+    scaled = np.zeros((queries, most_hypotheses, len(SIGNS)))
+    present = np.zeros((queries, most_hypotheses), bool)
+    good = np.zeros((queries, most_hypotheses), bool)
     for row, (query_signs, query_right) in enumerate(zip(signs, right, strict=True)):
         hypotheses = slice(len(query_signs))
         scaled[row, hypotheses] = query_signs / SCALES
-        there[row, hypotheses] = True
+        present[row, hypotheses] = True
         good[row, hypotheses] = query_right
     first = np.append(np.array(start.weights) * SCALES, start.offset)
     any_good = good.any(axis=1)
 
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Of scaled weights and the offset (sign + 1,), with its gradient."""
-        scores = np.where(there, scaled @ weights[:-1] + weights[-1], -np.inf)
+        """The loss of scaled weights and the offset (sign + 1,), with its gradient."""
+        scores = np.where(present, scaled @ weights[:-1] + weights[-1], -np.inf)
         whole = np.logaddexp.reduce(np.column_stack([np.zeros(queries), scores]), axis=1)
         chances = np.exp(scores - whole[:, None])
         of_good = np.where(good, chances, 0.0)
         total = np.maximum(of_good.sum(axis=1), 1e-300)
         likelihood = np.where(any_good, np.log(total), -whole)
-        wanted = of_good / total[:, None]
-        slope = weight[:, None] * (chances - wanted)
+        target_shares = of_good / total[:, None]
+        slope = weight[:, None] * (chances - target_shares)
         strayed = (weights - first)[:-1] / STIFFNESS**2
         gradient = np.append(np.einsum("qn,qns->s", slope, scaled) + strayed, slope.sum())
         return float(-weight @ likelihood + strayed @ (weights - first)[:-1] / 2), gradient

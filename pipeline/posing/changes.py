@@ -17,21 +17,23 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 
 NEAR_M = 5.0
-"""Scans so near to a submap's anchor can contradict it."""
+"""Scans nearer to a submap's anchor than this can contradict it."""
 AGREEING = 2
-"""Scans that must."""
+"""Least number of scans that must contradict a submap."""
 USUAL = 0.99
 """A submap is changed if it is contradicted more than this share of the pairs of one day, which
 show what is no change."""
 
 
 def contradicted(
-    targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual: float
+    targets: Targets, walls: Walls, scans: Sequence[Points], world_T_scan: Poses, usual_share: float
 ) -> dict[int, int]:
-    """Submaps that scans (n,) contradict by more than is `usual`, each with the scan nearest to
-    it."""
+    """Map each submap that scans (n,) contradict to the scan nearest to it.
+
+    AGREEING scans must contradict it by more than `usual_share`.
+    """
     tree = KDTree(world_T_scan[:, :2, 3])
-    found = {}
+    changed = {}
     walls_m = [walls.of(points_m) for points_m in scans]
     charts = [walls.chart(points_m) for points_m in walls_m]
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
@@ -44,20 +46,23 @@ def contradicted(
             )
             for scan, step in steps.items()
         ]
-        if sum(share > usual for share in shares) >= AGREEING:
-            found[row] = min(near, key=lambda scan: float(np.linalg.norm(steps[scan][:2, 3])))
-    return found
+        if sum(share > usual_share for share in shares) >= AGREEING:
+            changed[row] = min(near, key=lambda scan: float(np.linalg.norm(steps[scan][:2, 3])))
+    return changed
 
 
 def usual_contradiction(targets: Targets, walls: Walls) -> float:
-    """The share that USUAL of the pairs of neighbouring submaps of a map stay below; 1 where there
-    is no such pair."""
+    """The contradiction that USUAL of the pairs of neighbouring submaps of a map stay below.
+
+    It is 1 where there is no such pair.
+    """
     tree = KDTree(targets.world_T_anchor[:, :2, 3])
     shares = []
-    for row, other in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
-        step = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other]
+    for row, other_row in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
+        step = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other_row]
         old, new = (
-            (targets.chart(walls, side), walls.of(targets.points_m(side))) for side in (row, other)
+            (targets.chart(walls, side), walls.of(targets.points_m(side)))
+            for side in (row, other_row)
         )
         shares.append(contradiction(walls, old, new, step))
     return float(np.quantile(shares, USUAL)) if shares else 1.0
@@ -69,16 +74,21 @@ def contradiction(
     new: tuple[Chart, Points],
     old_T_new: NDArray[np.float64],
 ) -> float:
-    """The larger share of walls of an old and a new submap, each a chart and their points
-    (n, 3), that the other saw through."""
+    """The share of walls that one of two submaps has and the other saw through.
+
+    The old and the new submap are each a chart and the points (n, 3) of its walls; it is the larger
+    of the shares of both.
+    """
     gone = _seen_through(walls, new[0], moved(np.asarray(np.linalg.inv(old_T_new)), old[1]))
     return max(gone, _seen_through(walls, old[0], moved(old_T_new, new[1])))
 
 
 def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
-    """Of walls (n, 3) in the chart's frame that it says anything of, the share that it saw
-    through."""
+    """The share of walls (n, 3) in the chart's frame that it saw through.
+
+    Walls where the chart is unknown do not count.
+    """
     cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half
     values = chart[0][tuple(cells[((cells >= 0) & (cells < 2 * walls.half)).all(axis=1)].T)]
-    known = np.count_nonzero(values)
-    return float(np.count_nonzero(values == SEEN_THROUGH) / known) if known else 0.0
+    known_count = np.count_nonzero(values)
+    return float(np.count_nonzero(values == SEEN_THROUGH) / known_count) if known_count else 0.0

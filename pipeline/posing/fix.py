@@ -1,5 +1,4 @@
-"""Fixes: the poses that a query may have, the likeliest first, with the chance of each (METHODS
-9.5)."""
+"""Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
 
 ELSEWHERE_M = 5.0
-"""So far apart two hypotheses contradict one another."""
+"""Hypotheses this far apart contradict one another."""
 SAME_M = 2.0
 SAME_DEG = 5.0
 """Within these two hypotheses are one."""
@@ -32,26 +31,28 @@ class Hypothesis:
     world_T_query: NDArray[np.float64]
     """(4, 4)."""
     alignment: Alignment
-    """With that submap."""
+    """The alignment with that submap."""
     here: Agreement
-    """With that submap."""
+    """The agreement with that submap."""
     beside: Agreement
-    """With another one near the pose, against which it was not registered; where there is none,
-    `here`."""
+    """The agreement with another submap near the pose, against which it was not registered; where
+    there is none, `here`."""
     tilt_deg: float
-    """Between the query's and the submap's upward axes."""
+    """Angle between the query's and the submap's upward axes."""
     slide: Slide
     """Where else along its street the walls fit best."""
 
     @property
     def quality(self) -> float:
-        """By which hypotheses of one query are compared: the mean product of both agreements."""
+        """The mean product of both agreements, by which hypotheses of one query are compared."""
         return (self.here.product + self.beside.product) / 2
 
     @property
     def signs(self) -> NDArray[np.float64]:
-        """(sign,) as chances.SIGNS has them, but for the last, which takes all hypotheses of the
-        query."""
+        """The signs (sign,) in the order of chances.SIGNS.
+
+        The last is left at 0, as it takes all hypotheses of the query.
+        """
         overlap = (self.here.overlap + self.beside.overlap) / 2
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
         surety = -np.log10(max(self.alignment.spread_m, LEAST_SPREAD_M))
@@ -61,71 +62,79 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Fix:
-    """All hypotheses of a query that contradict one another, the likeliest first; none where too
-    few points tell."""
+    """The hypotheses of a query, which contradict one another, the likeliest first.
+
+    There are none where too few points tell.
+    """
 
     hypotheses: tuple[Hypothesis, ...] = ()
     chances: tuple[float, ...] = ()
-    """That each is right; what lacks of 1 is that none is."""
+    """The chance that each is right; what lacks of 1 is the chance that none is."""
 
     @classmethod
-    def of(cls, found: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
-        """Of hypotheses in any order; of those within 2 m and 5° of one another the best stays.
+    def of(cls, hypotheses: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
+        """Build a fix from hypotheses in any order.
 
-        The best has the highest quality.
+        Of those within 2 m and 5° of one another the one of the highest quality stays.
         """
         kept: list[Hypothesis] = []
-        for one in sorted(found, key=lambda one: -one.quality):
+        for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             away_m, turn_deg = apart(
-                _poses(kept), np.broadcast_to(one.world_T_query, (len(kept), 4, 4))
+                _poses(kept), np.broadcast_to(hypothesis.world_T_query, (len(kept), 4, 4))
             )
             if not ((away_m < SAME_M) & (turn_deg < SAME_DEG)).any():
-                kept.append(one)
+                kept.append(hypothesis)
         shares = chances.of(signs(kept))
         order = np.argsort(-shares, kind="stable").tolist()
         return cls(tuple(kept[i] for i in order), tuple(float(shares[i]) for i in order))
 
     @property
     def alignment(self) -> Alignment:
-        """Of the best hypothesis; NOWHERE without one."""
+        """The alignment of the best hypothesis; NOWHERE without one."""
         return self.hypotheses[0].alignment if self.hypotheses else NOWHERE
 
     @property
     def chance(self) -> float:
-        """That the best hypothesis is right; 0 without one."""
+        """The chance that the best hypothesis is right; 0 without one."""
         return self.chances[0] if self.chances else 0.0
 
     @property
     def elsewhere(self) -> list[int]:
-        """The numbers of the hypotheses that stand ELSEWHERE_M or more from each one before them,
-        without the best."""
+        """The numbers of the hypotheses, without the best, that stand apart from all before them.
+
+        They stand ELSEWHERE_M or more from each of these.
+        """
         kept: list[int] = []
-        for number, one in enumerate(self.hypotheses):
-            others_m = np.array([self.hypotheses[i].world_T_query[:2, 3] for i in kept]).reshape(
+        for number, hypothesis in enumerate(self.hypotheses):
+            kept_m = np.array([self.hypotheses[i].world_T_query[:2, 3] for i in kept]).reshape(
                 -1, 2
             )
-            if (np.linalg.norm(others_m - one.world_T_query[:2, 3], axis=1) >= ELSEWHERE_M).all():
+            if (
+                np.linalg.norm(kept_m - hypothesis.world_T_query[:2, 3], axis=1) >= ELSEWHERE_M
+            ).all():
                 kept.append(number)
         return kept[1:]
 
 
 def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
-    """What speaks for each of a query's hypotheses, (n, sign) as chances.SIGNS has it."""
-    found = np.array([one.signs for one in hypotheses]).reshape(len(hypotheses), len(SIGNS))
-    quality = np.array([one.quality for one in hypotheses])
+    """The signs (n, sign) of a query's hypotheses, in the order of chances.SIGNS."""
+    sign_rows = np.array([hypothesis.signs for hypothesis in hypotheses]).reshape(
+        len(hypotheses), len(SIGNS)
+    )
+    quality = np.array([hypothesis.quality for hypothesis in hypotheses])
     if len(quality) > 1:  # one alone is ahead of nothing
-        others = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
-        found[:, -1] = quality - others.max(axis=1)
-    return found
+        other_qualities = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
+        sign_rows[:, -1] = quality - other_qualities.max(axis=1)
+    return sign_rows
 
 
 def poses(fixes: Sequence[Fix]) -> Poses:
-    """(q, 4, 4) of the best hypotheses; NaN without one."""
-    none = np.full((4, 4), np.nan)
+    """The poses (q, 4, 4) of the best hypotheses; NaN without one."""
+    no_pose = np.full((4, 4), np.nan)
     return np.array(
-        [fix.hypotheses[0].world_T_query if fix.hypotheses else none for fix in fixes]
+        [fix.hypotheses[0].world_T_query if fix.hypotheses else no_pose for fix in fixes]
     ).reshape(-1, 4, 4)
 
 
 def _poses(hypotheses: Sequence[Hypothesis]) -> Poses:
-    return np.array([one.world_T_query for one in hypotheses]).reshape(-1, 4, 4)
+    return np.array([hypothesis.world_T_query for hypothesis in hypotheses]).reshape(-1, 4, 4)

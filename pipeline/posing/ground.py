@@ -9,19 +9,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 SECTORS = 72
-"""Directions."""
+"""Directions around the sensor in which the ground is followed."""
 STEP_M = 1.0
 """The lowest point of each such piece of a direction may be ground."""
 SLOPE = 0.15
 """Steepest climb or fall from one piece of ground to the next."""
 ROUGH_M = 0.3
-"""It may be so much higher or lower besides."""
+"""On top of SLOPE, a piece may be this much higher or lower."""
 LEAP_M = 1.0
 """Ground is not followed across a higher step, however far off it is seen again."""
 
 
 def heights_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How high points (n, 3) stand above the ground (n,), which is at z = 0 around the sensor."""
+    """The height (n,) of points (n, 3) above the ground, which is at z = 0 around the sensor."""
     heights: NDArray[np.float64] = _heights(np.asarray(points_m, np.float64))
     return heights
 
@@ -41,8 +41,8 @@ def _heights(points):  # type: ignore[no-untyped-def]
         seen_at = 0
         height = 0.0
         for step in range(steps):
-            most = min(ROUGH_M + SLOPE * STEP_M * (step - seen_at), LEAP_M)
-            if abs(lowest[sector, step] - height) <= most:
+            largest_step = min(ROUGH_M + SLOPE * STEP_M * (step - seen_at), LEAP_M)
+            if abs(lowest[sector, step] - height) <= largest_step:
                 seen_at = step
                 height = lowest[sector, step]
             ground[sector, step] = height

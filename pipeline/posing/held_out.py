@@ -1,5 +1,7 @@
-"""Held-out fixes: what a fix is worth, learned on blocks of the training day that the map is asked
-about without them."""
+"""Held-out fixes: evidence of what a fix is worth, from blocks of the training day.
+
+Each block is localised on the map without it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -44,7 +46,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class TrainingDay:
-    """All that a day left that was learned: a row a submap in each."""
+    """The artifacts and the model of the training day, a row a submap in each."""
 
     map_path: Path
     drive: Drive
@@ -52,14 +54,14 @@ class TrainingDay:
     places: NDArray[np.int64]
     """(submap,)."""
     view: Callable[[Points], NDArray[Any]]
-    """What drew the views."""
+    """Draws a view."""
     localizer: Localizer
-    """What ranks one."""
+    """Ranks places for views."""
     k: int
-    """So many answers to each."""
+    """Answers to each view."""
 
     def answers(self, images: NDArray[Any], rows: NDArray[np.int64]) -> list[Answers]:
-        """The ranking's answers to images of some of the rows."""
+        """The ranking's answers to images, drawn anew, of some of the rows."""
         ranking = self.localizer(
             Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k
         )
@@ -68,7 +70,7 @@ class TrainingDay:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Which submaps of the training day are asked, as if they were queries of another day."""
+    """Which submaps of the training day are held out, as if they were queries of another day."""
 
     every_m: Positive
     """Path from one block to the next."""
@@ -98,10 +100,10 @@ class HeldOut:
     def evidence(
         self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress
     ) -> Evidence:
-        """Fixes of held-out submaps: as driven and aged, with the others' map, and without its
-        surroundings.
+        """Fix all held-out submaps: as driven, aged, and without their surroundings in the map.
 
-        An aged one is drawn and ranked anew. Raises InputError for a map of another day.
+        The map is that of the other blocks. An aged submap is drawn and ranked anew. Raises
+        InputError for a map of another day.
         """
         mapped = Targets.read(day.map_path).world_T_anchor
         anchors = day.views.world_T_anchor
@@ -112,10 +114,10 @@ class HeldOut:
         for later_m in np.arange(0.0, self.every_m - self.length_m / 2, self.length_m).tolist():
             if sum(part.blocks for part in parts) < self.enough:
                 held = blocks(anchors, day.places, self.every_m, self.length_m, later_m)
-                parts.append(self._turn(fixer, day, held, compute, progress))
+                parts.append(self._evidence_of(fixer, day, held, compute, progress))
         return Evidence.joined(parts)
 
-    def _turn(
+    def _evidence_of(
         self,
         fixer: Fixer,
         day: TrainingDay,
@@ -123,14 +125,14 @@ class HeldOut:
         compute: Compute,
         progress: Progress,
     ) -> Evidence:
-        """Of the submaps held out (submap,) at a time."""
+        """Fix the submaps that are held out (submap,) at a time."""
         rows = np.flatnonzero(held)
         anchors = day.views.world_T_anchor
         drive = day.drive
         map_path = day.map_path
         view = day.view  # a process gets these, not the model
         parts = [rows[first : first + PART] for first in range(0, len(rows), PART)]
-        drawn = list(
+        aged_views = list(
             compute.each(
                 lambda part: [view(self._aged(drive.points_m(row), row)) for row in part.tolist()],
                 parts,
@@ -138,41 +140,41 @@ class HeldOut:
         )
         driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
         aged = (
-            day.answers(np.stack([image for part in drawn for image in part]), rows)
+            day.answers(np.stack([image for part in aged_views for image in part]), rows)
             if len(rows)
             else []
         )
         answers = dict(zip(rows.tolist(), zip(driven, aged, strict=True), strict=True))
-        asked = [(part, {row: answers[row] for row in part.tolist()}) for part in parts]
+        tasks = [(part, {row: answers[row] for row in part.tolist()}) for part in parts]
 
         def fixes(part: tuple[NDArray[np.int64], dict[int, tuple[Answers, Answers]]]) -> list[Fix]:
             targets = Targets.read(map_path)
-            found: list[Fix] = []
+            fixes_of_part: list[Fix] = []
             for row in part[0].tolist():
                 as_driven, as_aged = part[1][row]
                 points_m = drive.points_m(row)
-                found.append(fixer.fix(points_m, targets, as_driven, held))
-                found.append(fixer.fix(self._aged(points_m, row), targets, as_aged, held))
-                found.append(
+                fixes_of_part.append(fixer.fix(points_m, targets, as_driven, held))
+                fixes_of_part.append(fixer.fix(self._aged(points_m, row), targets, as_aged, held))
+                fixes_of_part.append(
                     fixer.fix(points_m, targets, as_driven, held | self._around(anchors, row))
                 )
-            return found
+            return fixes_of_part
 
-        done = progress.track(compute.each(fixes, asked), len(asked), "held-out blocks")
-        found = [fix for part in done for fix in part]
+        finished_parts = progress.track(compute.each(fixes, tasks), len(tasks), "held-out blocks")
+        all_fixes = [fix for part in finished_parts for fix in part]
         block = numbered(anchors, held, self.every_m, self.length_m)
         return Evidence(
-            found,
+            all_fixes,
             anchors[rows].repeat(3, axis=0),
             np.tile([False, False, True], len(rows)),
             block.repeat(3),
         )
 
     def _aged(self, points_m: Points, row: int) -> Points:
-        """The points (n, 3) of a row on a later day, always the same one."""
+        """The points (n, 3) of a row as a later day would see them, always the same ones."""
         return self.ageing.aged(points_m, np.random.default_rng((self.seed, row)))
 
     def _around(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
-        """The submaps (submap,) that a row is asked without, as if nobody had been there."""
+        """The submaps (submap,) around a row, without which it is asked as a place never seen."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
         return np.asarray(away_m < self.around_m[row % len(self.around_m)])

@@ -1,5 +1,7 @@
-"""Queries: the points of a test sequence's submaps, and the candidate places that one or several
-rankings name for each."""
+"""Queries: the points of a test sequence's submaps, and the candidate places of each.
+
+One or several rankings name the candidates.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,11 +34,10 @@ class Queries:
     """Those that the altered cases of the rankings come from."""
 
     def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[Fix]:
-        """A fix of each query in each case of the rankings, case by case, from the first `k` places
-        of each ranking.
+        """Fix each query in each case of the rankings, case by case.
 
-        Raises InputError where a ranking is not of these submaps in these cases, or no alteration
-        has such a case.
+        The candidates are the first `k` places of each ranking. Raises InputError where a ranking
+        is not of these submaps in these cases, or no alteration has such a case.
         """
         targets = Targets.read(map_path)
         scans = self._read(self.scans, schemas.SCANS)
@@ -46,23 +47,25 @@ class Queries:
         every_xy_m, every_heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
         xy_m = every_xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
         heading_deg = every_heading_deg.reshape(len(cases), len(stamps_ns), -1)
-        found: list[list[Fix]] = [[] for _ in cases]
+        fixes_by_case: list[list[Fix]] = [[] for _ in cases]
         for row, points_m in enumerate(submap_points(scans, submaps, slice(0, len(stamps_ns)))):
             for case, fixes, *answers in zip(
-                cases, found, xy_m[:, row], heading_deg[:, row], strict=True
+                cases, fixes_by_case, xy_m[:, row], heading_deg[:, row], strict=True
             ):
                 fixes.append(
                     fixer.fix(
                         self._altered(points_m, case, stamps_ns[row]), targets, Answers(*answers)
                     )
                 )
-        return [fix for fixes in found for fix in fixes]
+        return [fix for fixes in fixes_by_case for fix in fixes]
 
     def _altered(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
-        """Points (n, 3) as the query of a case sees them."""
+        """The points (n, 3) of a query, altered as its case says."""
         if case == Case():
             return points_m
-        alteration = next((one for one in self.alterations if case in one.cases), None)
+        alteration = next(
+            (candidate for candidate in self.alterations if case in candidate.cases), None
+        )
         if alteration is None:
             raise InputError(
                 f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
@@ -70,8 +73,10 @@ class Queries:
         return np.asarray(alteration.alter(case, points_m, generator(alteration, stamp_ns))[0])
 
     def _candidates(self, count: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (query, candidate, 2) and headings (query, candidate): the first place of each
-        ranking, then the second of each, and so on."""
+        """Positions (query, candidate, 2) and headings (query, candidate) of the candidates.
+
+        The first place of each ranking comes first, then the second of each, and so on.
+        """
         positions_m = []
         headings_deg = []
         for folder in self.rankings:

@@ -1,5 +1,4 @@
-"""Registration: where a cloud stands in the frame of another, from a first guess (generalised ICP;
-METHODS 9.3)."""
+"""Registration: aligns a cloud with another from a first guess (generalised ICP; METHODS 9.3)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,8 +43,7 @@ NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud thinned to one point a voxel, each with the covariance of its neighbours, and a tree
-    to find them by."""
+    """A cloud thinned to one point a voxel, with the covariances of their neighbours and a tree."""
 
     points: small_gicp.PointCloud
     tree: small_gicp.KdTree
@@ -57,36 +55,44 @@ class Cloud:
 
     @cached_property
     def sample_m(self) -> Points:
-        """Half of them (n / 2, 3), drawn at random but always the same: shares need no more."""
-        drawn = np.random.default_rng(0).permutation(len(self.xyz_m))[: (len(self.xyz_m) + 1) // 2]
-        return self.xyz_m[np.sort(drawn)]
+        """Half of the thinned points (n / 2, 3), drawn at random but always the same.
+
+        Shares need no more.
+        """
+        count = len(self.xyz_m)
+        sample_rows = np.random.default_rng(0).permutation(count)[: (count + 1) // 2]
+        return self.xyz_m[np.sort(sample_rows)]
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """Of the surface at each of them (n, 3)."""
+        """The surface normals (n, 3) at the thinned points."""
         return np.asarray(self.points.normals())[:, :3]
 
     def nearest(self, points_m: Points) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Of each of points (n, 3) in this cloud's frame, the nearest one here (n,), and the
-        distance to it (n,) in metres."""
-        found, squared = self.tree.batch_nearest_neighbor_search(points_m)
-        return np.asarray(found, np.int64), np.sqrt(np.asarray(squared, np.float64))
+        """Find the thinned point nearest to each of points (n, 3): its row (n,) and distance (n,).
+
+        The points are in this cloud's frame, distances in metres.
+        """
+        rows, squares_m2 = self.tree.batch_nearest_neighbor_search(points_m)
+        return np.asarray(rows, np.int64), np.sqrt(np.asarray(squares_m2, np.float64))
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp), each stage with a
-    shorter reach."""
+    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp).
+
+    Each stage has a shorter reach.
+    """
 
     voxel_m: Positive = 0.5
     neighbours: int = 10
-    """Points that a covariance is of."""
+    """Points that each covariance is estimated from."""
     reaches_m: tuple[float, ...] = (4.0, 1.0)
     """Largest distance of a pair of points, one stage after the other."""
     iterations: Count = 20
     inlier_m: Positive = 0.5
     least_voxels: int = 100
-    """Clouds of fewer have too little to hold on to."""
+    """Clouds of fewer voxels have too little to hold on to."""
 
     def __post_init__(self) -> None:
         check(self, "registration")
@@ -105,11 +111,10 @@ class Registration:
     def align(
         self, target_points_m: Points, source_points_m: Points, target_T_source: NDArray[np.float64]
     ) -> Alignment:
-        """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4); all
-        lengths in metres.
+        """Align source points (m, 3) with target points (n, 3) from a first guess (4, 4).
 
-        Raises InputError for points or a guess that are not finite or not of that shape, and for a
-        cloud of too few voxels.
+        All lengths are in metres. Raises InputError for points or a guess that are not finite or
+        not of that shape, and for a cloud of too few voxels.
         """
         guess = np.asarray(target_T_source, np.float64)
         if guess.shape != (4, 4) or not np.isfinite(guess).all():
@@ -117,14 +122,14 @@ class Registration:
         return self.refine(self.prepare(target_points_m), self.prepare(source_points_m), guess)
 
     def prepare(self, points_m: Points) -> Cloud:
-        """The cloud of points (n, 3) in metres; raises InputError where it cannot be registered."""
+        """Thin points (n, 3) in metres to a cloud; raises InputError if it cannot be registered."""
         points_m = np.asarray(points_m, np.float64)
         if points_m.ndim != 2 or points_m.shape[1] != 3 or not np.isfinite(points_m).all():
             raise InputError(f"points of shape {points_m.shape}: expected finite ones (n, 3)")
         cloud = Cloud(*small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours))
         if cloud.points.size() < self.least_voxels:
-            found = f"{len(points_m)} points in {cloud.points.size()} voxels of {self.voxel_m} m"
-            raise InputError(f"{found}: registration needs {self.least_voxels} voxels")
+            content = f"{len(points_m)} points in {cloud.points.size()} voxels of {self.voxel_m} m"
+            raise InputError(f"{content}: registration needs {self.least_voxels} voxels")
         return cloud
 
     def refine(
@@ -132,7 +137,7 @@ class Registration:
     ) -> Alignment:
         """Align two prepared clouds from a first guess (4, 4)."""
         for reach_m in self.reaches_m:
-            found = small_gicp.align(
+            result = small_gicp.align(
                 target.points,
                 source.points,
                 target.tree,
@@ -140,7 +145,7 @@ class Registration:
                 max_correspondence_distance=reach_m,
                 max_iterations=self.iterations,
             )
-            target_T_source = found.T_target_source
+            target_T_source = result.T_target_source
         moved_m = moved(target_T_source, source.xyz_m)
         nearest, distances_m = target.nearest(moved_m)
         paired = distances_m < self.inlier_m
@@ -153,13 +158,15 @@ class Registration:
 
 
 def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:
-    """Points (n, 3) of frame b in frame a."""
+    """Transform points (n, 3) of frame b into frame a."""
     return np.asarray(points_m @ a_T_b[:3, :3].T + a_T_b[:3, 3])
 
 
 def _least_along(normals: NDArray[np.float64]) -> float:
-    """The mean square of normals (n, 3) along the direction that the fewest look along; 0 of too
-    few to say."""
+    """The mean square of normals (n, 3) along the direction that the fewest look along.
+
+    It is 0 where there are too few to say.
+    """
     return (
         float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0])
         if len(normals) > 6
@@ -170,8 +177,10 @@ def _least_along(normals: NDArray[np.float64]) -> float:
 def _covariance(
     points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Of points (n, 3) that lie `off_m` (n,) off planes with these normals (n, 3): the inverse
-    Hessian of point to plane."""
+    """The covariance (6, 6) of an alignment: the inverse Hessian of point to plane.
+
+    Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3).
+    """
     slopes = np.column_stack([np.cross(points_m, normals), normals])
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
     return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))

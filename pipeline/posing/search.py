@@ -1,5 +1,7 @@
-"""The search for a query's pose: the ranking's own first, then walls of more and more places
-(METHODS 9.4)."""
+"""The search for a query's pose (METHODS 9.4).
+
+It tries the ranking's own pose first, then walls of more and more places.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -40,14 +42,14 @@ class Answers(NamedTuple):
 
     @classmethod
     def of(cls, ranking: Ranking, row: int = 0) -> Self:
-        """Those of one query of a ranking."""
+        """The answers to one query of a ranking."""
         return cls(
             ranking.xy_m[row].astype(np.float64), ranking.heading_deg[row].astype(np.float64)
         )
 
     @classmethod
     def at(cls, xy_m: NDArray[np.float64]) -> Self:
-        """Positions (k, 2) without headings."""
+        """Answers at positions (k, 2), without headings."""
         return cls(xy_m, np.full(len(xy_m), np.nan))
 
 
@@ -56,44 +58,44 @@ NO_ANSWERS = Answers(np.empty((0, 2)), np.empty(0))
 
 @dataclass(frozen=True)
 class Query:
-    """A query's points (n, 3), ready to be laid on training submaps."""
+    """A query's points (n, 3), prepared for comparison with training submaps."""
 
     points_m: Points
     rough: Cloud
     fine: Cloud
     walls: Walls
     single: bool
-    """Of one scan, whose sensor saw through what lies before its walls."""
+    """Whether it is one scan, whose sensor saw through what lies before its walls."""
 
     @cached_property
     def walls_m(self) -> Points:
-        """The points (n, 3) of its walls."""
+        """The points (n, 3) of the query's walls."""
         return self.walls.of(self.points_m)
 
     @cached_property
     def chart(self) -> Chart:
-        """Its walls from above."""
+        """The chart of the query's walls from above."""
         return self.walls.chart(self.walls_m, self.single)
 
     @cached_property
     def seen(self) -> Seen:
-        """What its sensor met."""
+        """What the query's sensor met and saw through."""
         return Seen.of(self.walls, self.fine, self.chart)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
-        """Of its walls' cells (n, 2), in cells (Walls.middles)."""
+        """The middles (n, 2) of the wall cells, in cells (Walls.middles)."""
         return self.walls.middles(self.walls_m)
 
     @cached_property
     def turned(self) -> NDArray[np.int64]:
-        """The cells of its walls at each heading (Walls.turned)."""
+        """The cells of the walls at each heading (Walls.turned)."""
         return self.walls.turned(self.walls_m)
 
 
 @dataclass(frozen=True)
 class Fixer:
-    """How the answers of a ranking become a fix (conf/poses.yaml)."""
+    """Turns the answers of a ranking into a fix (conf/poses.yaml)."""
 
     coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
     """What the whole map is searched by, once the ranking has no more candidates."""
@@ -105,9 +107,9 @@ class Fixer:
     rounds: Sequence[int] = (5, 20)
     """Candidates that are looked at in each round."""
     tries: Count = 5
-    """Rough registrations in each, of the best matches of walls."""
+    """Rough registrations in each round, of the best matches of walls."""
     refined: Count = 2
-    """Fine ones, of the best of these."""
+    """Fine registrations in each round, of the best rough ones."""
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
     least_lead: NotNegative = 0.1
@@ -131,11 +133,11 @@ class Fixer:
         answers: Answers = NO_ANSWERS,
         left_out: NDArray[np.bool_] | None = None,
     ) -> Fix:
-        """The fix of a query's points (n, 3), z up from the ground, from the answers of a ranking,
-        then from the whole map.
+        """Fix a query's points (n, 3), z up from the ground.
 
-        Training submaps `left_out` (row,) are as if they were not there. A fix has no hypothesis
-        where the points are too few or not finite.
+        The answers of a ranking are tried first, then the whole map. Training submaps `left_out`
+        (row,) are as if they were not there. A fix has no hypothesis where the points are too few
+        or not finite.
         """
         query = self._prepared(points_m, targets)
         if query is None:
@@ -147,9 +149,11 @@ class Fixer:
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
     ) -> Fix:
-        """The fix of a query's points (n, 3) whose pose is known to a metre and some degrees:
-        registered against the nearest `rows` submaps from there alone, one after the other until
-        one is sure."""
+        """Fix a query's points (n, 3) whose pose is known to a metre and some degrees.
+
+        They are registered against the nearest `rows` submaps from there alone, one after the other
+        until one is sure.
+        """
         query = self._prepared(points_m, targets)
         if query is None:
             return Fix()
@@ -157,7 +161,7 @@ class Fixer:
         return self._first_sure(search.around(world_T_guess, rows), lambda hypothesis: [])
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
-        """Nothing of too few points."""
+        """Prepare the query's clouds; None where there are too few points."""
         points_m = around(points_m, targets.range_m)
         try:
             fine = self.fine.prepare(points_m)
@@ -168,25 +172,25 @@ class Fixer:
 
     def _first_sure(
         self,
-        tried: Iterator[Hypothesis],
+        candidates: Iterator[Hypothesis],
         copies: Callable[[Hypothesis], list[Hypothesis]],
     ) -> Fix:
-        """The fix of as many hypotheses as it takes to be sure of one.
+        """Build the fix from as many candidates as it takes to be sure of one.
 
         The slid copies of the likeliest are tried too, unless it leads them or is hardly likely.
         """
-        found: list[Hypothesis] = []
+        hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
         fix = Fix()
-        for hypothesis in tried:
-            found.append(hypothesis)
-            fix = Fix.of(found, self.chances)
+        for hypothesis in candidates:
+            hypotheses.append(hypothesis)
+            fix = Fix.of(hypotheses, self.chances)
             best = fix.hypotheses[0]
-            leads = best.slide.lead >= self.least_lead or any(best is one for one in compared)
+            leads = best.slide.lead >= self.least_lead or any(best is leader for leader in compared)
             if fix.chance >= LIKELY and not leads:
                 compared.append(best)
-                found += copies(best)
-                fix = Fix.of(found, self.chances)
+                hypotheses += copies(best)
+                fix = Fix.of(hypotheses, self.chances)
             if fix.chance >= self.sure:
                 break
         return fix
@@ -194,7 +198,7 @@ class Fixer:
 
 @dataclass(frozen=True)
 class _Search:
-    """The hypotheses of one query, each computed when it is asked for."""
+    """Computes the hypotheses of one query, each when it is asked for."""
 
     fixer: Fixer
     query: Query
@@ -202,7 +206,7 @@ class _Search:
     left_out: NDArray[np.bool_]
 
     def everywhere(self, answers: Answers) -> Iterator[Hypothesis]:
-        """The ranking's own pose; then the candidates of each round, by their walls."""
+        """Hypotheses all over the map: the ranking's own pose, then candidates by their walls."""
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.apart(chain(nearest, alike))
@@ -210,7 +214,7 @@ class _Search:
         return chain(self._straight(answers), chain.from_iterable(rounds))
 
     def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
-        """From one pose alone, against the nearest submaps."""
+        """Hypotheses from one guessed pose, against the nearest submaps."""
         away_m = np.linalg.norm(
             self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1
         )
@@ -219,13 +223,16 @@ class _Search:
             yield from self._registered(row, guess)
 
     def copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """What its slid copies come to."""
+        """The hypotheses that the slid copies of a hypothesis lead to."""
         slid = hypothesis.slide.copies
-        found = (self._registered(copy.row, copy.target_T_query) for copy in slid)
-        return list(chain.from_iterable(found))
+        registered = (self._registered(copy.row, copy.target_T_query) for copy in slid)
+        return list(chain.from_iterable(registered))
 
     def _straight(self, answers: Answers) -> Iterator[Hypothesis]:
-        """From the position and heading of the ranking's first answer, where it has both."""
+        """Hypotheses from the position and heading of the ranking's first answer.
+
+        There are none where it lacks one of them.
+        """
         if (
             not len(answers.xy_m)
             or not np.isfinite([*answers.xy_m[0], answers.heading_deg[0]]).all()
@@ -243,37 +250,36 @@ class _Search:
             )
 
     def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
-        """Of candidate rows: the best match of walls first, then the best rough overlaps."""
+        """Hypotheses from candidate rows: the best match of walls, then the best rough overlaps."""
         fixer = self.fixer
         targets = self.targets
         query = self.query
         matches = [
             (row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows
         ]
-        likely = sorted(matches, key=lambda one: -one[1].score)[: fixer.tries]
+        likely = sorted(matches, key=lambda pair: -pair[1].score)[: fixer.tries]
         for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
             guesses = [
                 (row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query))
                 for row, match in few
             ]
-            for row, guess in sorted(guesses, key=lambda one: -one[1].overlap)[:refined]:
+            for row, guess in sorted(guesses, key=lambda pair: -pair[1].overlap)[:refined]:
                 yield from self._refined(row, guess)
 
     def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
-        """From a guess against one submap, roughly and then finely; nothing where it does not
-        hold."""
+        """Register from a guess against one submap, roughly, then finely; nothing if it fails."""
         yield from self._refined(
             row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query)
         )
 
     def _refined(self, row: int, rough: Alignment) -> Iterator[Hypothesis]:
-        """From a rough alignment with one submap; nothing where the fine one does not hold."""
+        """Refine a rough alignment with one submap; nothing if a direction stays open."""
         fine = self.targets.aligned(self.fixer.fine, row, self.query.fine, rough.target_T_source)
         if fine.spread_m <= self.fixer.widest_m:
             yield self._hypothesis(row, fine)
 
     def _hypothesis(self, row: int, alignment: Alignment) -> Hypothesis:
-        """What a fine registration against a row comes to."""
+        """The hypothesis of a fine registration against a row, checked against the map."""
         fixer = self.fixer
         targets = self.targets
         world_T_query = targets.world_T_anchor[row] @ alignment.target_T_source
@@ -296,7 +302,7 @@ class _Search:
         """The submap nearest to a pose that is not where `row` is; `row` where there is none."""
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)
-        other = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= BESIDE_M[0]
-        away_m[self.left_out | ~other] = np.inf
+        is_elsewhere = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= BESIDE_M[0]
+        away_m[self.left_out | ~is_elsewhere] = np.inf
         nearest = int(away_m.argmin())
         return nearest if away_m[nearest] < BESIDE_M[1] else row

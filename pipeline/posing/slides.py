@@ -1,5 +1,4 @@
-"""Slides: where else along its street, or turned on its place, a pose would look right (METHODS
-9.4).
+"""Slides: other poses, along the street or turned on the spot, that look right too (METHODS 9.4).
 
 Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on
 as well as where it is; and a crossing of equal corners looks alike in four directions. So its walls
@@ -18,21 +17,19 @@ from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 
 FAR_M = 40.0
-"""Slid copies are looked for so far around a pose."""
+"""Slid copies are looked for this far around a pose."""
 SLID_M = 3.0
 """A fit nearer than this to the pose is the pose's own."""
 TURNS_DEG = (86.0, 90.0, 94.0, 176.0, 180.0, 184.0, 266.0, 270.0, 274.0)
-"""Headings besides, from that of the pose."""
+"""Further headings to try, relative to that of the pose."""
 WIDEST_LEAD = 0.3
 """Leads are cut at this, either way: a street without another wall says no more."""
-
-
 COPIES = 3
-"""So many slid copies at most."""
+"""Slid copies at most."""
 
 
 class Copy(NamedTuple):
-    """Where the walls of a query fit well."""
+    """A pose elsewhere at which the walls of a query fit well."""
 
     score: float
     row: int
@@ -43,7 +40,7 @@ class Copy(NamedTuple):
 
 @dataclass(frozen=True)
 class Slide:
-    """The best fits of walls elsewhere."""
+    """The best fits of a query's walls elsewhere, and how far the pose leads them."""
 
     lead: float
     """The score of the walls at the pose, less that of the best copy; 0 where no submap near enough
@@ -59,32 +56,34 @@ def slide(
     world_T_query: NDArray[np.float64],
     left_out: NDArray[np.bool_],
 ) -> Slide:
-    """The slide of a query, of whose walls these are the `middles` (Walls.middles), at a pose (4,
-    4)."""
+    """Find the slide of a query at a pose (4, 4).
+
+    Its walls are given by their `middles` (Walls.middles).
+    """
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
-    around = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
+    near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
     offsets_m = (np.arange(2 * walls.reach + 1) - walls.reach) * walls.cell_m
-    own = -np.inf
+    own_score = -np.inf
     fits: list[tuple[float, int, float, float, float]] = []
-    for row in around[_spaced(anchors_m[around])].tolist():
+    for row in near_rows[_spaced(anchors_m[near_rows])].tolist():
         target_T_query = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_query
         heading = np.arctan2(target_T_query[1, 0], target_T_query[0, 0])
         off_m = np.hypot(
             offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3]
         )
-        for turn_deg in (0.0, *(TURNS_DEG if row == around[0] else ())):
+        for turn_deg in (0.0, *(TURNS_DEG if row == near_rows[0] else ())):
             turned = heading + np.deg2rad(turn_deg)
             scores = walls.scores(targets.chart(walls, row), middles, turned)
             if not turn_deg:
-                own = max(own, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
+                own_score = max(own_score, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
                 scores = np.where(off_m >= SLID_M, scores, -np.inf)
             x, y = np.unravel_index(scores.argmax(), scores.shape)
             fits.append((float(scores[x, y]), row, offsets_m[x], offsets_m[y], turned))
     fits = sorted((fit for fit in fits if np.isfinite(fit[0])), key=lambda fit: -fit[0])
-    if not fits or not np.isfinite(own):
+    if not fits or not np.isfinite(own_score):
         return Slide(0.0, ())
-    lead = float(np.clip(own - fits[0][0], -WIDEST_LEAD, WIDEST_LEAD))
+    lead = float(np.clip(own_score - fits[0][0], -WIDEST_LEAD, WIDEST_LEAD))
     places_m = np.array(
         [(targets.world_T_anchor[row] @ (x_m, y_m, 0.0, 1.0))[:2] for _, row, x_m, y_m, _ in fits]
     )
@@ -97,8 +96,7 @@ def _copy(score: float, row: int, x_m: float, y_m: float, heading: float) -> Cop
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:
-    """Of positions (n, 2) those, in their order, that lie APART_M or more from each one kept
-    before."""
+    """The rows of positions (n, 2) that lie APART_M or more from each one kept before, in order."""
     near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
     kept: list[int] = []
     free = np.ones(len(xy_m), bool)

@@ -1,5 +1,4 @@
-"""Targets: the training submaps that queries are registered against, each thinned to one point a
-voxel (METHODS 9.1)."""
+"""Targets: the thinned training submaps that queries are registered against (METHODS 9.1)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -34,11 +33,10 @@ def write_map(
     range_m: float,
     gathered_m: float,
 ) -> tuple[int, int]:
-    """Thin the submaps of a training sequence into a map artifact; returns how many submaps and
-    points it has.
+    """Thin the submaps of a training sequence to one point a voxel, and write them as a map.
 
-    Points farther from the anchor than `range_m` are left out, of submaps of several scans than
-    `gathered_m`.
+    Returns how many submaps and points it has. Points farther from the anchor than `range_m` are
+    left out, of submaps of several scans than `gathered_m`.
     """
     world_T_anchor = submaps.load("world_T_anchor")
     offsets = [0]
@@ -56,7 +54,7 @@ def write_map(
 
 
 def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
-    """Of points (n, 3) within `range_m` one a voxel, in units of GRAIN_M."""
+    """Thin points (n, 3) within `range_m` to one a voxel, in units of GRAIN_M."""
     points = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[
         :, :3
     ]
@@ -64,8 +62,10 @@ def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int6
 
 
 def around(points_m: Points, range_m: float) -> Points:
-    """Points (n, 3) without those farther from the anchor, seen from above; what is not finite
-    stays, to be refused."""
+    """The points (n, 3) within `range_m` of the anchor, seen from above.
+
+    Those not finite stay, to be refused.
+    """
     return points_m[~(np.hypot(points_m[:, 0], points_m[:, 1]) >= range_m)]
 
 
@@ -75,7 +75,7 @@ class Targets:
     def __init__(
         self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
     ) -> None:
-        """Of the columns and attributes of a map artifact (schemas.MAPS)."""
+        """Build them from the columns and attributes of a map artifact (schemas.MAPS)."""
         self._points = arrays["points"]
         self._offsets = arrays["offsets"]
         self._grain_m = grain_m
@@ -88,7 +88,7 @@ class Targets:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Those of a map artifact; raises ArtifactError where there is none."""
+        """Read those of a map artifact; raises ArtifactError where there is none."""
         artifact = store.read(path, schemas.MAPS)
         attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
         return cls({name: artifact.load(name) for name in schemas.MAPS.columns}, **attrs)
@@ -96,15 +96,17 @@ class Targets:
     def aligned(
         self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]
     ) -> Alignment:
-        """A prepared query registered against a row from a first guess (4, 4); NOWHERE where the
-        row has too few points."""
+        """Register a prepared query against a row from a first guess (4, 4).
+
+        Returns NOWHERE where the row has too few points.
+        """
         try:
             return registration.refine(self.cloud(registration, row), query, guess)
         except InputError:
             return NOWHERE
 
     def _chart(self, walls: Walls, row: int) -> Chart:
-        """A row's walls from above."""
+        """The chart of a row's walls from above."""
         return walls.chart(walls.of(self.points_m(row)), self.single)
 
     def _cloud(self, registration: Registration, row: int) -> Cloud:
@@ -118,22 +120,26 @@ class Targets:
         return np.asarray(self._points[self._offsets[row] : self._offsets[row + 1]] * self._grain_m)
 
     def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """The rows whose anchors are nearest to positions (n, 2), in their order, but for those
-        left out (row,)."""
+        """The row with the nearest anchor to each of positions (n, 2), in their order.
+
+        Rows left out (row,) are not considered, nor positions that are not finite.
+        """
         anchors_m = np.where(left_out[:, None], np.inf, self.world_T_anchor[:, :2, 3])
         if not left_out.all():
-            known = xy_m[np.isfinite(xy_m).all(axis=1)]
-            yield from np.linalg.norm(anchors_m - known[:, None], axis=2).argmin(axis=1).tolist()
+            finite_xy_m = xy_m[np.isfinite(xy_m).all(axis=1)]
+            yield from (
+                np.linalg.norm(anchors_m - finite_xy_m[:, None], axis=2).argmin(axis=1).tolist()
+            )
 
     def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """All rows but those left out (row,), those first whose walls fit a query's (n, 3) best."""
+        """All rows but those left out (row,), best fit of walls with a query's (n, 3) first."""
         turned = walls.turned(walls_m)
         rows = self.apart(np.flatnonzero(~left_out))
         matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
         yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))
 
     def apart(self, rows: Iterable[int]) -> Iterator[int]:
-        """The rows without those whose anchors lie near an earlier one's."""
+        """The rows whose anchors do not lie near an earlier row's."""
         anchors_m = self.world_T_anchor[:, :2, 3]
         kept = np.full((len(self.world_T_anchor), 2), np.inf)
         for row in rows:

@@ -1,5 +1,7 @@
-"""Verdicts: the chance that a fix is right, and where a promise is kept; from held-out blocks
-(METHODS 9.5)."""
+"""Verdicts: the chance that a fix is right, and the doubt from which to reject it (METHODS 9.5).
+
+Both are learned from held-out blocks.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +21,7 @@ PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
 RIGHT_M = 2.0
 RIGHT_DEG = 5.0
-"""A fix is right within these: the field's measure."""
+"""A fix is right within RIGHT_M and RIGHT_DEG: the field's measure."""
 NEAR_M = 15.0
 """A place is right within this: the distance protocol's measure."""
 SEVERAL = 3
@@ -36,12 +38,12 @@ TIMES = 5.0
 
 @dataclass(frozen=True)
 class Judge:
-    """What a site believes of a fix."""
+    """Gives the chance of each belief in a fix."""
 
     pose: Chances
-    """That a hypothesis is right within RIGHT_M and RIGHT_DEG."""
+    """Gives the chance that a hypothesis is right within RIGHT_M and RIGHT_DEG."""
     place: Chances
-    """That it is within NEAR_M."""
+    """Gives the chance that it is within NEAR_M."""
 
     def doubts(self, fix: Fix) -> NDArray[np.float64]:
         """One minus the chance (belief,) of each of BELIEFS; 1 without a hypothesis."""
@@ -58,26 +60,25 @@ class Judge:
         ).clip(0, 1)
 
     def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
-        """(q, belief) of q fixes."""
+        """The doubts (q, belief) of q fixes."""
         return np.array([self.doubts(fix) for fix in fixes]).reshape(len(fixes), len(BELIEFS))
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Fixes of held-out queries, each asked several times: as driven, aged, and without its
-    surroundings."""
+    """Fixes of held-out queries, each asked as driven, aged, and without its surroundings."""
 
     fixes: Sequence[Fix]
     world_T_true: Poses
     """(fix, 4, 4)."""
     unseen: NDArray[np.bool_]
-    """(fix,) asked without its surroundings."""
+    """(fix,) whether it was asked without its surroundings."""
     block: NDArray[np.int64]
     """(fix,) the stretch of path that it is of: neighbours are no independent evidence."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Of several sets of blocks, none of which is of another."""
+        """Join the evidence of several sets of blocks that have none in common."""
         numbers = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
         block = [part.block + first for part, first in zip(parts, numbers, strict=False)]
         true, unseen = (
@@ -90,33 +91,35 @@ class Evidence:
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """How many blocks there are."""
         return len(np.unique(self.block))
 
     def weight(self, unseen_share: float) -> NDArray[np.float64]:
-        """(fix,) for how many of `blocks` independent queries each counts, if such a share of all
-        is unseen."""
+        """For how many of `blocks` independent queries each fix (fix,) counts.
+
+        `unseen_share` of all count as unseen.
+        """
         share = np.where(self.unseen, unseen_share, 1 - unseen_share)
         alike = np.where(self.unseen, max(self.unseen.sum(), 1), max((~self.unseen).sum(), 1))
         return np.asarray(self.blocks * share / alike)
 
     def ordered(self, chances: Chances) -> "Evidence":
-        """The same with the hypotheses of each fix in the order of other chances."""
+        """The same evidence, each fix with its hypotheses in the order of other chances."""
         return replace(self, fixes=[Fix.of(fix.hypotheses, chances) for fix in self.fixes])
 
     def true(self) -> NDArray[np.bool_]:
-        """(fix, belief) which of BELIEFS are true."""
-        found = np.zeros((len(self.fixes), len(BELIEFS)), bool)
-        for row, fix, world_T_true in zip(found, self.fixes, self.world_T_true, strict=True):
+        """Which of BELIEFS are true (fix, belief)."""
+        truths = np.zeros((len(self.fixes), len(BELIEFS)), bool)
+        for row, fix, world_T_true in zip(truths, self.fixes, self.world_T_true, strict=True):
             if fix.hypotheses:
                 good, near = _right(fix, world_T_true)
                 row[:] = good[0], near[0], good[_named(fix)].any()
-        return found
+        return truths
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Tells the chance of each belief in a fix, and from which doubt on to reject it."""
+    """Judges fixes: the chance of each belief in one, and the doubt from which to reject it."""
 
     evidence: Evidence
     unseen_share: float
@@ -124,7 +127,7 @@ class Verdict:
 
     @cached_property
     def judge(self) -> Judge:
-        """Learned from the evidence."""
+        """The judge, learned from the evidence."""
         outcomes = [
             _right(fix, true)
             for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)
@@ -139,21 +142,19 @@ class Verdict:
     def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """The doubts of the evidence (fix, belief), and which beliefs are true."""
         ordered = self.evidence.ordered(self.judge.pose)
-        doubts = (
-            self.judge.of(ordered.fixes).astype(np.float32).astype(np.float64)
-        )  # as artifacts hold them
+        # rounded as artifacts hold them
+        doubts = self.judge.of(ordered.fixes).astype(np.float32).astype(np.float64)
         return doubts, ordered.true()
 
     def limits(self, belief: str) -> list[float]:
-        """For each of PROMISES the doubt from which to reject one of BELIEFS; it accepts nothing
-        where no promise is kept.
+        """For each of PROMISES, the doubt from which to reject one of BELIEFS.
 
-        A promise is kept even if one more of the accepted had been wrong: that of .99 takes 99
-        independent accepted queries. So conformal prediction bounds the risk of a further query
-        (Angelopoulos et al., Conformal Risk Control, ICLR 2024). The limit stands in the middle of
-        the gap, in log-odds, to the next query that would break it. And nothing is accepted that is
-        false more than TIMES as often as the promise allows in the mean: what keeps it on this day
-        may not on a later one.
+        It accepts nothing where no promise is kept. A promise is kept even if one more of the
+        accepted had been wrong: that of .99 takes 99 independent accepted queries. So conformal
+        prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control,
+        ICLR 2024). The limit stands in the middle of the gap, in log-odds, to the next query that
+        would break it. And nothing is accepted that is false more than TIMES as often as the
+        promise allows in the mean: what keeps it on this day may not on a later one.
         """
         number = BELIEFS.index(belief)
         doubts = self._judged[0][:, number]
@@ -162,19 +163,24 @@ class Verdict:
         edges = [
             threshold_for(promise, doubts, true, weight, wrong_besides=1.0) for promise in PROMISES
         ]
-        most = [TIMES * (1 - promise) for promise in PROMISES]
-        return [min(middle(doubts, edge), limit) for edge, limit in zip(edges, most, strict=True)]
+        largest_doubts = [TIMES * (1 - promise) for promise in PROMISES]
+        return [
+            min(middle(doubts, edge), limit)
+            for edge, limit in zip(edges, largest_doubts, strict=True)
+        ]
 
 
 def middle(doubts: NDArray[np.float64], limit: float) -> float:
-    """The limit in the middle, in log-odds, of the gap that it stands in between doubts (n,);
-    itself beyond all of them."""
+    """The limit moved to the middle, in log-odds, of the gap between doubts (n,) that it stands in.
+
+    A limit beyond all of them stays.
+    """
     above = doubts[doubts >= limit]
     below = doubts[doubts < limit]
     if not len(above) or not len(below):
         return limit
-    least, most = np.array([below.max(), above.min()]).clip(LEAST_DOUBT, 1 - LEAST_DOUBT)
-    return float(expit((logit(least) + logit(most)) / 2))
+    lower, upper = np.array([below.max(), above.min()]).clip(LEAST_DOUBT, 1 - LEAST_DOUBT)
+    return float(expit((logit(lower) + logit(upper)) / 2))
 
 
 def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
@@ -187,18 +193,19 @@ def _right(
     fix: Fix, world_T_true: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which hypotheses (n,) of a fix are right, and which are near."""
-    found = np.array([one.world_T_query for one in fix.hypotheses]).reshape(-1, 4, 4)
-    away_m = np.linalg.norm(found[:, :2, 3] - world_T_true[:2, 3], axis=1)
-    return right(found, np.broadcast_to(world_T_true, found.shape)), away_m < NEAR_M
+    world_T_query = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]).reshape(
+        -1, 4, 4
+    )
+    away_m = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:2, 3], axis=1)
+    return right(world_T_query, np.broadcast_to(world_T_true, world_T_query.shape)), away_m < NEAR_M
 
 
 def _distances_m(fix: Fix) -> NDArray[np.float64]:
-    """Of the hypotheses (n,) from the best one."""
-    places_m = np.array([one.world_T_query[:2, 3] for one in fix.hypotheses])
+    """The distances (n,) of all hypotheses from the best one."""
+    places_m = np.array([hypothesis.world_T_query[:2, 3] for hypothesis in fix.hypotheses])
     return np.asarray(np.linalg.norm(places_m - places_m[0], axis=1))
 
 
 def _named(fix: Fix) -> list[int]:
-    """The numbers of the SEVERAL poses that a robot is told: the likeliest, and the first that
-    stand elsewhere."""
+    """The numbers of the SEVERAL poses to name: the likeliest, and the first ones elsewhere."""
     return [0, *fix.elsewhere[: SEVERAL - 1]]

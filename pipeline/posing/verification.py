@@ -1,5 +1,4 @@
-"""Verification: which walls a query and a training submap have in common, and which they contradict
-(METHODS 9.4)."""
+"""Verification: which walls a query and a submap share, and which they contradict (METHODS 9.4)."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -34,7 +33,7 @@ class Agreement:
 
     @property
     def product(self) -> float:
-        """One number, by which poses of one query are compared."""
+        """The product of the three shares, by which poses of one query are compared."""
         return self.overlap * self.structure * self.seen_again
 
 
@@ -49,7 +48,7 @@ class Seen:
 
     @classmethod
     def of(cls, walls: Walls, cloud: Cloud, chart: Chart) -> Self:
-        """Of a cloud and its chart."""
+        """Build it from a cloud and its chart."""
         return cls(cloud, chart, walls.of(cloud.sample_m))
 
 
@@ -69,23 +68,25 @@ def agreement(
 
 
 def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tuple[float, float]:
-    """Of wall points (n, 3) in the frame of what was seen, the share that it has, then of those
-    that it has or saw through."""
+    """The share of wall points (n, 3) that a sensor met: of all, then of those met or seen through.
+
+    The points are in the frame of what was seen.
+    """
     if not len(points_m):
         return 0.0, 0.0
     _, away_m = seen.cloud.nearest(points_m)
-    has = away_m < inlier_m
+    matched = away_m < inlier_m
     cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
     inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
-    against = np.zeros(len(points_m), bool)
-    against[inside] = seen.chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
+    contradicted = np.zeros(len(points_m), bool)
+    contradicted[inside] = seen.chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
     weight = _per_column(cells)
-    counted = has | against
-    shared = float(weight[has].sum() / weight[counted].sum()) if counted.any() else 0.0
-    return float(weight[has].sum() / weight.sum()), shared
+    counted = matched | contradicted
+    shared = float(weight[matched].sum() / weight[counted].sum()) if counted.any() else 0.0
+    return float(weight[matched].sum() / weight.sum()), shared
 
 
 def _per_column(cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """What each of points in cells (n, 2) counts (n,): a high wall no more than a tree."""
+    """The weight (n,) of points in cells (n, 2): each column of a cell counts 1 in all."""
     _, column, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(1.0 / count[column.ravel()])

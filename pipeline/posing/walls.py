@@ -1,5 +1,4 @@
-"""Walls from above: at which heading and offset a query's walls fit those of a training submap, and
-what speaks against it.
+"""Walls from above: scan matching of a query's walls with those of a training submap.
 
 Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw
 through, unknown ones. The query's walls are laid on it at all headings and offsets (scan matching,
@@ -66,8 +65,7 @@ class Walls:
 
     @property
     def half(self) -> int:
-        """Cells from a chart's middle to its border: beyond it no wall of a query comes at any
-        offset."""
+        """Cells from a chart's middle to its border, beyond which no wall of a query comes."""
         return int(np.ceil(self.range_m / self.cell_m)) + self.reach + BLOCK
 
     @property
@@ -83,8 +81,10 @@ class Walls:
         return np.ascontiguousarray(points_m[near & standing])
 
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
-        """Of a submap's walls (n, 3); only a `single` scan has a place from which it saw
-        through."""
+        """The chart of a submap's walls (n, 3).
+
+        Only a `single` scan has a place from which it saw through.
+        """
         margin_m = self.margin_m if single else np.inf
         chart: Chart = _chart(walls_m, self.cell_m, self.half, margin_m)
         return chart
@@ -104,10 +104,10 @@ class Walls:
     def scores(
         self, chart: Chart, middles: NDArray[np.float64], heading: float
     ) -> NDArray[np.float64]:
-        """How well walls (`middles`, n of them), turned by a heading in radians, fit a chart at
-        each offset.
+        """How well walls, turned by a heading in radians, fit a chart at each offset.
 
-        Scores (offset, offset) as of a Match, along x, then y; offsets are −reach … reach cells.
+        The walls are given by their `middles` (n, 2). Scores (offset, offset) as of a Match, along
+        x, then y; offsets are −reach … reach cells.
         """
         turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
         cells = np.floor(middles @ turn).astype(np.int64) + self.half
@@ -130,8 +130,8 @@ def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
     """The chart of walls (n, 3); `margin_m` is infinite where nothing is seen through."""
     width = 2 * half
     first = np.full(SECTORS, np.inf)
-    both = np.zeros((2, width, width), np.int8)
-    chart, largest = both
+    layers = np.zeros((2, width, width), np.int8)
+    chart, largest = layers
     for i in range(len(walls)):
         sector = _sector(walls[i, 0], walls[i, 1])
         first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
@@ -153,7 +153,7 @@ def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
     for x in range(width):
         for y in range(width):
             largest[x, y] = chart[x : x + BLOCK, y : y + BLOCK].max()
-    return both
+    return layers
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,5 +1,4 @@
-"""Artifacts built by sweeps, stored by a digest of their code, parameters and inputs, so each is
-built once."""
+"""Stores what sweeps build under a digest of code, parameters and inputs: each is built once."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -25,8 +24,7 @@ class ArtifactCache:
     def get(
         self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]
     ) -> tuple[Path, bool]:
-        """The entry's folder, which holds the files `names`, and whether `build` was called to
-        write them."""
+        """The folder of an entry with the files `names`, and whether `build` had to write them."""
         folder = self.root / kind / key
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.with_suffix(".lock")):
@@ -36,7 +34,7 @@ class ArtifactCache:
         return folder, unfinished
 
     def gather(self, parts: Mapping[str, str]) -> Path:
-        """A folder of symbolic links: name to path."""
+        """Make a folder of symbolic links, from names to paths."""
         folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in parts.items():

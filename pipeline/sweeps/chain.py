@@ -1,4 +1,4 @@
-"""The steps of dvc.yaml, its `foreach` lists expanded."""
+"""The steps of dvc.yaml, with its `foreach` lists expanded."""
 
 import re
 import shlex
@@ -21,9 +21,8 @@ class Step:
     stage: str
     command: str
     deps: tuple[str, ...]  # files and folders of code, and artifacts
-    params: Mapping[
-        str, tuple[str, ...]
-    ]  # files in conf/ to the keys in them that count; none named means all
+    # files in conf/ to the keys in them that count; none named means all
+    params: Mapping[str, tuple[str, ...]]
     outs: tuple[str, ...]
 
     @cached_property
@@ -53,35 +52,39 @@ def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step
     for stage, body in definition["stages"].items():
         listed = _filled(body["foreach"], {"lists": lists}) if "foreach" in body else {"": None}
         for key, item in listed.items():
-            one = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
+            instance = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
             params = {
                 file: tuple(keys or ())
-                for entry in one.get("params", ())
+                for entry in instance.get("params", ())
                 for file, keys in entry.items()
             }
-            written = (*one.get("outs", ()), *one.get("metrics", ()))
+            output_entries = (*instance.get("outs", ()), *instance.get("metrics", ()))
             outs = [
-                out for entry in written for out in ([entry] if isinstance(entry, str) else entry)
+                out
+                for entry in output_entries
+                for out in ([entry] if isinstance(entry, str) else entry)
             ]
-            steps.append(Step(stage, one["cmd"], tuple(one["deps"]), params, tuple(outs)))
+            steps.append(Step(stage, instance["cmd"], tuple(instance["deps"]), params, tuple(outs)))
     return steps
 
 
 def producers(steps: Sequence[Step]) -> dict[str, Step]:
-    """Artifact to the step that makes it."""
+    """Map each artifact to the step that makes it."""
     return {out: step for step in steps for out in step.outs}
 
 
 def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
-    """The artifacts that a step reads, whole, a part of each or a folder full of them, and the
-    steps that make them."""
-    read = [PurePosixPath(dep) for dep in step.deps if dep.startswith("artifacts/")]
+    """Map the artifacts that a step reads to the steps that make them.
+
+    It may read an artifact whole, a part of it, or a folder of several.
+    """
+    read_paths = [PurePosixPath(dep) for dep in step.deps if dep.startswith("artifacts/")]
     return {
         artifact: maker
         for artifact, maker in makers.items()
         if any(
             dep.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(dep)
-            for dep in read
+            for dep in read_paths
         )
     }
 
@@ -92,8 +95,10 @@ def code(step: Step) -> list[Path]:
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """A node with every ${a.b} replaced; one that stands alone becomes whatever it names, such as a
-    list."""
+    """A node of YAML with every ${a.b} replaced.
+
+    One that is nothing but a reference becomes the value it names, such as a list.
+    """
     if isinstance(node, Mapping):
         return {_filled(key, values): _filled(value, values) for key, value in node.items()}
     if isinstance(node, list):
@@ -104,7 +109,7 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
     return (
         _look_up(whole[1], values)
         if whole
-        else REFERENCE.sub(lambda found: str(_look_up(found[1], values)), node)
+        else REFERENCE.sub(lambda reference: str(_look_up(reference[1], values)), node)
     )
 
 

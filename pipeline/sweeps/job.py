@@ -34,18 +34,20 @@ class Job:
         self._settings = settings
         self._run = run
         self._keys: dict[str, str] = {}
-        self._found: dict[str, Path] = {}
+        self._paths: dict[str, Path] = {}
         self.from_dvc = Counter[str]()
         self.from_sweeps = Counter[str]()
         self.built = Counter[str]()
 
     def path(self, artifact: str) -> Path:
-        """Where an artifact, named as dvc.yaml does, lies for this job; it is built if it must
-        be."""
-        if artifact not in self._found:
+        """Where an artifact lies for this job, which is built if it must be.
+
+        It is named as in dvc.yaml.
+        """
+        if artifact not in self._paths:
             step = self._makers[artifact]
-            self._found |= dict(zip(step.outs, self._obtain(step), strict=True))
-        return self._found[artifact]
+            self._paths |= dict(zip(step.outs, self._obtain(step), strict=True))
+        return self._paths[artifact]
 
     def key(self, step: Step) -> str:
         """Digest of a step's parameters, code, and the keys of its inputs."""
@@ -54,23 +56,28 @@ class Job:
             keys = {
                 artifact: self.key(maker) for artifact, maker in self._inputs[step.command].items()
             }
-            given = self._given(step, keys, lambda parts: fingerprint(sorted(parts.items())))
+            fields = self._fields_with_paths(
+                step, keys, lambda parts: fingerprint(sorted(parts.items()))
+            )
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
             values, _ = self._settings(step)
             self._keys[name] = fingerprint(
-                step.stage, json.dumps(values, sort_keys=True), sorted(given.items()), sources
+                step.stage, json.dumps(values, sort_keys=True), sorted(fields.items()), sources
             )
         return self._keys[name]
 
-    def usual(self, step: Step) -> bool:
-        """Whether neither this step nor any before it gets other parameters than those of the files
-        in conf/."""
-        return self._settings(step)[1] and all(map(self.usual, self._inputs[step.command].values()))
+    def follows_conf(self, step: Step) -> bool:
+        """Whether this step and all before it have just the parameters of the files in conf/."""
+        return self._settings(step)[1] and all(
+            map(self.follows_conf, self._inputs[step.command].values())
+        )
 
     def is_built(self, step: Step) -> bool:
         """Whether DVC has this step's artifacts just as this job wants them."""
         return (
-            self.usual(step) and self._lock.vouches(step, self._makers) and self._lock.intact(step)
+            self.follows_conf(step)
+            and self._lock.vouches(step, self._makers)
+            and self._lock.intact(step)
         )
 
     def _obtain(self, step: Step) -> list[Path]:
@@ -88,7 +95,7 @@ class Job:
             }
             self._run(
                 step,
-                self._given(
+                self._fields_with_paths(
                     step, paths | written, lambda parts: self._cache.gather(parts).as_posix()
                 ),
             )
@@ -97,45 +104,47 @@ class Job:
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
 
-    def _given(
-        self, step: Step, stands_for: Mapping[str, str], gather: Callable[[Mapping[str, str]], str]
+    def _fields_with_paths(
+        self,
+        step: Step,
+        replacements: Mapping[str, str],
+        gather: Callable[[Mapping[str, str]], str],
     ) -> dict[str, str]:
-        """A step's fields with each path of an artifact, of a part of one or of a folder of several
-        replaced by `stands_for`."""
+        """A step's fields with each path to an artifact replaced, by `replacements`.
 
-        def other(value: str) -> str:
+        A path may also lead to a part of an artifact, or to a folder of several.
+        """
+
+        def replaced(value: str) -> str:
             if not value:
                 return value  # no path: as one it would hold every artifact
             path = PurePosixPath(value)
-            for artifact, place in stands_for.items():
+            for artifact, place in replacements.items():
                 if path.is_relative_to(artifact):
                     return (PurePosixPath(place) / path.relative_to(artifact)).as_posix()
             inside = {
                 artifact: place
-                for artifact, place in stands_for.items()
+                for artifact, place in replacements.items()
                 if PurePosixPath(artifact).is_relative_to(path)
             }
             parts = {
                 PurePosixPath(artifact).relative_to(path).as_posix(): place
                 for artifact, place in inside.items()
             }
-            if (
-                len(folders := {place.removesuffix(f"/{name}") for name, place in parts.items()})
-                == 1
-            ):
+            folders = {place.removesuffix(f"/{name}") for name, place in parts.items()}
+            if len(folders) == 1:
                 return folders.pop()  # side by side already, as DVC leaves them
             return gather(parts) if parts else value
 
         return {
-            field: other(value)
+            field: replaced(value)
             for field, value in step.fields.items()
-            if value not in step.outs or value in stands_for
+            if value not in step.outs or value in replacements
         }
 
 
 def own_names(outs: Sequence[str]) -> list[str]:
-    """A name for each artifact of one step: its own, or with its kind before it where an earlier
-    one has that name."""
+    """A name for each artifact of one step, with its kind before it where two have one name."""
     names: list[str] = []
     for path in map(PurePosixPath, outs):
         names.append(f"{path.parts[1]}-{path.name}" if path.name in names else path.name)

@@ -1,5 +1,7 @@
-"""Whether an artifact is up to date by dvc.lock: same command, code, parameters and inputs, and its
-inputs up to date too."""
+"""Checks by dvc.lock whether an artifact and its inputs are up to date.
+
+Command, code, parameters and inputs must be the same.
+"""
 
 import hashlib
 import json
@@ -19,13 +21,12 @@ IGNORED = ("__pycache__", ".numba")
 
 
 class UpToDate:
-    """What DVC's lock files say of the steps of a job, read once."""
+    """What DVC's lock files record of the steps of a job, read once."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._recipes = DvcLock.read(
-            root / "dvc.lock"
-        ).entries  # without any, a sweep builds all that it needs
+        # without any entry, a sweep builds all that it needs
+        self._recipes = DvcLock.read(root / "dvc.lock").entries
         self._recorded = {
             out["path"]: out.get("md5") for entry in self._recipes.values() for out in entry["outs"]
         }
@@ -33,8 +34,10 @@ class UpToDate:
         self._vouched: dict[str, bool] = {}
 
     def vouches(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        """Whether `dvc status` would report nothing for this step; the artifact's own content is
-        checked by `intact`."""
+        """Whether `dvc status` would report nothing for this step.
+
+        The artifact's own content is checked by `intact`.
+        """
         if step.command not in self._vouched:
             self._vouched[step.command] = self._unchanged(step, makers)
         return self._vouched[step.command]
@@ -60,19 +63,23 @@ class UpToDate:
         return all(self._digest(out) == self._recorded.get(out) for out in step.outs)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
-        """What a file says under these keys, such as `studies.town`, where they are there; all of
-        it without any."""
-        found: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
-        named: dict[str, Any] = {}
+        """The values of these keys in a file, such as `studies.town`, where it has them.
+
+        Without keys it is the whole content.
+        """
+        content: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
+        values: dict[str, Any] = {}
         for key in keys:
             with suppress(KeyError, TypeError):
-                named[key] = reduce(getitem, key.split("."), found)
-        return named if keys else found
+                values[key] = reduce(getitem, key.split("."), content)
+        return values if keys else content
 
 
 def digest(path: Path) -> str | None:
-    """The digest of a file or folder as DVC records it (md5; of a folder, that of a list of its
-    files' ones); None of neither."""
+    """The md5 digest of a file or folder as DVC records it; None where there is neither.
+
+    Of a folder it is the digest of a list of its files' digests.
+    """
     if path.is_file():
         return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
     if not path.is_dir():

@@ -1,5 +1,7 @@
-"""One job of a sweep as JSON: its overrides, its rows of results or its error, and which artifacts
-it built or reused."""
+"""The record of one job of a sweep, as JSON.
+
+It has overrides, rows of results or an error, and which artifacts were built or reused.
+"""
 
 import json
 import math
@@ -25,34 +27,32 @@ class Record:
     rows: Sequence[Mapping[str, Any]] = ()
     """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on
     held-out blocks of training."""
-    from_dvc: Mapping[str, int] = field(
-        default_factory=dict
-    )  # stage to the artifacts that DVC had built
-    from_sweeps: Mapping[str, int] = field(
-        default_factory=dict
-    )  # stage to the artifacts that other jobs had built
-    built: Mapping[str, int] = field(
-        default_factory=dict
-    )  # stage to the artifacts that this job built
+    # artifacts by stage: that DVC had built, that other jobs had built, that this job built
+    from_dvc: Mapping[str, int] = field(default_factory=dict)
+    from_sweeps: Mapping[str, int] = field(default_factory=dict)
+    built: Mapping[str, int] = field(default_factory=dict)
     wall_s: float = 0.0
     cpu_s: float = 0.0  # of the job's own process
 
     def values(self, protocol: str, number: str) -> list[float]:
-        """A number in each test sequence in which there is one; none of a failed job."""
-        wanted = [
+        """The values of a number, one a test sequence that has it; empty for a failed job."""
+        rows = [
             row
             for row in self.rows
             if (row["protocol"], row["number"]) == (protocol, number) and not row.get("kind")
         ]
-        return [row["value"] for row in wanted if math.isfinite(row["value"])]
+        return [row["value"] for row in rows if math.isfinite(row["value"])]
 
     @property
     def held_out_auc(self) -> float | None:
-        """By cells, on the held-out blocks of training; None where there is none."""
+        """The AUC by cells on held-out blocks of training; None where there is none."""
         return next(iter(self.values("cells", "held_out_auc")), None)
 
     def write(self, folder: Path) -> None:
-        """Whole or not at all; a number that is not finite is null, as JSON has none such."""
+        """Write the record, whole or not at all.
+
+        A number that is not finite becomes null, as JSON has none.
+        """
         rows = [{name: _finite_or_none(value) for name, value in row.items()} for row in self.rows]
         with store.replace(folder / f"{self.number}.json") as scratch:
             scratch.write_text(
@@ -65,12 +65,12 @@ def read(folder: Path) -> list[Record]:
     """The records of a sweep's folder, by job number; a number that was not finite is NaN."""
     records = []
     for path in folder.glob("*.json"):
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
         rows = [
             {name: math.nan if value is None else value for name, value in row.items()}
-            for row in found["rows"]
+            for row in content["rows"]
         ]
-        records.append(Record(**{**found, "rows": rows}))
+        records.append(Record(**{**content, "rows": rows}))
     return sorted(records, key=lambda record: record.number)
 
 
@@ -82,9 +82,13 @@ def cost(records: Sequence[Record]) -> str:
     """One line: artifacts reused and built, failed jobs and CPU time."""
     parts = []
     for name in ("from_dvc", "from_sweeps", "built"):
-        of: Counter[str] = sum((Counter(getattr(record, name)) for record in records), Counter())
-        listed = ", ".join(f"{number} {stage}" for stage, number in of.items())
-        parts.append(f"{of.total()} {name.replace('_', ' ')}" + (f" ({listed})" if listed else ""))
+        counts: Counter[str] = sum(
+            (Counter(getattr(record, name)) for record in records), Counter()
+        )
+        listed = ", ".join(f"{number} {stage}" for stage, number in counts.items())
+        parts.append(
+            f"{counts.total()} {name.replace('_', ' ')}" + (f" ({listed})" if listed else "")
+        )
     failed = sum(record.error is not None for record in records)
     cpu_s = sum(record.cpu_s for record in records)
     return f"artifacts: {', '.join(parts)}; {len(records)} jobs, {failed} failed, {cpu_s:.0f} CPU-s"

@@ -34,7 +34,7 @@ def xs(found: Adoption) -> list[float]:
 def test_scans_between_two_believed_fixes_are_adopted_where_odometry_leads(site: Site) -> None:
     drive = [scan(0), scan(1), scan(2, cloud=9), scan(3, cloud=9), scan(4), scan(5)]
     found = adopted(site, drive)
-    assert (xs(found), found.asked, found.wrong.any(), found.surveyed) == (
+    assert (xs(found), found.scan_count, found.wrong.any(), found.surveyed) == (
         [0, 1, 2, 3, 4, 5],
         6,
         False,
@@ -67,7 +67,7 @@ def test_a_survey_gives_poses_by_stamps_or_the_logs_own() -> None:
     drive = [scan(x) for x in (0.0, 1.0, 2.0)]
     poses = Trajectory(np.array([0, 10**9]), np.array([planar(50, 0, 0), planar(51, 0, 0)]), 1.0)
     found = surveyed(drive, poses)
-    assert (found.world_T_scan[:, 0, 3].tolist(), found.surveyed, found.asked) == (
+    assert (found.world_T_scan[:, 0, 3].tolist(), found.surveyed, found.scan_count) == (
         [50, 51],
         True,
         3,
